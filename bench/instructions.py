@@ -45,8 +45,8 @@ def texts_of(kernel: Any, precision: Any) -> list[str]:
     import llvmlite.binding as llvm
 
     from twistwrench.errors import KernelError
-    from twistwrench.kernels.jit import compiled
-    from twistwrench.kernels.ufunc import owner_of
+    from twistwrench.runtime.gufunc import owner_of
+    from twistwrench.runtime.jit import compiled
 
     owner, texts, emit = owner_of(kernel), [], llvm.TargetMachine.emit_object
     if owner is None:

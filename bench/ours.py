@@ -10,8 +10,7 @@ import numpy as np
 import twistwrench as tw
 from bench.cases import MATRICES, Case, States
 from bench.timing import Contender, calls
-from twistwrench.robot.quantity_options import checked_options
-from twistwrench.robot.quantity_programs import program_of
+from twistwrench.robot.programs import checked_options, program_of
 
 KERNEL, METHOD = "twistwrench kernel", "twistwrench method"
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import twistwrench as tw
-from twistwrench.robot.quantities import QUANTITIES
+from twistwrench.robot.quantities import QUANTITIES, Quantity
 from twistwrench.robot.quantity_methods import METHODS
-from twistwrench.robot.quantity_row import Quantity
 
 PAGE = Path(__file__).with_name("quantities.md")
 _HEAD = """# Quantities

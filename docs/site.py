@@ -144,8 +144,8 @@ def _commands() -> str:
 def _book() -> dict[str, str]:
     """Sections of the book as pages to drag, and a page that lists them."""
     import twistwrench as tw
-    from twistwrench.viz.book_sections import SECTIONS
     from twistwrench.viz.page import page_text
+    from twistwrench.viz.section_pages import SECTIONS
 
     robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
     robots |= dict.fromkeys(("5.3", "5.4", "8.9"), tw.robots.ur5())

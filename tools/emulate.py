@@ -19,13 +19,13 @@ import llvmlite.binding as llvm
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.kernels.ufunc import owner_of
-from twistwrench.program.forms import Form
-from twistwrench.robot.quantity_row import CONFIGURATIONS
-from twistwrench.targets.call_way import loop_steps
-from twistwrench.targets.emitter_choice import modules
-from twistwrench.targets.llvm import LOOP
-from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, Precision, host
+from twistwrench.ir.loops import Form
+from twistwrench.lowering.block import LOOP
+from twistwrench.lowering.lower import modules
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, host
+from twistwrench.robot.quantities import CONFIGURATIONS
+from twistwrench.runtime.call_signature import loop_steps
+from twistwrench.runtime.gufunc import owner_of
 
 
 class Emulation(NamedTuple):

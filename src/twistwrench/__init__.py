@@ -93,19 +93,19 @@ if _typing.TYPE_CHECKING:
     from . import viz as viz
     from .bodies.inertia import SpatialInertia as SpatialInertia
     from .bodies.rigid_body import RigidBody as RigidBody
-    from .diagnosis.examination import doctor as doctor
-    from .kernels.threads import get_threads as get_threads
-    from .kernels.threads import set_threads as set_threads
+    from .diagnosis.report import doctor as doctor
     from .lie import se3 as se3
     from .lie import so3 as so3
     from .lie.adjoint import Ad as Ad
     from .lie.adjoint import ad as ad
+    from .lie.pose import Pose as Pose
+    from .lie.twist_wrench import Twist as Twist
+    from .lie.twist_wrench import Wrench as Wrench
     from .motion.motion import Motion as Motion
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
-    from .screws.pose import Pose as Pose
-    from .screws.twist import Twist as Twist
-    from .screws.wrench import Wrench as Wrench
+    from .runtime.batch_threads import get_threads as get_threads
+    from .runtime.batch_threads import set_threads as set_threads
 
 _MODULES = {
     **{
@@ -135,17 +135,17 @@ _MODULES = {
 _NAMES = {
     "Ad": "lie.adjoint",
     "Motion": "motion.motion",
-    "Pose": "screws.pose",
+    "Pose": "lie.pose",
     "RigidBody": "bodies.rigid_body",
     "SpatialInertia": "bodies.inertia",
-    "Twist": "screws.twist",
-    "Wrench": "screws.wrench",
+    "Twist": "lie.twist_wrench",
+    "Wrench": "lie.twist_wrench",
     "ad": "lie.adjoint",
     "differentiate": "robot.differentiate",
-    "doctor": "diagnosis.examination",
+    "doctor": "diagnosis.report",
     "find": "robots.finding",
-    "get_threads": "kernels.threads",
-    "set_threads": "kernels.threads",
+    "get_threads": "runtime.batch_threads",
+    "set_threads": "runtime.batch_threads",
 }
 """Where other names are, whose modules come when they are asked for: the first torque of a robot needs none of them."""
 

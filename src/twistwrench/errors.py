@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from .listing import clipped, listed
+from .core.text import clipped, listed
 
 __all__ = [
     "CacheWarning",

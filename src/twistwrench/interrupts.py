@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .verdict import ExitCode
+from .core.verdict import ExitCode
 
 
 def end_at_once(*_: Any) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from .program.expr import Expr
-from .program.trace import Trace
-from .robot.state_arguments import is_symbolic
+from .ir.expr import Expr
+from .ir.tracer import Trace
+from .robot.arguments import is_symbolic
 
 __all__ = ["clip", "maximum", "minimum", "where_positive"]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from .algorithms.closed_form import closed_form
 from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
-from .core.foreign_output import captured_stderr
+from .core.third_party import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
 from .formats import format_of_file, load_model
 from .lie.adjoint import ad

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import twistwrench as tw
 from twistwrench.lie import se3, so3
-from twistwrench.screws.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
-from twistwrench.screws.wrench import move_covariance
+from twistwrench.lie.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
+from twistwrench.lie.twist_wrench import move_covariance
 from twistwrench.testing.strategies import seeds
 
 EPS = np.finfo(float).eps
@@ -388,7 +388,7 @@ def test_a_pose_prints_where_it_is_and_how_it_is_turned():
 
 
 def test_symbols_are_printed_too():
-    from twistwrench.program.trace import Trace
+    from twistwrench.ir.tracer import Trace
 
     trace = Trace()
     x = np.array([trace.constant(float(k)) for k in range(16)], object)

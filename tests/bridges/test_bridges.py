@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.bridges.javascript import javascript_module
-from twistwrench.program.trace import trace
+from twistwrench.export.javascript import javascript_module
+from twistwrench.ir.tracer import trace
+from twistwrench.robot.derivatives import CONFIGURATIONS
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]
 GRIPPER = """<robot name="gripper"><link name="palm"/>

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.robot.derivatives import CONFIGURATIONS
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
 NEEDS_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU that PyTorch can use")

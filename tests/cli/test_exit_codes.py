@@ -23,9 +23,9 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.cli.usage import TRACEBACK, Commands
+from twistwrench.core.verdict import ExitCode
 from twistwrench.robots import path_of
 from twistwrench.simulation.forces import System
-from twistwrench.verdict import ExitCode
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pipes and signals are POSIX's")
 MASS = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'

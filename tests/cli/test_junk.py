@@ -14,8 +14,8 @@ import pytest
 import twistwrench as tw
 from twistwrench.lie import quaternion, se3, so3
 from twistwrench.lie.adjoint import Ad, ad
-from twistwrench.screws.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
-from twistwrench.screws.wrench import move_covariance
+from twistwrench.lie.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
+from twistwrench.lie.twist_wrench import move_covariance
 
 V = np.arange(6.0)
 T = se3.exp(V / 7)
@@ -295,7 +295,7 @@ def test_integers_of_any_size_and_sign_are_read_as_float64():
 
 
 def test_symbols_pass_every_traced_function_and_are_named_where_numbers_are_needed():
-    from twistwrench.program.trace import Trace
+    from twistwrench.ir.tracer import Trace
 
     trace = Trace()
     x = np.array([trace.constant(float(k + 1)) for k in range(6)], object)

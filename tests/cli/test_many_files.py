@@ -17,8 +17,8 @@ from motions import report_of, write_positions
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.cluster import Failure, Workers, workers_of
-from twistwrench.report.limits_file import read_limits
-from twistwrench.report.loaded_robot import Payload
+from twistwrench.reports.load_case import Payload
+from twistwrench.reports.robot_summary import read_limits
 
 ARM = tw.robots.planar_2r()
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's processes that end

@@ -9,9 +9,9 @@ import pytest
 
 from twistwrench.cli.console import console
 from twistwrench.cli.tables.plain_table import PlainTable, share_bar, verdict_word
-from twistwrench.core.printed_numbers import deviation, estimate, number, torque, without_noise
+from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
+from twistwrench.core.verdict import Word
 from twistwrench.joints.units import unit_of
-from twistwrench.verdict import Word
 
 
 @pytest.mark.parametrize("digits", [3, 4, 6])

@@ -10,7 +10,7 @@ from rich.console import Group
 
 from twistwrench.cli.console import console
 from twistwrench.cli.tables.plain_table import PlainTable
-from twistwrench.core import printed_numbers
+from twistwrench.core import numbers as printed_numbers
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 

@@ -277,7 +277,7 @@ def test_one_entry_along_axes_of_its_own_is_told_from_the_shapes():
 @pytest.mark.parametrize("name", ["quadruped", "floating_box", "panda"])
 def test_effects_know_all_kinds_of_joints(name):
     robot = getattr(tw.robots, name)()
-    from twistwrench.diagnosis.effects import Effects
+    from twistwrench.diagnosis.described import Effects
 
     effects = Effects(robot.model)
     assert np.allclose(effects.diagonal, np.diagonal(robot.mass_matrix(effects.q), axis1=-2, axis2=-1), rtol=1e-9)
@@ -329,7 +329,7 @@ def test_only_the_numbers_concerned_change(metric, encoding, tmp_path):
 
 
 def test_entropic_repairs_have_volume_and_keep_what_is_possible():
-    from twistwrench.diagnosis.nearest import nearest
+    from twistwrench.diagnosis.shapes import nearest
 
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -81,7 +81,7 @@ def test_shapes_of_geoms_have_their_sizes():
 
 
 def test_effects_count_armature():
-    from twistwrench.diagnosis.effects import Effects
+    from twistwrench.diagnosis.described import Effects
 
     robot = tw.load(MJCF.format(upper='diaginertia="0.028 0.029 0.0033"').replace('damping="1"', 'armature="0.7"'))
     effects = Effects(robot.model)
@@ -240,7 +240,7 @@ def test_the_picture_shows_what_the_repair_changes(tmp_path):
 
 
 def test_the_page_shows_the_findings_on_the_links(tmp_path):
-    from twistwrench.viz.findings import findings_scene
+    from twistwrench.viz.page import findings_scene
 
     path = tmp_path / "sides.urdf"
     path.write_text(sides("0.1 -0.02 0.1"))

@@ -15,12 +15,11 @@ import pytest
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.port import Port
-from twistwrench.program.program import ARITY, Instruction, Program
-from twistwrench.program.trace import trace
+from twistwrench.ir.program import ARITY, Instruction, Port, Program
+from twistwrench.ir.tracer import trace
+from twistwrench.printers.c99 import FUSED_MACROS, CFunction
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.targets.c import FUSED_MACROS, CFunction
+from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing import assert_close, relative_gap
 
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]

@@ -24,11 +24,10 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.core.foreign_errors import foreign_errors, reason_of
-from twistwrench.report.limits_file import read_limits
+from twistwrench.core.third_party import foreign_errors, reason_of
+from twistwrench.reports.robot_summary import read_limits
 from twistwrench.robots import path_of
-from twistwrench.sensing.log_file import read_log
-from twistwrench.sensing.sensor_file import read_sensor, write_sensor
+from twistwrench.sensing.files import read_log, read_sensor, write_sensor
 from twistwrench.simulation import SimulationResult
 
 ROBOT = tw.robots.planar_2r()

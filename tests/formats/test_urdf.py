@@ -18,7 +18,7 @@ from twistwrench.errors import (
     TwistWrenchError,
 )
 from twistwrench.formats import load_model
-from twistwrench.formats.xml_parser import without_loose_declaration
+from twistwrench.formats.xml import without_loose_declaration
 from twistwrench.model.model import Model
 from twistwrench.testing import assert_close
 

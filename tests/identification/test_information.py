@@ -10,13 +10,15 @@ from identification_logs import known_log
 from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
-from twistwrench.identification import Information, gather, gathering, log_piece, log_source
-from twistwrench.identification.bounded_memory import BoundedMemory
-from twistwrench.identification.filtered_rows import FilteredRows
-from twistwrench.identification.joint_moments import MOST_BLOCKS
-from twistwrench.identification.log_chunks import chunks
-from twistwrench.identification.log_source import LogClock, LogSource
-from twistwrench.identification.normal_equations import NormalEquations
+from twistwrench.estimation.least_squares import NormalEquations
+from twistwrench.identification import Information, gather
+from twistwrench.identification import chunks as log_source
+from twistwrench.identification import streaming as gathering
+from twistwrench.identification import streaming as log_piece
+from twistwrench.identification.chunks import LogClock, LogSource, chunks
+from twistwrench.identification.hyperparameters import BoundedMemory
+from twistwrench.identification.information import MOST_BLOCKS
+from twistwrench.identification.rows import FilteredRows
 from twistwrench.identification.zero_phase import SteadySamples
 
 ARM = tw.robots.planar_2r()
@@ -169,7 +171,7 @@ def test_intervals_hold_the_truth():
 
 
 def test_large_motions_are_gathered_by_identify(log, monkeypatch):
-    monkeypatch.setattr("twistwrench.identification.robot_identification.MOST_SAMPLES", 20_000)
+    monkeypatch.setattr("twistwrench.identification.identify.MOST_SAMPLES", 20_000)
     found = tw.identification.identify(ARM, log, cutoff=8.0)
     assert found.held_out.all < 0.05
     assert_array_equal(found.values, gather(ARM, log, cutoff=8.0).values)

@@ -19,13 +19,13 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.core import cache
-from twistwrench.kernels.jit import compiled
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.trace import trace
+from twistwrench.core import object_cache as cache
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering.reference_interpreter import NumpyKernel
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.targets.numpy import NumpyKernel
-from twistwrench.targets.processor import DOUBLE, SINGLE, chosen
+from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.runtime.jit import compiled
 
 PROGRAM = trace(lambda x: 3.0 * x + 0.5, [("x", ())], ["y"])
 OTHER = trace(lambda x: 7.0 * x - 0.5, [("x", ())], ["y"])
@@ -108,7 +108,7 @@ def test_code_of_another_compiler_or_processor_is_not_taken(place, monkeypatch):
 
 def test_the_second_process_compiles_nothing(place):
     code = (
-        "import twistwrench as tw; from twistwrench.kernels import jit, kept_kernels, ufunc; made = []\n"
+        "import twistwrench as tw; from twistwrench.runtime import jit, kept_kernels, ufunc; made = []\n"
         "def spy(*a): made.append(jit.compiled(*a)); return made[-1]\n"
         "ufunc.compiled = kept_kernels.compiled = spy\n"
         "robot = tw.load(tw.robots.path_of('cart_pole').read_text())\n"  # as text: files are known again, and nothing is asked for

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import fast_call
+from twistwrench.runtime import dispatch as fast_call
 from twistwrench.testing import random_state
 
 ONE_STATE = {

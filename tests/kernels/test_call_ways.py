@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import fast_call, threads, ufunc
-from twistwrench.kernels.jit import assembled
-from twistwrench.targets.fast_call_checks import spoiled
-from twistwrench.targets.llvm_text import LlvmWriter
-from twistwrench.targets.processor import DOUBLE, SINGLE, chosen
+from twistwrench.lowering.ir_builder import LlvmWriter
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
+from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import dispatch as fast_call
+from twistwrench.runtime import gufunc as ufunc
+from twistwrench.runtime.dispatch_ir import spoiled
+from twistwrench.runtime.jit import assembled
 from twistwrench.testing import random_state
 
 INPUTS = {

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from twistwrench.core import cache
-from twistwrench.targets import compiler as facts
+from twistwrench.core import object_cache as cache
+from twistwrench.lowering import target_machine as facts
 
 CPUINFO = "processor\t: {core}\nvendor_id\t: X\nmodel name\t: {name}\ncpu MHz\t\t: {speed}\nflags\t\t: fpu {flags}\n\nprocessor\t: 9\n\n"
 

@@ -15,8 +15,11 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import batch_split, fast_call, interpreter, ufunc
-from twistwrench.targets.numpy import NumpyKernel
+from twistwrench.lowering.reference_interpreter import NumpyKernel
+from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import dispatch as fast_call
+from twistwrench.runtime import gufunc as ufunc
+from twistwrench.runtime import interpreter
 
 WAIT = 120.0
 """Seconds until a test that would hang fails instead."""
@@ -62,8 +65,8 @@ import warnings
 warnings.simplefilter("ignore")  # NumPy warns that it makes no promises here
 import numpy as np
 import twistwrench as tw
-from twistwrench.kernels import interpreter
-from twistwrench.kernels import batch_split
+from twistwrench.runtime import interpreter
+from twistwrench.runtime import batch_threads as batch_split
 import threading
 
 robot = tw.robots.planar_3r()

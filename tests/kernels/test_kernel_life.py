@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels.jit import compiled
-from twistwrench.kernels.ufunc import _UFuncObject, make_ufunc
-from twistwrench.targets.processor import DOUBLE
+from twistwrench.lowering.target_machine import DOUBLE
+from twistwrench.runtime.gufunc import _UFuncObject, make_ufunc
+from twistwrench.runtime.jit import compiled
 
 THREADS = 8
 
@@ -267,9 +267,9 @@ def test_a_compilation_that_ends_early_frees_what_it_had_once():
     script = """
 import gc
 import numpy as np
-from twistwrench.kernels import jit
-from twistwrench.program.trace import trace
-from twistwrench.targets.processor import DOUBLE
+from twistwrench.runtime import jit
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering.target_machine import DOUBLE
 
 class Ends:
     def emit_object(self, module):

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.program import Program
-from twistwrench.program.trace import trace
-from twistwrench.targets.llvm import CUT_OUTPUTS, WIDE
-from twistwrench.targets.numpy import NumpyKernel
-from twistwrench.targets.processor import DOUBLE, SINGLE, host
+from twistwrench.ir.program import Program
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering.block import CUT_OUTPUTS, WIDE
+from twistwrench.lowering.reference_interpreter import NumpyKernel
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, host
+from twistwrench.runtime.gufunc import make_ufunc
 
 # Rows of 7, 2 and 13 (no, one and several whole vectors), results of rank 0, 1 and 2, angles by the sincos path and none.
 KERNELS = [

@@ -12,18 +12,21 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import jit
-from twistwrench.kernels.ufunc import make_ufunc
+from twistwrench.ir.program import Program
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering import batch_loop
+from twistwrench.lowering import block as llvm
+from twistwrench.lowering import lower as emitter_choice
+from twistwrench.lowering import partition as sections
+from twistwrench.lowering.spill_frame import SpillFrame
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, host
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.program.program import Program
-from twistwrench.program.trace import trace
-from twistwrench.robot import large_derivatives
-from twistwrench.targets import batch_loop, emitter_choice, llvm, sections
-from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, host
-from twistwrench.targets.spill_frame import SpillFrame
+from twistwrench.robot import large_robot_kernels as large_derivatives
+from twistwrench.runtime import jit
+from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing.robots import random_inertia, random_pose
 
-tracing = sys.modules["twistwrench.program.trace"]
+tracing = sys.modules["twistwrench.ir.tracer"]
 
 COUNT = 2 * max(host().lanes(p) for p in (DOUBLE, SINGLE)) + 3
 KERNELS = [
@@ -283,7 +286,7 @@ def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, 
     q, dq, tau = robot.random_configuration(rng, (2, 3)), rng.normal(size=(3, robot.nv)), rng.normal(size=robot.nv)
     wrench = {frame: rng.normal(size=6)}
     usual = robot.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
-    monkeypatch.setattr(large_derivatives, "FROM", 1)
+    monkeypatch.setattr(large_derivatives, "LAPACK_FROM", 1)
     long = tw.robot.Robot(robot.model)
     found = long.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
     assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "LargeDerivatives"

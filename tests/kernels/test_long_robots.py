@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels.ufunc import owner_of
-from twistwrench.program.products import Products
-from twistwrench.robot import Robot, long_robots
-from twistwrench.targets.numpy_products import NumpyProducts
-from twistwrench.targets.processor import SINGLE, host
+from twistwrench.ir.loops import Products
+from twistwrench.lowering.reference_interpreter import NumpyProducts
+from twistwrench.lowering.target_machine import SINGLE, host
+from twistwrench.robot import Robot
+from twistwrench.robot import large_robot_kernels as long_robots
+from twistwrench.runtime.gufunc import owner_of
 from twistwrench.testing import random_robot
 from twistwrench.testing.robots import KINDS
 
@@ -30,7 +31,7 @@ def in_loops(seed: int, *, floating: bool = False) -> Robot:
     """The same tree, its matrices made in loops, however small it is."""
     robot = tree(seed, floating=floating)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(long_robots, "FROM", 0)
+        patch.setattr(long_robots, "PAIR_LOOP_FROM", 0)
         for name in NAMES:
             assert isinstance(owner_of(robot.kernel(name)).given, Products)
     return robot
@@ -69,7 +70,7 @@ def test_a_wrench_is_felt_by_the_derivatives():
     q, dq, ddq = states(robot, 5)
     F = np.random.default_rng(1).standard_normal((5, 6))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(long_robots, "FROM", 0)
+        patch.setattr(long_robots, "PAIR_LOOP_FROM", 0)
         found = robot.inverse_dynamics_derivatives(q, dq, ddq, wrench_on_robot={frame: F})
     wanted = plain.inverse_dynamics_derivatives(q, dq, ddq, wrench_on_robot={frame: F})
     for a, b in zip(found, wanted, strict=True):
@@ -100,11 +101,11 @@ def test_a_state_has_its_bits_wherever_it_stands():
 
 
 def test_many_states_go_past_the_caches_with_the_same_bits(monkeypatch):
-    from twistwrench.targets import product_loop
+    from twistwrench.lowering import product_loop
 
     monkeypatch.setattr(product_loop, "BEYOND_CACHES", 1)
     other = tree(1)
-    monkeypatch.setattr(long_robots, "FROM", 0)
+    monkeypatch.setattr(long_robots, "PAIR_LOOP_FROM", 0)
     many = other.kernel("mass_matrix")
     monkeypatch.undo()
     q = states(other)[0]
@@ -124,7 +125,7 @@ def test_single_precision():
 
 def test_numpy_makes_the_same_of_the_factors(monkeypatch):
     robot = in_loops(1)
-    monkeypatch.setattr(long_robots, "FROM", 0)
+    monkeypatch.setattr(long_robots, "PAIR_LOOP_FROM", 0)
     q, dq, ddq = states(robot, 4)
     for name, arrays in zip(NAMES, ((q,), (q, dq, ddq)), strict=True):
         products = long_robots.products_of(robot.model, {name: {}})
@@ -146,7 +147,7 @@ def test_springs_and_armature_are_added(monkeypatch):
     for one in (plain, robot):
         for name in NAMES:
             one.kernel(name)
-        monkeypatch.setattr(long_robots, "FROM", 0)
+        monkeypatch.setattr(long_robots, "PAIR_LOOP_FROM", 0)
     assert isinstance(owner_of(robot.kernel("mass_matrix")).given, Products)
     assert (np.abs(robot.mass_matrix(q) - plain.mass_matrix(q)) <= 1e-10 * sizes(plain, q)).all()
     for a, b in zip(

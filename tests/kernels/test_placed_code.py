@@ -10,12 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twistwrench.kernels import code_pages, jit, placed_code
-from twistwrench.kernels.placed_code import Unplaced, placed
-from twistwrench.kernels.ufunc import make_ufunc, owner_of
-from twistwrench.program.trace import trace
-from twistwrench.targets.emitter_choice import modules
-from twistwrench.targets.processor import DOUBLE, SINGLE, chosen
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering.lower import modules
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
+from twistwrench.runtime import elf_loader as code_pages
+from twistwrench.runtime import elf_loader as placed_code
+from twistwrench.runtime import jit
+from twistwrench.runtime.elf_loader import Unplaced, placed
+from twistwrench.runtime.gufunc import make_ufunc, owner_of
 
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux") or not chosen().triple.startswith("x86_64"), reason="64-bit ELF for x86-64"

@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import batch_split, huge_pages, results
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.targets import batch_loop, processor
+from twistwrench.lowering import batch_loop
+from twistwrench.lowering import target_machine as processor
+from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import result_pool as huge_pages
+from twistwrench.runtime import result_pool as results
+from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing import random_state
 
 WAIT = 120.0
@@ -204,7 +207,8 @@ def test_a_ring_of_garbage_gives_its_block_back(pool):
 FORKED = """
 import os
 import numpy as np
-from twistwrench.kernels import huge_pages, results
+from twistwrench.runtime import result_pool as huge_pages
+from twistwrench.runtime import result_pool as results
 
 pool, shape, dtype = huge_pages._POOL, (1 << 23,), np.dtype(float)
 def room():

@@ -8,7 +8,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.errors import KernelError
-from twistwrench.kernels.row_calls import row_calls
+from twistwrench.runtime.bound_calls import row_calls
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from places import ROOT
 from thread_calls import WAIT
 
 import twistwrench as tw
-from twistwrench.kernels import threads
+from twistwrench.runtime import batch_threads as threads
 
 pytest_plugins = ("thread_fixtures",)
 
@@ -80,8 +80,8 @@ SETUP = """
 import os, signal, sys, threading, time
 import numpy as np
 import twistwrench as tw
-from twistwrench.kernels import threads
-from twistwrench.kernels import batch_split
+from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads as batch_split
 
 batch_split.LEAST = 2e4
 robot = tw.robots.planar_3r()
@@ -125,8 +125,8 @@ WORKERS = """
 import multiprocessing, sys
 import numpy as np
 import twistwrench as tw
-from twistwrench.kernels import threads
-from twistwrench.kernels import batch_split
+from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads as batch_split
 
 def inherited(_):
     before = tw.get_threads()
@@ -225,8 +225,8 @@ POOLS = """
 import sys
 import numpy as np
 import twistwrench as tw
-from twistwrench.kernels import threads
-from twistwrench.kernels import batch_split
+from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads as batch_split
 
 robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 5000)

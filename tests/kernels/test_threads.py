@@ -11,7 +11,8 @@ import pytest
 from thread_calls import same, states
 
 import twistwrench as tw
-from twistwrench.kernels import batch_split, threads
+from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import batch_threads as threads
 
 pytest_plugins = ("thread_fixtures",)
 

@@ -8,16 +8,14 @@ import sys
 import numpy as np
 import pytest
 
-from twistwrench.kernels import jit, placed_code
-from twistwrench.kernels.code_pages import CodePages
-from twistwrench.kernels.elf_file import Unplaced
-from twistwrench.kernels.placed_code import placed
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.port import axes_of
-from twistwrench.targets.call_way import loop_steps
-from twistwrench.targets.compiler import LOOP
-from twistwrench.targets.emitter_choice import modules
-from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, chosen
+from twistwrench.ir.program import axes_of
+from twistwrench.lowering.lower import modules
+from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
+from twistwrench.runtime import elf_loader as placed_code
+from twistwrench.runtime import jit
+from twistwrench.runtime.call_signature import loop_steps
+from twistwrench.runtime.elf_loader import CodePages, Unplaced, placed
+from twistwrench.runtime.gufunc import make_ufunc
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32" or not chosen().triple.startswith("x86_64"), reason="x86-64, where Windows is not at home"

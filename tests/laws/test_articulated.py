@@ -7,13 +7,12 @@ import pytest
 from random_trees import TREES, tree
 
 import twistwrench as tw
-from twistwrench.algorithms.articulated import articulated_dynamics, articulated_pays
+from twistwrench.algorithms.forward_dynamics import articulated_dynamics, articulated_pays
 from twistwrench.algorithms.inverse_dynamics import bias_forces
-from twistwrench.algorithms.mass_matrix import mass_matrix
-from twistwrench.algorithms.tree_factorisation import factored, solved
-from twistwrench.model.base_parameters import regrouped
+from twistwrench.algorithms.mass_matrix import factored, mass_matrix, solved
+from twistwrench.ir.tracer import trace
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.program.trace import trace
+from twistwrench.model.parameters import regrouped
 from twistwrench.testing import assert_close, random_state
 
 

@@ -12,7 +12,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.convert import from_mujoco, from_pinocchio, mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from twistwrench.testing import random_builder, random_robot, random_state
-from twistwrench.viz.sliders import sliders_of
+from twistwrench.viz.page_data import sliders_of
 
 TOLERANCE = 1e-10
 KINDS = ("ball", "revolute", "prismatic")

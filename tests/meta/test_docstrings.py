@@ -25,10 +25,10 @@ from twistwrench.robot.quantity_methods import METHODS
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
-    "export", "joints", "model.actuator", "model.builder", "model.edit", "model.limits", "motion",
-    "plotting.explanation", "plotting.joint_curves", "plotting.motion", "plotting.motors", "plotting.payload", "plotting.robot", "plotting.sensor",
-    "plotting.simulation", "plotting.style", "plotting.torques", "plotting.trajectory", "report", "screws.axis", "screws.wrench",
-    "verdict", "verify",
+    "export", "joints", "model.actuators", "model.builder", "model.edit", "model.limits", "motion",
+    "plotting.explanation", "plotting.motion", "plotting.motion", "plotting.torques", "plotting.payload", "plotting.robot", "plotting.explanation",
+    "plotting.simulation", "plotting.style", "plotting.torques", "plotting.simulation", "reports", "lie.axis", "lie.twist_wrench",
+    "core.verdict", "verify",
 )  # fmt: skip
 """Modules that are imported by their own path, beside those of ``dir(twistwrench)``."""
 SECTIONS = (
@@ -248,8 +248,6 @@ def problems_of(name, value):
 WITHOUT_EXAMPLE = {
     "convert.": "takes a model of another library's, which need not be installed",
     "joints.": "asked by the library, each with symbols or a batch of its own; docs/adding.md shows them at work",
-    "kernels.device_array.": "needs a GPU",
-    "plotting.motors.": "takes a report, which the command makes of a file",
     "plotting.torques.": "takes a report, which the command makes of a file",
     "simulation.torque_laws.": "called with symbols while a rollout is traced",
     "viz.drawn_motion.read_motion": "takes a file that is open, as the command view has it",

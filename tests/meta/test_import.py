@@ -32,7 +32,7 @@ LATER = (
 LATER += (
     "twistwrench.algorithms",
     "twistwrench.formats",
-    "twistwrench.program",
+    "twistwrench.ir",
     "twistwrench.bodies",
     "twistwrench.robots",
 )

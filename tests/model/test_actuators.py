@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.formats.data_sheet_units import UNITS, in_si
-from twistwrench.model.actuator import Motor
+from twistwrench.formats.yaml import UNITS, in_si
+from twistwrench.model.actuators import Motor
 from twistwrench.testing import assert_close
 
 FILE = """

@@ -21,8 +21,7 @@ from twistwrench.lie.se3 import Ad
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.edit import lock
 from twistwrench.model.model import BASE
-from twistwrench.model.outline import outline
-from twistwrench.model.reassembly import assembled
+from twistwrench.model.parts import assembled, outline
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
 

@@ -7,13 +7,12 @@ import pytest
 from motions import report_of, write_positions
 
 from twistwrench import robots
-from twistwrench.motion.continuity import Continuity
-from twistwrench.motion.coordinates import Coordinates
+from twistwrench.motion.coordinates import Continuity, Coordinates
 from twistwrench.motion.differentiation import Differentiation
-from twistwrench.motion.log_noise import noise
 from twistwrench.motion.motion_log import MotionLog
+from twistwrench.motion.noise import noise
 from twistwrench.motion.smoothing import smooth
-from twistwrench.report.loaded_robot import Payload
+from twistwrench.reports.load_case import Payload
 
 
 def plan_of(robot, path, *, degrees=False, smoothing=False):

@@ -63,9 +63,9 @@ def reading(request, monkeypatch):
     if request.param == "in blocks":
         for place in (
             "motion.array_stream.LARGE",
-            "motion.joined_files.LARGE",
+            "motion.motion_file.LARGE",
             "motion.motion_log.LARGE",
-            "report.log_quality._LARGE",
+            "reports.log_quality._LARGE",
         ):
             monkeypatch.setattr(f"twistwrench.{place}", 0)
         for module in ("array_stream", "joined_files", "npz_file"):

@@ -18,11 +18,11 @@ from twistwrench import load, robots
 from twistwrench.cli.robot_options import RobotOptions
 from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
 from twistwrench.formats import load_model
-from twistwrench.motion import csv_file as csv_module
+from twistwrench.motion import csv_reader as csv_module
 from twistwrench.motion.column_names import NamedJoints
 from twistwrench.motion.motion_file import joints_without_column, open_motion_file
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.locks import joints_beside
+from twistwrench.reports.load_case import joints_beside
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = SHARED / "logs"

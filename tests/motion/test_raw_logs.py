@@ -14,8 +14,8 @@ from twistwrench.errors import TrajectoryError
 from twistwrench.model.model import Limits
 from twistwrench.motion import MotionLog
 from twistwrench.motion.differentiation import Differentiation
-from twistwrench.report.loaded_robot import LoadedRobot, Payload
-from twistwrench.report.torques import analyse
+from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.torque_report import analyse
 from twistwrench.viz.drawn_motion import motion_of
 
 pytest_plugins = ("torque_fixtures",)

@@ -61,7 +61,7 @@ def test_what_may_be_meant_is_no_glitch(name):
 @pytest.mark.parametrize("row", range(60, 70))
 def test_portions_of_a_long_file_find_the_same(row):
     """Files stream in portions; whatever row a portion ends at, the glitch is found."""
-    from twistwrench.motion.single_row_glitches import SingleRowGlitches
+    from twistwrench.motion.rate_checks import SingleRowGlitches
 
     q = CLEAN.copy()
     q[row, 2] += 0.3

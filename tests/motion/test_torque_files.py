@@ -15,8 +15,8 @@ from twistwrench import load, robots
 from twistwrench.errors import TwistWrenchError, ValueRangeError
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.limits_file import read_limits
-from twistwrench.report.loaded_robot import TERMS, LoadedRobot
+from twistwrench.reports.load_case import TERMS, LoadedRobot
+from twistwrench.reports.robot_summary import read_limits
 
 pytest_plugins = ("torque_fixtures",)
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"

@@ -13,10 +13,9 @@ from motion_fixtures import GOOD, read
 from twistwrench import robots
 from twistwrench.errors import NotFoundError, TrajectoryError
 from twistwrench.formats import load_model
-from twistwrench.motion import csv_file as csv_module
+from twistwrench.motion import csv_reader as csv_module
 from twistwrench.motion.coordinates import Coordinates
-from twistwrench.motion.csv_dialect import Dialect
-from twistwrench.motion.csv_numbers import parse_block
+from twistwrench.motion.csv_reader import Dialect, parse_block
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 

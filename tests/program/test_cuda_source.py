@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.printers.cuda import OPTIONS, SHARED, CudaFunction
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.targets.cuda_text import OPTIONS, SHARED, CudaFunction
 
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]
 COMPILERS = [name for name in ("g++", "clang++") if shutil.which(name)] or ["c++"]

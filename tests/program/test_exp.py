@@ -10,10 +10,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.trace import trace
-from twistwrench.targets.exp import bounds
-from twistwrench.targets.processor import DOUBLE, SINGLE
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE
+from twistwrench.lowering.vector_math import bounds
+from twistwrench.runtime.gufunc import make_ufunc
 
 LOW, HIGH = bounds(DOUBLE)
 

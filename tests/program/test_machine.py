@@ -21,15 +21,15 @@ import pytest
 from random_trees import tree
 
 import twistwrench as tw
-from twistwrench.kernels import ufunc
-from twistwrench.kernels.jit import compiled
-from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.program import Program
-from twistwrench.program.trace import trace
-from twistwrench.targets import numpy as on_numpy
-from twistwrench.targets import processor
-from twistwrench.targets.llvm import assembly
-from twistwrench.targets.processor import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
+from twistwrench.ir.program import Program
+from twistwrench.ir.tracer import trace
+from twistwrench.lowering import reference_interpreter as on_numpy
+from twistwrench.lowering import target_machine as processor
+from twistwrench.lowering.block import assembly
+from twistwrench.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
+from twistwrench.runtime import gufunc as ufunc
+from twistwrench.runtime.gufunc import make_ufunc
+from twistwrench.runtime.jit import compiled
 from twistwrench.testing import random_state
 
 WIDTHS = (64, 128, 256, 512)

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.ir.program import FUSED, Program
 from twistwrench.lie import se3
+from twistwrench.lowering.reference_interpreter import NumpyKernel
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.program.program import FUSED, Program
 from twistwrench.robot import Robot
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.targets.numpy import NumpyKernel
 
 BATCHES = [(), (1,), (3,), (4099,), (2, 0, 5), (2, 3)]
 STATES = 3

@@ -6,8 +6,8 @@ import numpy as np
 from click.testing import CliRunner
 
 from twistwrench.cli.main import main
-from twistwrench.report import log_quality
-from twistwrench.report.log_quality import LogQuality
+from twistwrench.reports import log_quality
+from twistwrench.reports.log_quality import LogQuality
 
 
 def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):

@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.algorithms.motor_side import MotorLoads
+from twistwrench.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.cli.main import main
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.loaded_robot import LoadedRobot, Payload
-from twistwrench.report.motors import MotorTally
-from twistwrench.report.torques import analyse
+from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.motors import MotorTally
+from twistwrench.reports.torque_report import analyse
 
 FOLDER = Path(tw.__file__).parent / "robots"
 DEMO, MOTION = FOLDER / "ur5_demo.yaml", FOLDER / "ur5_demo.csv"

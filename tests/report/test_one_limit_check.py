@@ -12,16 +12,15 @@ from motions import report_of
 from rich.console import Console
 
 import twistwrench as tw
-from twistwrench.cli.tables.motors import motors_table
 from twistwrench.cli.tables.payload import payload_view
-from twistwrench.cli.tables.torques import report_view
+from twistwrench.cli.tables.torques import motors_table, report_view
+from twistwrench.core.verdict import Word
 from twistwrench.model.limits import TOLERANCE
 from twistwrench.plotting.style import OVER
 from twistwrench.plotting.torques import plot_report
-from twistwrench.report.motors import Demand, MotorUse
+from twistwrench.reports.motors import Demand, MotorUse
 from twistwrench.statics import largest_payload
 from twistwrench.trajectories import bounds_of
-from twistwrench.verdict import Word
 
 SHARES = [pytest.param(1 + TOLERANCE / 2, False, id="at"), pytest.param(1 + 2 * TOLERANCE, True, id="over")]
 

@@ -17,12 +17,13 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench import ValueRangeError, outputs
+from twistwrench import ValueRangeError
 from twistwrench.cli.tables.payload import write_payload
-from twistwrench.core.csv_writer import CsvWriter, harmless_text, meant_text
+from twistwrench.core import files as outputs
+from twistwrench.core.files import check_outputs, picture_path, replacing
+from twistwrench.core.tables import CsvWriter, harmless_text, meant_text
+from twistwrench.motion.array_files import TableFile
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.motion.table_file import TableFile
-from twistwrench.outputs import check_outputs, picture_path, replacing
 
 
 @pytest.mark.parametrize(
@@ -210,7 +211,7 @@ def test_long_names_are_written(tmp_path):
 WRITER = """
 import sys
 from twistwrench.cli.main import main
-from twistwrench.outputs import replacing
+from twistwrench.core.files import replacing
 
 @main.command()
 def wait():

@@ -16,11 +16,10 @@ from robot_files import FILES
 from twistwrench import load, robots
 from twistwrench.cli.tables.torques import report_view
 from twistwrench.errors import ModelWarning
-from twistwrench.motion.log_noise import survey
-from twistwrench.motion.sampling import sample_errors
+from twistwrench.motion.noise import sample_errors, survey
 from twistwrench.motion.smoothing import best_strength
-from twistwrench.report.largest_value import Contenders, excess_of_largest
-from twistwrench.report.torque_verdict import confidence
+from twistwrench.reports.statistics import Contenders, excess_of_largest
+from twistwrench.reports.torque_verdict import confidence
 
 TIAGO = SHARED / "logs" / "tiago"
 STEP = 2 * np.pi / 8192

@@ -9,9 +9,8 @@ from motions import LOAD, SLED, WRENCH, report_of, wrapped, write_motion, write_
 from twistwrench import load, robots
 from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.model.model import Limits
-from twistwrench.report.decimation import Envelope
-from twistwrench.report.loaded_robot import TERMS
-from twistwrench.report.running_statistics import Gaps, Rms
+from twistwrench.reports.load_case import TERMS
+from twistwrench.reports.statistics import Envelope, Gaps, Rms
 
 pytest_plugins = ("torque_fixtures",)
 

@@ -12,10 +12,10 @@ from motions import report_of, write_motion, write_positions
 from twistwrench import load, robots
 from twistwrench.cli.main import main
 from twistwrench.cli.usage import in_shell_words
-from twistwrench.model.massless import massless_links
-from twistwrench.report.base_force import missing_force
-from twistwrench.report.loaded_robot import parse_payload, parse_wrenches
-from twistwrench.report.torque_findings import JointTorque
+from twistwrench.model.inertia_checks import massless_links
+from twistwrench.reports.load_case import parse_payload, parse_wrenches
+from twistwrench.reports.torque_report import JointTorque
+from twistwrench.reports.torque_verdict import missing_force
 
 pytest_plugins = ("torque_fixtures",)
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"

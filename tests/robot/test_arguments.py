@@ -10,7 +10,8 @@ from numpy.testing import assert_array_equal
 
 import twistwrench as tw
 from twistwrench import robots, statics, trajectories
-from twistwrench.core import arguments, rotation_checks
+from twistwrench.core import arguments
+from twistwrench.core import arguments as rotation_checks
 from twistwrench.robot.quantities import QUANTITIES
 
 pd = pytest.importorskip("pandas")

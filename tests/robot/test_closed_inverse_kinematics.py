@@ -11,7 +11,7 @@ from mechanisms import CRANK, GROUND, ROCKER, along
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.robot.inverse_kinematics import twist_left
+from twistwrench.robot.ik import twist_left
 
 pytest_plugins = ("mechanism_fixtures",)
 
@@ -154,9 +154,7 @@ def test_what_cannot_be_meant_is_refused(platform, asked, error, told):
 def test_a_start_that_is_not_found_is_asked_for(monkeypatch):
     arm = tw.robots.planar_3r()
     held = arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5))
-    monkeypatch.setattr(
-        "twistwrench.robot.closed_robot_checks.STARTS", 1
-    )  # the stretched arm alone, which leads nowhere
+    monkeypatch.setattr("twistwrench.robot.closed.checks.STARTS", 1)  # the stretched arm alone, which leads nowhere
     T = arm.forward_kinematics(held.consistent([-0.6, 0.2, 2.2]), "link2")
     with pytest.raises(tw.ConstraintError, match="Give q0"):
         held.inverse_kinematics(T, "link2")

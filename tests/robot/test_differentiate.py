@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twistwrench as tw
-from twistwrench.program.autodiff import along, gradient, jacobian, work
-from twistwrench.program.program import ARITY, FUSED, Program
-from twistwrench.program.trace import Trace, trace
-from twistwrench.targets.numpy import NumpyKernel
+from twistwrench.ir.autodiff import along, gradient, jacobian, work
+from twistwrench.ir.program import ARITY, FUSED, Program
+from twistwrench.ir.tracer import Trace, trace
+from twistwrench.lowering.reference_interpreter import NumpyKernel
 from twistwrench.testing import assert_close
 
 ROUNDING = 1e-13

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
-from twistwrench.robot import inverse_kinematics, pose_search
+from twistwrench.robot import ik as inverse_kinematics
+from twistwrench.robot import ik_search as pose_search
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])

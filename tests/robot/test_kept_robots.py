@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
-from twistwrench.robot import kept_robots
+from twistwrench.robot import model_cache as kept_robots
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -25,9 +25,9 @@ ARM = """<robot name="arm">
   <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
     <limit lower="-2" upper="2" effort="10" velocity="1"/></joint>
 </robot>"""
-HEAVY = ("twistwrench.algorithms", "twistwrench.formats", "twistwrench.model.builder", "twistwrench.program.trace")
+HEAVY = ("twistwrench.algorithms", "twistwrench.formats", "twistwrench.model.builder", "twistwrench.ir.tracer")
 HEAVY += (
-    "twistwrench.targets.llvm",
+    "twistwrench.lowering.block",
     "llvmlite.binding",
     "_hashlib",
     "tempfile",
@@ -82,7 +82,7 @@ def test_the_second_process_makes_nothing_and_finds_the_same_bits(file, place):
 def test_what_is_kept_of_a_kernel_is_what_it_has(file, place):
     """Its length decides when single calls get code of their own, its effort how batches are split between threads."""
     code = (
-        "import sys, twistwrench as tw\nfrom twistwrench.kernels.ufunc import owner_of\n"
+        "import sys, twistwrench as tw\nfrom twistwrench.runtime.gufunc import owner_of\n"
         f"kernel = tw.load({str(file)!r}).kernel('inverse_dynamics')\nowner = owner_of(kernel)\n"
         "print(owner.length, owner.effort, kernel.__name__, kernel.__doc__, 'twistwrench.model.builder' in sys.modules)"
     )
@@ -97,7 +97,7 @@ def test_a_first_torque_imports_nothing_that_it_does_not_need(file, place):
     torque(file, place)
     code = TORQUE.format(path=str(file), options="", nv=2) + "print(*sys.modules)"
     loaded = python(code, place).splitlines()[1].split()
-    assert "twistwrench.robot.kept_robots" in loaded
+    assert "twistwrench.robot.model_cache" in loaded
     placed = sys.platform.startswith("linux") and os.uname().machine == "x86_64"
     unwanted = HEAVY if placed else [name for name in HEAVY if "llvm" not in name]
     alone = python("import numpy, sys; print(*sys.modules)", place).split()
@@ -297,7 +297,7 @@ def test_kernels_with_options_are_told_apart(file, place):
         f"import twistwrench as tw, sys; robot = tw.load({str(file)!r}); q = [0.1, 0.2]\n"
         "for kind in ('body', 'space', 'world_aligned'):\n"
         "    print(robot.jacobian(q, 'lower', kind).tobytes().hex())\n"
-        "print('twistwrench.program.trace' in sys.modules)"
+        "print('twistwrench.ir.tracer' in sys.modules)"
     )
     first, second = (python(code, place).splitlines() for _ in range(2))
     assert first[:3] == second[:3] == python(code, "off").splitlines()[:3]
@@ -307,7 +307,7 @@ def test_kernels_with_options_are_told_apart(file, place):
 
 def test_a_robot_is_known_whatever_was_imported_before(file, place):
     torque(file, place)
-    code = "import twistwrench.algorithms.inverse_dynamics, twistwrench.program.trace\n" + TORQUE.format(
+    code = "import twistwrench.algorithms.inverse_dynamics, twistwrench.ir.tracer\n" + TORQUE.format(
         path=str(file), options="", nv=2
     )
     code += "print('twistwrench.formats.urdf' in sys.modules)"

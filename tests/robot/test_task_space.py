@@ -10,8 +10,8 @@ from random_trees import ROUNDING, frames
 
 import twistwrench as tw
 from twistwrench.algorithms.operational_space import row_numbers
+from twistwrench.lie.labelled import TWIST
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.screws.component_names import TWIST
 from twistwrench.testing import assert_close, derivative, random_robot, random_state
 
 pytest_plugins = ("random_tree_fixtures",)

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from scipy import special
 
-from twistwrench.formats.data_sheet_units import UNITS, in_si
-from twistwrench.motion.column_units import unit_factor
-from twistwrench.motion.log_outliers import residual_spread
-from twistwrench.sensing.diagnosis import MIXUPS
-from twistwrench.sensing.dwells import witnesses
+from twistwrench.formats.yaml import UNITS, in_si
+from twistwrench.motion.column_names import unit_factor
+from twistwrench.motion.differentiation import residual_spread
+from twistwrench.sensing.compensation import MIXUPS
+from twistwrench.sensing.files import read_log
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.log_file import read_log
-from twistwrench.sensing.outliers import touched_in_dwells
+from twistwrench.sensing.outliers import touched_in_dwells, witnesses
 from twistwrench.sensing.poses import propose_poses
 
 MILLI, CENTI, KILO, MICRO = 0.001, 0.01, 1000.0, 0.000001

@@ -17,13 +17,11 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.lie import quaternion
 from twistwrench.sensing.compensation import compensation
-from twistwrench.sensing.gravity_directions import rotations_to_gravity
+from twistwrench.sensing.files import read_log, read_sensor, read_sensor_file, write_log, write_sensor
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.log_file import read_log, write_log
-from twistwrench.sensing.sensor import ForceTorqueSensor
-from twistwrench.sensing.sensor_file import read_sensor, read_sensor_file, write_sensor
-from twistwrench.sensing.synthetic_log import simulate
+from twistwrench.sensing.poses import simulate
+from twistwrench.sensing.sensor import ForceTorqueSensor, rotations_to_gravity
 
 SENSOR = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1)), [0.1, 0.2, -0.3, 5, -3, 8])
 READINGS = "mx,my,mz,fx,fy,fz"

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from sensor_logs import AT_REST, NOISE, drifting
 
+from twistwrench.estimation.covariance import by_witnesses, plug_in
 from twistwrench.sensing.compensation import compensation
 from twistwrench.sensing.contact_detection import CollisionThreshold
-from twistwrench.sensing.covariance import by_witnesses, plug_in
-from twistwrench.sensing.dwells import witnesses
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.log import ReadingLog
+from twistwrench.sensing.observability import whiteness
+from twistwrench.sensing.outliers import witnesses
 from twistwrench.sensing.poses import propose_poses
-from twistwrench.sensing.whiteness import whiteness
 
 
 def test_the_sandwich_is_unbiased_and_as_uncertain_as_its_degrees_of_freedom_say():

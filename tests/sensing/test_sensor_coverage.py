@@ -14,11 +14,11 @@ from scipy import special
 from sensor_logs import AT_REST, BIAS, COM, MASS, NOISE, TOOL, TRUTH, UNEQUAL, drifting, dwells, motion
 
 import twistwrench as tw
+from twistwrench.core.verdict import Word
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
-from twistwrench.verdict import Word
 
 
 def covered(rng, trials, poses=12, samples=1, noise=NOISE, error=0.0):

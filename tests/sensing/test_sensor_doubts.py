@@ -10,11 +10,11 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.lie import quaternion
-from twistwrench.sensing.diagnosis import log_doubt
+from twistwrench.sensing.compensation import log_doubt
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
+from twistwrench.sensing.poses import lively_motion, simulate
 from twistwrench.sensing.sensor import ForceTorqueSensor
-from twistwrench.sensing.synthetic_log import lively_motion, simulate
 
 COUNT = 150  # tools of each kind; a rate of 2 % would be missed by one run in twenty
 G = 9.80665

@@ -10,9 +10,8 @@ import pytest
 from sensor_logs import BIAS, COM, tool
 
 import twistwrench as tw
-from twistwrench.sensing.gravity_directions import gravity_in_frame, rotations_to_gravity
-from twistwrench.sensing.sensor import ForceTorqueSensor, load_regressor
-from twistwrench.sensing.synthetic_log import lively_motion, simulate
+from twistwrench.sensing.poses import lively_motion, simulate
+from twistwrench.sensing.sensor import ForceTorqueSensor, gravity_in_frame, load_regressor, rotations_to_gravity
 
 
 def test_hand_and_apple_to_the_last_digit():

@@ -12,7 +12,7 @@ from robot_files import FILES, NONE
 import twistwrench as tw
 from twistwrench.errors import TwistWrenchError
 from twistwrench.simulation import BatchComputedTorque, BatchPD
-from twistwrench.simulation.eased_friction import creep_speeds
+from twistwrench.simulation.forces import creep_speeds
 from twistwrench.testing import random_robot, random_state
 
 UNITS = {"viscous": "N m s/rad", "coulomb": "N m", "static": "N m", "stribeck": "rad/s", "load": ""}

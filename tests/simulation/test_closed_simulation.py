@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import twistwrench as tw
-from twistwrench.algorithms.loop_projection import small_gaps
+from twistwrench.algorithms.loop_closure import small_gaps
 from twistwrench.model.friction import Friction
 from twistwrench.simulation import SimulationResult
 
@@ -288,7 +288,7 @@ def test_holding_torques_hold(linkage, start):
 
 def test_closing_begins_at_configurations_that_the_model_knows(monkeypatch):
     """With no random starts: the stretched arm alone, the neutral one, finds nothing."""
-    monkeypatch.setattr("twistwrench.robot.closed_robot_checks.STARTS", 1)
+    monkeypatch.setattr("twistwrench.robot.closed.checks.STARTS", 1)
     arm = tw.robots.planar_3r()
     asked = {"frame_a": "ground", "frame_b": arm.tip, "rows": "vx vz", "pose": along(1.5)}
     with pytest.raises(tw.ConstraintError, match="from 1 starts"):

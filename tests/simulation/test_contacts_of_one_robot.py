@@ -9,7 +9,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.simulation import JointStops, Plane
-from twistwrench.simulation.robot_contact import PlaneContact, StopContact
+from twistwrench.simulation.contact import PlaneContact, StopContact
 
 
 def test_planes_of_two_exponents_push_by_their_own():

@@ -10,14 +10,15 @@ import pytest
 from simulated import rates
 
 import twistwrench as tw
-from twistwrench.kernels.ufunc import make_ufunc, owner_of
 from twistwrench.lie import quaternion
-from twistwrench.simulation import BatchComputedTorque, BatchPD, rollout_kernel
-from twistwrench.simulation.step_program import Plan
+from twistwrench.lowering import block as llvm
+from twistwrench.lowering import scan_loop as step_loops
+from twistwrench.lowering.target_machine import DOUBLE, choices, host
+from twistwrench.runtime.gufunc import make_ufunc, owner_of
+from twistwrench.simulation import BatchComputedTorque, BatchPD
+from twistwrench.simulation import rollout_gradient as rollout_kernel
+from twistwrench.simulation.compiled_steps import Plan
 from twistwrench.simulation.torque_laws import GivenTorque
-from twistwrench.targets import llvm
-from twistwrench.targets import time_loop as step_loops
-from twistwrench.targets.processor import DOUBLE, choices, host
 from twistwrench.testing import random_robot, random_state
 
 H, STEPS = 2e-3, 12
@@ -573,7 +574,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch)
         raise tw.KernelError("on purpose")
 
     x, dt, tau = np.ones((5, 2), np.float32), np.full(6, 1e-3, np.float32), np.zeros((6, 2), np.float32)
-    monkeypatch.setattr("twistwrench.kernels.kept_kernels.compiled", fails)
+    monkeypatch.setattr("twistwrench.runtime.kernel_metadata.compiled", fails)
     told = []
     monkeypatch.setattr("sys.unraisablehook", lambda what: told.append(what.exc_type))
     out = np.zeros((5, 4, 2), np.float32)
@@ -590,7 +591,7 @@ def test_without_memory_results_are_nan(monkeypatch):
     text = llvm.assembly(recurrence.program, DOUBLE, host(), step_loops.loop_over(recurrence))
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
     monkeypatch.setattr(
-        "twistwrench.targets.emitter_choice.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]
+        "twistwrench.lowering.lower.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]
     )
     kernel = make_ufunc(recurrence, "starved", "")
     out = np.zeros((3, 5, 2))

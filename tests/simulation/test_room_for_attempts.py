@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.simulation import compiled_attempts
+from twistwrench.simulation import trial_steps as compiled_attempts
 
 
 def test_errors_of_all_steps_count_whatever_room_there_is(monkeypatch):

@@ -151,7 +151,7 @@ def test_a_leg_pushes_back_through_jacobian_and_frame():
     """The force of the plane on a robot at rest is what statics says: J'F of the same wrench."""
     dog = tw.robots.quadruped()
     foot = next(n for n in dog.frame_names if "foot" in n)
-    from twistwrench.simulation.robot_contact import PlaneContact
+    from twistwrench.simulation.contact import PlaneContact
 
     q = dog.random_configuration(1)
     T = dog.forward_kinematics(q, foot)

@@ -13,13 +13,13 @@ from motions import SLED
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.verdict import ExitCode
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.simulation import Event, JointStops, Plane, SimulationResult
 from twistwrench.simulation.adaptive import Stepper
 from twistwrench.simulation.forces import System
 from twistwrench.simulation.run import Run
 from twistwrench.testing import random_robot, random_state
-from twistwrench.verdict import ExitCode
 
 
 @pytest.fixture(scope="module")
@@ -517,7 +517,7 @@ def test_tables_fold_names_and_cut_no_number(width):
     """In a terminal of any width, and in a pipe."""
     from rich.console import Console
 
-    from twistwrench.cli.tables.simulation import simulation_view
+    from twistwrench.cli.tables.motion import simulation_view
 
     base = tw.robots.quadruped()
     long = "a_rather_long_namespace/and_a_long_name_of_a_link_"

@@ -10,19 +10,20 @@ import pytest
 from simulated import dop853, far, rates, run
 
 import twistwrench as tw
-from twistwrench.bodies.splitting import COMPOSITIONS
+from twistwrench.bodies.inertia import COMPOSITIONS
 from twistwrench.simulation import METHODS, Partitioned, Tableau
-from twistwrench.simulation.forces import System
-from twistwrench.simulation.manifold import Manifold
-from twistwrench.simulation.order_conditions import density, order, trees
-from twistwrench.simulation.schemes import scheme_of
-from twistwrench.simulation.tableau import (
+from twistwrench.simulation.forces import Manifold, System
+from twistwrench.simulation.schemes import (
     DORMAND_PRINCE,
     EULER,
     IMPLICIT_EULER,
     MIDPOINT,
     RK4,
     SEMI_IMPLICIT_EULER,
+    density,
+    order,
+    scheme_of,
+    trees,
 )
 from twistwrench.testing import random_robot, random_state
 

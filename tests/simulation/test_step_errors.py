@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import twistwrench as tw
 from twistwrench.simulation import METHODS, JointStops, Plane
-from twistwrench.simulation.probed_steps import probed_steps
+from twistwrench.simulation.accuracy import probed_steps
 from twistwrench.testing import random_robot, random_state
 
 FIXED = [m for m in METHODS if m != "dopri5"]
@@ -273,7 +273,7 @@ def test_smooth_functions_cost_no_step_and_no_remark(pendulum, monkeypatch, meth
     dt = 2e-3 if method in ("euler", "semi_implicit") else 0.02
     found = pendulum.simulate([1.0], None, 1.0, dt, method=method, tau=LAWS[kind])
     assert not said(found, UNSEEN)
-    monkeypatch.setattr("twistwrench.simulation.force_probes.ForceProbes.impulse", lambda *_: None)
+    monkeypatch.setattr("twistwrench.simulation.accuracy.ForceProbes.impulse", lambda *_: None)
     without = pendulum.simulate([1.0], None, 1.0, dt, method=method, tau=LAWS[kind])
     np.testing.assert_array_equal(found.q, without.q)
     np.testing.assert_array_equal(found.error_estimate, without.error_estimate)

@@ -6,8 +6,8 @@ import numpy as np
 
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.loaded_robot import LoadedRobot, Payload
-from twistwrench.report.torques import analyse
+from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.torque_report import analyse
 
 SLED = """<robot name="sled"><link name="ground"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
 <inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>

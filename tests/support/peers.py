@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.core.foreign_output import captured_stderr
-from twistwrench.core.printed_numbers import printed
+from twistwrench.core.numbers import printed
+from twistwrench.core.third_party import captured_stderr
 from twistwrench.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from twistwrench.formats import format_of_file, load_model
 from twistwrench.formats.source import read_robot_text
-from twistwrench.formats.xml_parser import parse
+from twistwrench.formats.xml import parse
 from twistwrench.lie import quaternion
 from twistwrench.model.assembly import ROOT_JOINT
 from twistwrench.robot import Robot

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import batch_split, threads
+from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import batch_threads as threads
 
 
 @pytest.fixture(scope="module")

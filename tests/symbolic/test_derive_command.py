@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.symbolic.line_breaks import text_width
+from twistwrench.symbolic.documents import text_width
 
 
 def derive(*arguments):

@@ -12,8 +12,10 @@ import sympy
 import twistwrench as tw
 from twistwrench.errors import KernelError, MissingExtraError, ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.symbolic import check, derivation_size, derive
-from twistwrench.symbolic.evaluation import Evaluator
+from twistwrench.symbolic import derivation as check
+from twistwrench.symbolic import derivation as derivation_size
+from twistwrench.symbolic import derive
+from twistwrench.symbolic.derivation import Evaluator
 from twistwrench.testing import assert_close, random_robot
 
 # Of the largest torque: both sides round some hundred sums of terms of order one.

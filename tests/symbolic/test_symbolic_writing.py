@@ -12,8 +12,8 @@ import twistwrench as tw
 from twistwrench.errors import ValueRangeError
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.symbolic import derive, lagrange
-from twistwrench.symbolic.decimals import shortest
-from twistwrench.symbolic.line_breaks import broken, text_width
+from twistwrench.symbolic.documents import broken, text_width
+from twistwrench.symbolic.names import shortest
 
 
 def rrp(general: bool) -> tw.Robot:

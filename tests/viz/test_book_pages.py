@@ -14,8 +14,8 @@ import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
 from twistwrench.viz import scene_of, write_page
-from twistwrench.viz.book_sections import SECTIONS
 from twistwrench.viz.page import read_page
+from twistwrench.viz.section_pages import SECTIONS
 
 pytest_plugins = ("page_fixtures",)
 

@@ -14,7 +14,7 @@ from test_viz_page import ROBOTS
 import twistwrench as tw
 from twistwrench.viz import write_page
 from twistwrench.viz.page import read_page
-from twistwrench.viz.page_programs import LARGEST
+from twistwrench.viz.page_data import LARGEST
 
 EVERY = {**ROBOTS, "panda": tw.robots.panda(), "pendulum": tw.robots.pendulum()}
 LONG = tw.Robot(chain(np.random.default_rng(0), 28 * "r").build(tip="l28"))

@@ -13,7 +13,7 @@ from test_viz_page import ROBOTS
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.loaded_robot import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadedRobot, Payload
 from twistwrench.viz import read_motion, scene_of, write_page
 
 REFERENCE = Path(__file__).with_name("viz_page.png")

@@ -11,7 +11,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.lie import se3
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.loaded_robot import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadedRobot, Payload
 from twistwrench.viz import motion_of, read_motion, scene_of, write_page
 from twistwrench.viz.page import page_text, read_page
 

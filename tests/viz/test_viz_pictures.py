@@ -16,10 +16,10 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.report.loaded_robot import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadedRobot, Payload
 from twistwrench.viz import drawn_motion as motion_module
 from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_power, plot_split, read_motion, scene_of
-from twistwrench.viz.camera import Camera, Painter
+from twistwrench.viz.movie import Camera, Painter
 from twistwrench.viz.page import read_page
 
 T = np.linspace(0.0, 2.0, 401)
@@ -213,7 +213,7 @@ def test_work_less_friction_is_what_the_energies_gain(bundled):
     robot = bundled("ur5").with_actuators({"actuators": {"elbow_joint": {"friction": {"viscous": "8 N m s/rad"}}}})
     load = LoadedRobot(robot, (Payload(2.0),), {"tool0": np.array([0, 0, 0, 10.0, 0, 5.0])})
     q, dq, ddq = swing(robot)
-    from twistwrench.motion.complete_states import States
+    from twistwrench.motion.differentiation import States
 
     states = States(T, q, dq, ddq, q, np.zeros(q.shape, bool), np.zeros((len(T), 0)))
     e = energies(motion_module._gathered(load, iter([states])))

@@ -12,12 +12,10 @@ from robot_files import FILES
 import twistwrench as tw
 from twistwrench.lie import se3
 from twistwrench.model.model import BASE
-from twistwrench.viz.arrows import arc, arrow
-from twistwrench.viz.resources import find_resource
-from twistwrench.viz.scene import scene_of
-from twistwrench.viz.skeleton import equal_inertia_ellipsoid, turned_z
+from twistwrench.viz.colours import arc, arrow
+from twistwrench.viz.scene import equal_inertia_ellipsoid, scene_of, turned_z
 from twistwrench.viz.surface import box, cylinder, ellipsoid, joined, sphere
-from twistwrench.viz.visuals import read_visuals
+from twistwrench.viz.visuals import find_resource, read_visuals
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
 BOX = '<visual><origin xyz="0.1 0.2 0.3" rpy="0.4 0 0"/><geometry><box size="0.2 0.4 0.6"/></geometry></visual>'

@@ -15,8 +15,7 @@ from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Model
 from ..typing import Array
 from .inverse_dynamics import Wrenches
-from .recursion import joint_poses
-from .springs import spring_forces
+from .recursion import joint_poses, spring_forces
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,20 +14,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
+from ..lie.labelled import TWIST
 from ..model.model import BASE, Body, Frame, Model
-from ..screws.component_names import TWIST
 from ..typing import Array
 from .inverse_dynamics import Wrenches, bias_forces
-from .jacobians import jacobian, jacobian_rate
-from .mass_matrix import mass_matrix
+from .kinematics import jacobian, jacobian_rate
+from .mass_matrix import factored, lowered, mass_matrix, raised, solved
 from .recursion import ancestors, joint_poses, zeros
-from .tree_factorisation import factored, lowered, raised, solved
 
 GROUND = "ground"
 """What a closure calls the base, floating or not; a link of that name is meant instead where there is one."""
@@ -213,3 +212,152 @@ def constrained_dynamics(
     R, E = factored(Y.T @ (D[:, None] * Y))
     lam = solved(R, E, Y.T @ (D * z) + constraint_bias(model, q, dq, constraints))  # S λ = A M⁻¹ (τ - h) + (dA/dt) dq
     return raised(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)
+
+
+# ── Forces of constraint that leave the joints without motors alone: τ = f + A'λ, zero there. Floats, batches
+
+SINGULAR = 1e-9
+"""Directions of λ that reach a joint less than this part of what others do, rows of A in their usual sizes, do not."""
+UNBALANCED = 1e-6
+"""Torques left at joints without motors, as a part of the largest: beyond it no motors make the motion. Configurations and
+velocities may be as far from the constraints as integrators leave them."""
+
+
+def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Array]:
+    """λ (..., k) with least torques f + A'λ at the ``driven`` joints among those with least at the others; what is left there.
+
+    f (..., nv) is M q̈ + h, ``driven`` (nv,) true where there is a motor.
+    """
+    At = np.swapaxes(A, -1, -2) / sizes  # A'λ = (A'W⁻¹)(W λ), columns of one size
+    f = f[..., None]
+    held, loose = At[..., driven, :], At[..., ~driven, :]
+    floor = SINGULAR * np.linalg.norm(At, axis=(-2, -1))
+    inverse = _pseudoinverse(loose, floor)
+    x = -inverse @ f[..., ~driven, :]
+    free = np.eye(len(sizes)) - inverse @ loose  # changes of λ that no motorless joint feels
+    x = x - free @ _pseudoinverse(held @ free, floor) @ (f[..., driven, :] + held @ x)
+    return x[..., 0] / sizes, (f[..., ~driven, :] + loose @ x)[..., 0]
+
+
+def _pseudoinverse(X: Array, floor: Array) -> Array:
+    """That of Moore and Penrose with singular values up to ``floor`` (...) zero."""
+    if 0 in X.shape[-2:]:
+        return np.swapaxes(X, -1, -2)
+    U, sigma, Vt = np.linalg.svd(X, full_matrices=False)
+    kept = sigma > floor[..., None]
+    inverse = np.where(kept, 1.0 / np.where(kept, sigma, 1.0), 0.0)
+    return np.asarray(np.swapaxes(Vt, -1, -2) @ (inverse[..., None] * np.swapaxes(U, -1, -2)))
+
+
+# ── What constrained dynamics gives, by name. Modern Robotics section 8.7
+
+
+class ConstrainedMotion(NamedTuple):
+    """Accelerations q̈ (..., nv), and λ (..., k), N m and N."""
+
+    ddq: Array
+    """Accelerations (..., nv), rad/s² or m/s²."""
+    lam: Array
+    """Multipliers λ (..., k), N m or N, one for each row of A."""
+
+
+class ConstrainedTorques(NamedTuple):
+    """Torques τ (..., nv), zero at joints without a motor, and λ (..., k), N m and N."""
+
+    tau: Array
+    """Joint torques (..., nv), N m or N, zero at joints without a motor."""
+    lam: Array
+    """Multipliers λ (..., k), N m or N, one for each row of A."""
+
+
+class MotionForceSplit(NamedTuple):
+    """Torques that move the robot, Pτ, and torques that only press on its constraints, (1 - P)τ; (..., nv) each."""
+
+    motion: Array
+    """Torques that move the robot, Pτ; (..., nv), N m or N."""
+    force: Array
+    """Torques that only press on the constraints, (1 - P)τ; (..., nv), N m or N."""
+
+
+class ConstrainedDerivatives(NamedTuple):
+    """Derivatives of the torques of the independent joints along motions that keep to the constraints; (..., m, m) each."""
+
+    tau_by_q: Array
+    """By the independent coordinates, the others going along."""
+    tau_by_dq: Array
+    """By the independent velocities."""
+    tau_by_ddq: Array
+    """By the independent accelerations: the mass matrix that the motors see."""
+
+
+# ── Derivatives of constrained inverse dynamics along motions that keep to the constraints. Floats, batches
+
+# With the independent velocities u, which are those of the motors, dq = (d, u) and A = (A_d, A_u):
+#
+#     (1)  dq = N u,  N = (-A_d⁻¹ A_u, 1)                             A dq = 0
+#     (2)  A_d q̈_d = -(A_u q̈_u + b)                                  A q̈ + b = 0, MR section 8.7
+#     (3)  A_d' λ = -f_d,   τ = f_u + A_u' λ                           f = M q̈ + h, no torque at the other joints
+#
+# and along a direction of the independent coordinates, ∂ at constant u and q̈_u,
+#
+#     (4)  A_d ∂dq_d = -∂A dq                                          ∂A = (dA/dq) N
+#     (5)  A_d ∂q̈_d = -(∂A q̈ + ∂b),   ∂b = (db/dq) N + (db/ddq) ∂dq
+#     (6)  ∂f = (df/dq) N + (df/ddq) ∂dq + M ∂q̈
+#     (7)  A_d' ∂λ = -(∂f_d + ∂A_d' λ),   ∂τ = ∂f_u + ∂A_u' λ + A_u' ∂λ
+#
+# where d/ddq stands for the derivative by dq. By u, N takes the place of ∂dq and ∂A is zero.
+
+
+class Slopes(NamedTuple):
+    """What the open robot and its constraints say at a state, and how it changes; any leading batch shape."""
+
+    A: Array
+    """(k, nv), independent rows alone."""
+    A_by_q: Array
+    """(k, nv, nv)."""
+    b_by_q: Array
+    """(k, nv)."""
+    b_by_dq: Array
+    """(k, nv)."""
+    f: Array
+    """(nv,)."""
+    f_by_q: Array
+    """(nv, nv)."""
+    f_by_dq: Array
+    """(nv, nv)."""
+    M: Array
+    """(nv, nv)."""
+
+
+def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) -> ConstrainedDerivatives:
+    """∂τ of the joints ``driven`` (nv,), as many as there are degrees of freedom, by their q, dq and ddq."""
+    u, d = driven, ~driven
+    A_d, A_u = at.A[..., d], at.A[..., u]
+    N = _whole(-np.linalg.solve(A_d, A_u), driven, np.eye(int(u.sum())))  # (1)
+    lam = -np.linalg.solve(_t(A_d), at.f[..., d, None])[..., 0]  # (3)
+    dA = np.einsum("...ijk,...kl->...ijl", at.A_by_q, N)
+    none = np.zeros((int(u.sum()),) * 2)
+
+    def torques(df: Array, dA: Array | float) -> Array:
+        pressed = np.einsum("...ijl,...i->...jl", dA, lam) if isinstance(dA, np.ndarray) else np.zeros_like(df)
+        dlam = -np.linalg.solve(_t(A_d), df[..., d, :] + pressed[..., d, :])  # (7)
+        return np.asarray(df[..., u, :] + pressed[..., u, :] + _t(A_u) @ dlam)
+
+    dv = _whole(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, dq)), driven, none)  # (4)
+    db = at.b_by_q @ N + at.b_by_dq @ dv
+    da = _whole(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, ddq) + db), driven, none)  # (5)
+    by_q = torques(at.f_by_q @ N + at.f_by_dq @ dv + at.M @ da, dA)  # (6)
+    da = _whole(-np.linalg.solve(A_d, at.b_by_dq @ N), driven, none)
+    by_dq = torques(at.f_by_dq @ N + at.M @ da, 0.0)
+    return ConstrainedDerivatives(by_q, by_dq, _t(N) @ at.M @ N)
+
+
+def _whole(others: Array, driven: Array, own: Array) -> Array:
+    """Columns of all velocities from those of the others and of the driven ones; (..., nv, m)."""
+    found = np.zeros((*others.shape[:-2], len(driven), own.shape[-1]))
+    found[..., ~driven, :], found[..., driven, :] = others, own
+    return found
+
+
+def _t(X: Array) -> Array:
+    return np.swapaxes(X, -1, -2)

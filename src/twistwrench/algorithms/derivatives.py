@@ -27,14 +27,18 @@ from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from ..typing import Array
-from .armature import armature_symbols
-from .coriolis import BodyCoriolis
-from .energy import body_velocities
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
-from .mass_matrix import composite_inertias, mass_matrix
-from .recursion import add_entry, ancestors, inward, joint_poses, spread, zeros
-from .springs import spring_stiffness
-from .tree_factorisation import factored, inverse_factor, solved, symmetric_product
+from .mass_matrix import (
+    BodyCoriolis,
+    body_velocities,
+    composite_inertias,
+    factored,
+    inverse_factor,
+    mass_matrix,
+    solved,
+    symmetric_product,
+)
+from .recursion import add_entry, ancestors, armature_symbols, inward, joint_poses, spread, spring_stiffness, zeros
 
 
 class _Column(NamedTuple):

@@ -12,18 +12,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.numbers import printed
 from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from ..typing import Array
-from .armature import armature_forces
 from .friction import friction_forces
-from .recursion import collect, inward, joint_poses, outward, spread, zeros
-from .springs import spring_forces
+from .recursion import ancestors, armature_forces, collect, inward, joint_poses, outward, spread, spring_forces, zeros
 
 Wrenches = Mapping[str, Array]
 
@@ -143,3 +143,100 @@ def drive_torques(
     spins = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
     rotors = collect(model, spins * F) + armature_forces(model, dq, ddq)
     return collect(model, (1.0 - spins) * F) + spring_forces(model, q), rotors
+
+
+# ── What the motors must give for the torques of the joints. Modern Robotics sections 8.9.1 and 8.9.3
+
+
+class MotorLoads(NamedTuple):
+    """One entry in the last axis per actuator, in the order of ``robot.actuators``; NaN where no motor is described."""
+
+    torque: Array
+    """N m, at the rotor."""
+    speed: Array
+    """rad/s, of the rotor on its stator."""
+    current: Array
+    """A."""
+    voltage: Array
+    """V, what the windings need; that of a changing current is left out."""
+    power: Array
+    """W, electrical, into the motor; negative where it feeds back."""
+    heat: Array
+    """W, lost in the windings."""
+
+
+def driven_velocities(model: Model) -> list[int]:
+    """Where in dq and τ each actuator acts, in the order of ``model.actuators``."""
+    places = {body.joint.name: body.v_index for body in model.leaders}
+    return [places[name] for name in model.actuators]
+
+
+def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorLoads:
+    """From what gears carry and what rotors take, both as felt at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
+
+    A gear of efficiency η lets through η of the power that enters it, from whichever side that is.
+    """
+    at, actuators = driven_velocities(model), list(model.actuators.values())
+    G = np.array([a.ratio for a in actuators])
+    eta = np.array([a.efficiency for a in actuators])
+    dq, carried, rotor = (x[..., at] for x in np.broadcast_arrays(dq, carried, rotor))
+    through = np.where(carried * dq >= 0, carried / eta, carried * eta)
+    torque, speed = (through + rotor) / G, G * dq
+    current, voltage, heat = (np.full_like(torque, np.nan) for _ in range(3))
+    for k, motor in enumerate(a.motor for a in actuators):
+        if motor is not None:
+            current[..., k] = motor.current(torque[..., k])
+            voltage[..., k] = motor.voltage_at(current[..., k], speed[..., k])
+            heat[..., k] = motor.heat(current[..., k])
+    return MotorLoads(torque, speed, current, voltage, voltage * current, heat)
+
+
+# ── The regressor: inverse dynamics is linear in the inertial parameters. Atkeson, An and Hollerbach, 1986
+
+PARAMETER_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""The ten parameters of a body about its frame's origin, in the order of ``SpatialInertia.parameters``."""
+
+_UNITS = [SpatialInertia.from_parameters(e) for e in np.eye(10)]
+
+
+def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Y with τ = Y π, π the ten parameters of each body in turn; springs and armature apart; (nv, 10 nbodies)."""
+    T = joint_poses(model, q)
+    up = [Ad(X).inverse.T for X in T]
+    Y = zeros(model.nv, 10 * len(model.bodies))
+    for i, motion in body_motions(model, T, dq, ddq):
+        for k, unit in enumerate(_UNITS):
+            F, column = inertial_wrench(unit, motion), 10 * i + k
+            for j in ancestors(model, i):
+                body = model.bodies[j]
+                rows = body.places[1]
+                Y[rows, column] = Y[rows, column] + body.ratio * (body.joint.axes @ F)
+                F = up[j] @ F
+    return Y
+
+
+# ── Where the power goes
+
+
+class PowerBalance(NamedTuple):
+    """Powers into the mechanism, W; what leaves it is negative, and they add up to zero."""
+
+    joints: Array
+    """τ'dq, from the joints."""
+    motion: Array
+    """Into motion: minus the rate of kinetic and potential energy, springs' included."""
+    wrenches: Array
+    """At the wrenches: minus what the robot does to the world there."""
+    friction: Array
+    """Lost in the joints."""
+
+    def __str__(self) -> str:
+        if np.ndim(self.joints):
+            return f"<PowerBalance of states {np.shape(self.joints)}>"
+        parts = ", ".join(f"{name} {printed(float(value), 4, signed=True)} W" for name, value in self._asdict().items())
+        return f"into the mechanism from: {parts}"
+
+
+def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
+    """From the torques τ and what they are spent on: M ddq + h, Σ J'F, and friction; (..., nv) each."""
+    return PowerBalance(*(np.sum(x * dq, axis=-1) for x in (tau, -moving, -pushing, -lost)))

@@ -18,18 +18,17 @@ from typing import Any
 
 import numpy as np
 
-from ..core.rotation_checks import gaps
+from ..core.arguments import gaps
 from ..lie import se3
-from ..lie.exponentials import pose_log, rotation_log
+from ..lie.se3 import pose_log, rotation_log
 from ..model.model import Model
 from ..typing import Array
-from . import integration
-from .forward_kinematics import forward_kinematics
-from .jacobians import jacobian
-from .loop_projection import LoopRows
+from . import kinematics as integration
+from .friction import either, largest, positive
+from .kinematics import forward_kinematics, jacobian
+from .loop_closure import LoopRows
+from .mass_matrix import factored, solved
 from .recursion import zeros
-from .switches import either, largest, positive
-from .tree_factorisation import factored, solved
 
 PATIENCE, NEARER = 6, 0.99
 """Steps that may pass without getting nearer than this part of the least distance so far."""

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..model.model import BASE, Body, Model
+from ..lie.adjoint import ad
+from ..model.model import BASE, Body, Model, Spring
 from ..typing import Array
 
 
@@ -80,3 +81,76 @@ def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
     for i, p in outward(model):
         poses.append(T[i] if p == BASE else poses[p] @ T[i])
     return poses
+
+
+# ── Armature: the inertia A = diag(a) of drives, felt by the velocities u of one joint each. Its kinetic energy is ½ u' A u
+
+# The velocities of planar, ball and floating joints are no rates of coordinates, but the joint's own twist V by its axes S_k.
+# So Lagrange's equations are those of Hamel, and an armature has products of velocities as any inertia of that twist has:
+#
+#     τ = A du/dt - [V, ·]' A u = A du/dt + C u,     C = L u,     L_abc = a_c S_c·[S_a, S_b]     (axes of unit length).
+#
+# C is skew, as it has to be where dM/dt = 0. L is zero for joints of one degree. Of a ball joint with equal
+# armatures C u is zero; of a floating one what is left is a (ω × v), the acceleration of an origin whose velocity is that of a
+# moving frame. Source: Hamel, "Die Lagrange-Eulerschen Gleichungen der Mechanik", 1904; Modern Robotics section 8.2.2.
+
+
+def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
+    """(place in dq, L) of each joint with several velocities and an armature, (n, n, n) for the n of the joint."""
+    for body in model.leaders:
+        mine, S = body.places[1], body.joint.axes
+        a = model.armature[mine]
+        if body.joint.nv > 1 and a.any():
+            yield mine, np.array([[a * (S @ (ad(S_a) @ S_b)) for S_b in S] for S_a in S])
+
+
+def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
+    """A ddq + C dq, what the armature takes; (..., nv)."""
+    tau = model.armature * ddq
+    for mine, L in armature_symbols(model):
+        u = dq[..., mine]
+        pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; those of one with itself are zero
+        products = u[..., None, :, None] * u[..., None, None, :]
+        tau[..., mine] = tau[..., mine] + (pairs * products).sum(axis=(-2, -1))
+    return tau
+
+
+# ── Springs between joint coordinates: their energy and the torques against them. Modern Robotics section 8.9.5
+
+
+def spring_energy(model: Model, q: Array) -> Any:
+    """½ Σ k x², with x the stretch of each spring; J."""
+    return sum((0.5 * spring.stiffness * _square(_stretch(model, spring, q)) for spring in model.springs), start=0.0)
+
+
+def spring_forces(model: Model, q: Array) -> Array:
+    """The torques that hold the springs, the gradient of their energy; (nv,)."""
+    tau = zeros(model.nv)
+    for spring in model.springs:
+        force = spring.stiffness * _stretch(model, spring, q)
+        for body, weight in _ends(model, spring):
+            tau[body.v_index] = tau[body.v_index] + weight * force
+    return tau
+
+
+def spring_stiffness(model: Model) -> Array:
+    """The second derivative of their energy; (nv, nv)."""
+    K = zeros(model.nv, model.nv)
+    for spring in model.springs:
+        for one, a in _ends(model, spring):
+            for other, b in _ends(model, spring):
+                K[one.v_index, other.v_index] = K[one.v_index, other.v_index] + spring.stiffness * a * b
+    return K
+
+
+def _stretch(model: Model, spring: Spring, q: Array) -> Any:
+    return sum((weight * q[body.q_index] for body, weight in _ends(model, spring)), start=-spring.rest)
+
+
+def _ends(model: Model, spring: Spring) -> Iterator[tuple[Body, float]]:
+    by_name = {body.joint.name: body for body in model.leaders}
+    return ((by_name[joint], weight) for joint, weight in spring.terms)
+
+
+def _square(x: Any) -> Any:
+    return x * x

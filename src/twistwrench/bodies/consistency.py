@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..core.printed_numbers import number, percent, printed
-from ..errors import InertiaError
+from ..core import arguments
+from ..core.numbers import number, percent, printed
+from ..errors import InertiaError, ValueRangeError
+from ..lie import so3
 from ..typing import Array
-from .second_moments import clipped, rotational_inertia, second_moments
+from .solids import clipped, rotational_inertia, second_moments
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -171,3 +174,188 @@ class Repair:
                 f"  largest change     {number(change, 6)} kg m², {percent(self.largest, 3)} of the largest moment",
             ]
         )
+
+
+# ── Other ways to write the ten numbers
+
+# The pseudo-inertia J = ∫ [r; 1] [r; 1]' dm is positive definite exactly when a real body has the inertia (Wensing, Kim and
+# Slotine, 2018). Its Cholesky factor with logarithms on the diagonal gives ten numbers of which *every* choice is a real body,
+# for optimisers and estimators (Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 7(2), 2022).
+
+_GIANT = 100.0
+"""m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
+below a centimetre, which a ball's or cube's matrix does not tell otherwise."""
+
+
+def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
+    """Spatial inertia from the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]].
+
+    Parameters
+    ----------
+    G : (6, 6) array_like, about the frame's origin, angular part first
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    InertiaError
+        The matrix has not that form; each block is judged by its own size, to a millionth.
+
+    Notes
+    -----
+    MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.from_matrix(np.diag([1, 1, 1, 2, 2, 2])).mass
+    2.0
+    """
+    G = arguments.one(G, "a spatial inertia matrix", 6, 6)
+    if not np.isfinite(G).all():
+        raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
+    h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
+    I = 0.5 * (G[:3, :3] + G[:3, :3].T)
+    found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    # kg m² beside kg m² and kg beside kg: a body of a millimetre has a millionth of the one in the other.
+    moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
+    root = np.sqrt(np.repeat([moment, mass], 3))
+    gap = np.abs(found.matrix - G)
+    if not (gap <= 1e-6 * np.outer(root, root)).all():
+        raise InertiaError(
+            "no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
+            f"{printed(gap.max(), 3)}. Is its linear part first? Then swap the blocks."
+        )
+    if moment > _GIANT**2 * mass > 0:
+        raise InertiaError(
+            f"read with the angular part first, this spatial inertia is of {printed(found.mass, 3)} kg spread over "
+            f"{printed(np.sqrt(moment / mass), 3)} m. Is its linear part first? Then swap the blocks. A body so large is "
+            "described by from_com."
+        )
+    return found
+
+
+def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInertia:
+    """Spatial inertia from the pseudo-inertia [[∫ r r' dm, m c], [m c', m]].
+
+    Parameters
+    ----------
+    J : (4, 4) array_like [kg m², kg m, kg]
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Notes
+    -----
+    The inverse of :attr:`SpatialInertia.pseudo_inertia`.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia
+    >>> G = SpatialInertia.box((1, 2, 3), mass=12)
+    >>> bool(np.allclose(SpatialInertia.from_pseudo_inertia(G.pseudo_inertia).parameters, G.parameters))
+    True
+    """
+    P = arguments.one(J, "a pseudo-inertia", 4, 4)
+    P = 0.5 * (P + P.T)
+    I = rotational_inertia(P[:3, :3])
+    return cls.from_parameters([P[3, 3], *P[:3, 3], I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+
+def log_cholesky(G: SpatialInertia) -> Array:
+    """Log-Cholesky parameters of an inertia, ten numbers with J = U U' for the pseudo-inertia J.
+
+    Parameters
+    ----------
+    G : SpatialInertia
+
+    Returns
+    -------
+    theta : (10,) array, (α, d1, d2, d3, s12, s23, s13, t1, t2, t3)
+        The mass is exp(2α), t the centre of mass [m].
+
+    Raises
+    ------
+    InertiaError
+        The body is impossible, or not of full dimension (a point, a rod, a plate without thickness).
+
+    Notes
+    -----
+    U as in Rucker and Wensing eq. 9.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.from_com(1.0, (1, 2, 3), 2 * np.eye(3)).log_cholesky().tolist()
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
+    """
+    m, I = float(G.mass), G.moment_about_com
+    problem = "; ".join(G.defects()) or (None if m > 0 else "it has no mass")
+    if problem is None:
+        S = second_moments(I) / m
+        try:
+            U = np.linalg.cholesky(S[::-1, ::-1])[::-1, ::-1]  # upper triangular: S = U U'
+        except np.linalg.LinAlgError:
+            problem = "it has no extent in some direction"
+    if problem is not None:
+        raise InertiaError(f"this inertia has no log-Cholesky parameters: {problem}. Try nearest_consistent() first.")
+    return np.array([0.5 * np.log(m), *np.log(U.diagonal()), U[0, 1], U[1, 2], U[0, 2], *G.com])
+
+
+def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialInertia:
+    """Spatial inertia from log-Cholesky parameters; any finite ten numbers give a body that can exist.
+
+    Parameters
+    ----------
+    theta : (10,) array_like, as :meth:`SpatialInertia.log_cholesky` gives them
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A number is not finite, or too large to be a logarithm.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.from_log_cholesky(np.linspace(-1, 2, 10)).defects()
+    []
+    """
+    x = arguments.one(theta, "log-Cholesky parameters", 10)
+    if not np.isfinite(x).all():
+        raise ValueRangeError(f"log-Cholesky parameters must be finite, got {x}.")
+    alpha, d1, d2, d3, s12, s23, s13, *t = x.tolist()
+    with np.errstate(over="ignore", invalid="ignore"):
+        m = np.exp(2.0 * alpha)
+        U = np.array([[np.exp(d1), s12, s13], [0.0, np.exp(d2), s23], [0.0, 0.0, np.exp(d3)]])
+        S = m * U @ U.T
+    if not np.isfinite([m, S.trace()]).all():
+        raise ValueRangeError(f"log-Cholesky parameters overflow: mass exp(2 α) = {printed(m, 3)} kg; got {x}.")
+    return cls.from_com(m, t, rotational_inertia(S))
+
+
+def aligned_axes(moments: Array, axes: Array) -> Array:
+    """Principal axes (3, 3) as a rotation, with the freedom that repeated moments leave spent on following the frame's axes.
+
+    Moments count as repeated when they differ by no more than their rounding, 8 eps of their sum.
+    """
+    close = np.diff(moments) <= 8 * np.finfo(float).eps * abs(moments.sum())
+    if close.all():
+        return np.eye(3)
+    axes = axes.copy()
+    if close.any():
+        alone = 2 if close[0] else 0
+        n = axes[:, alone]
+        n *= np.copysign(1.0, n[np.argmax(np.abs(n))])
+        e = np.eye(3)[np.argmin(np.abs(n))]  # the coordinate axis most nearly across the single one
+        e = e - (e @ n) * n
+        axes[:, (alone + 1) % 3] = e / np.linalg.norm(e)
+        axes[:, (alone + 2) % 3] = so3.cross(n, axes[:, (alone + 1) % 3])
+    axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
+    return axes

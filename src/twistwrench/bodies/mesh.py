@@ -3,7 +3,7 @@
 What one shell bounds is the signed sum of the tetrahedra that a point makes with each of its faces; the integrals over a
 tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass
 properties) of a 3D solid body represented by a triangle mesh", 2004. Shells are added where they bound solids and taken off
-where they bound cavities: :mod:`twistwrench.bodies.shells`.
+where they bound cavities: :mod:`twistwrench.bodies.solids`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.foreign_errors import foreign_errors
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
+from ..core.third_party import foreign_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from ..typing import Array
-from .second_moments import rotational_inertia
-from .shells import edges_of, nest, shell_numbers
-from .solids import total_mass
+from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -192,3 +190,39 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
                 f"{name} {what.format(n=len(bad))}, the first at {shown}. Close it (trimesh.repair can), or take a solid "
                 "that bounds it, such as SpatialInertia.box."
             )
+
+
+# ── The convex hull of points, as a closed surface of triangles
+
+
+def hull_faces(points: Array) -> Array | None:
+    """The triangles (k, 3) of the convex hull of points (n, 3), seen from outside; None where they lie in a plane.
+
+    Of points (n, 2): the edges (k, 2), in no order; None where they lie on a line.
+
+    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    >>> len(hull_faces(corners)), hull_faces(corners[:3])
+    (4, None)
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points, qhull_options="Qt")
+    except (QhullError, ValueError):
+        return None
+    faces = np.array(hull.simplices, int)
+    if points.shape[1] == 2:
+        return faces
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, [0, 2, 1]]
+    return faces
+
+
+def convex_hull(points: Array) -> tuple[Array, Array] | None:
+    """The corners (m, 3) of the convex hull and its triangles (k, 3) of these; None where the points lie in a plane."""
+    faces = hull_faces(points)
+    if faces is None:
+        return None
+    used, numbered = np.unique(faces, return_inverse=True)
+    return points[used], numbered.reshape(-1, 3)

@@ -1,25 +1,56 @@
-"""The dynamics of one rigid body, in any frame fixed to it. Modern Robotics section 8.2."""
+"""Argument checks of labelled vectors in a body's equations: kinds as they must be, and one frame for all of them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.gravity import GRAVITY
-from ..errors import InertiaError, SingularMassMatrixError
+from ..errors import FrameError, InertiaError, SingularMassMatrixError
 from ..lie import so3
+from ..lie.pose import Pose
+from ..lie.twist_wrench import Twist, Wrench
 from ..typing import Array
 from .inertia import SpatialInertia
-from .labelled_arguments import numbers
 
 if TYPE_CHECKING:
-    from .flight_arguments import WrenchLaw
-    from .flight_record import Flight
+    from .free_body import Flight, WrenchLaw
+
+_KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench, "T0": Pose}
+"""What each argument is, if labelled; all others are twists and their rates."""
+
+
+def common_frame(known: str | None = None, **given: Any) -> str | None:
+    """The body's frame that the labelled ones among ``given`` name, a pose by the frame it is of; None where none does.
+
+    ``known`` is the frame as far as it is known already. Raises FrameError for two frames, and for one kind in another's
+    place. What has no label is passed over.
+    """
+    frames = {} if known is None else {"the body": known}
+    for name, x in given.items():
+        if isinstance(x, Twist | Wrench | Pose):
+            kind = _KINDS.get(name, Twist)
+            if not isinstance(x, kind):
+                raise FrameError(f"{name} is a {kind.__name__}, not a {type(x).__name__}.")
+            frames[f"{name} = {x.symbol}" if isinstance(x, Pose) else name] = x.of if isinstance(x, Pose) else x.frame
+    if len(set(frames.values())) > 1:
+        listed = ", ".join(f"{name} {'of' if '=' in name else 'in'} {frame!r}" for name, frame in frames.items())
+        raise FrameError(f"{listed}: a body's equations hold in one frame. Move one first, with a Pose between them.")
+    return next(iter(frames.values()), None)
+
+
+def numbers(**vectors: Any) -> list[Array]:
+    """The numbers (..., 6), those of labelled twists and wrenches once their kinds and frames are found to agree."""
+    common_frame(**vectors)
+    return [arguments.real(x, name, 6) for name, x in vectors.items()]
+
+
+# ── The dynamics of one rigid body, in any frame fixed to it. Modern Robotics section 8.2
 
 ROWS = 2048
 """Rows worked on at a time: the six columns of an array, 96 KiB, stay in the second-level cache, and under the
@@ -345,7 +376,7 @@ class RigidBody:
         >>> bool(flight.drift.momentum < 1e-13)
         True
         """
-        from .flight import fly
+        from .free_body import fly
 
         return fly(self.inertia, T0, V0, duration, dt, wrench, order=order, tolerance=tolerance, every=every)
 

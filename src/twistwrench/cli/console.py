@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import glob
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from ..core.arguments import visible
+from ..errors import ValueRangeError
+from .motion_options import option_group
 
 if TYPE_CHECKING:
     from rich.console import Console
-
+    from rich.progress import Progress
 
 _WIDTH = 110
 """Columns of files and pipes, which have no width of their own: most tables need no more."""
@@ -32,3 +42,120 @@ def console() -> Console:
 
     made = Output(highlight=False)
     return made if made.is_terminal else Output(highlight=False, width=_WIDTH)
+
+
+# ── Bars on stderr for work that takes long enough to be watched. They are shown where a person watches, on a terminal
+
+_PATIENCE = 1.0
+"""s of work before a bar is shown."""
+_BETWEEN = 0.1
+"""s between two signs of life."""
+
+
+def _bar() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def frames_drawn(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Over the frames of a film; None where there is no bar."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with _bar() as bar:
+        task = bar.add_task(visible(what), total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
+
+
+@contextmanager
+def share_done(what: str) -> Iterator[Callable[[float], None] | None]:
+    """Over the share of the work that is done, from 0 to 1; shown after a second. None where there is no bar."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    bar, due, begun = _bar(), time.monotonic() + _PATIENCE, False
+    task = bar.add_task(visible(what), total=1.0)
+
+    def tick(share: float) -> None:
+        nonlocal due, begun
+        now = time.monotonic()
+        if now >= due:
+            if not begun:
+                bar.start()
+                begun = True
+            bar.update(task, completed=share)
+            due = now + _BETWEEN
+
+    try:
+        yield tick
+    finally:
+        if begun:
+            bar.stop()
+
+
+# ── Where a command puts its picture
+
+
+def check_extra(plot_path: str | None) -> None:
+    """Say before the long run, not after it, that a picture cannot be drawn."""
+    if plot_path is not None:
+        from ..plotting.style import require_matplotlib
+
+        require_matplotlib("Drawing the report (--plot)")
+
+
+def picture(plot_path: str | None) -> str | None:
+    """The path of a picture with its suffix, where one is asked for and can be drawn."""
+    from ..core.files import picture_path
+
+    check_extra(plot_path)
+    return None if plot_path is None else picture_path(plot_path)
+
+
+# ── Work on many files: folders and patterns as the files in them, and who does it, this process, others, or a cluster
+
+worker_options = option_group(
+    click.option(
+        "--scheduler", metavar="ADDRESS", help="Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."
+    ),
+    click.option("--workers", type=int, metavar="N", help="Work on N processes of this machine (Dask)."),
+)
+"""``--workers`` and ``--scheduler``."""
+
+
+def files_in(path: Path, text: str) -> list[str]:
+    """A folder as the files in it, a pattern as what it matches, in the order of their names; all else as it is."""
+    from ..motion.motion_file import is_recording
+
+    if any(c in text for c in "*?[") and not path.exists():
+        matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
+        if not matches:
+            raise ValueRangeError(f"no file matches {text!r}.")
+        return matches
+    if path.is_dir() and not is_recording(path):
+        inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+        if not inside:
+            raise ValueRangeError(f"{text!r} is a folder without files.")
+        return inside
+    return [str(path)]
+
+
+def bytes_of(paths: Sequence[str]) -> int:
+    """Of files, ``a.csv+b.csv`` among them; those that cannot be seen are none."""
+    total = 0
+    for path in paths:
+        for part in [path] if Path(path).exists() else path.split("+"):
+            try:
+                total += Path(part.strip()).stat().st_size * (10 if part.endswith(".gz") else 1)
+            except OSError:
+                continue
+    return total

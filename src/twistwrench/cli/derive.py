@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..core.printed_numbers import number
+from ..core.numbers import number
 from ..errors import ValueRangeError
-from .shared_options import option_group
+from .motion_options import option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -59,7 +59,7 @@ def derive_answer(
     robot: Robot, source: Mapping[str, str | None], *, symbols: str, form: str, steps: str | None, **paths: str | None
 ) -> Iterator[RenderableType | str]:
     """What the command prints; files are written on the way. ``source`` maps what the user calls the input files to them."""
-    from ..outputs import check_outputs, replacing
+    from ..core.files import check_outputs, replacing
     from ..symbolic.derivation import derive, require_sympy
 
     require_sympy("twistwrench derive")
@@ -105,9 +105,8 @@ def derive_answer(
 
 def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
     """Symbols with their values, the steps named, and the check; as wide as the terminal, COLUMNS, or 100."""
-    from ..symbolic.documents import heading
-    from ..symbolic.line_breaks import broken, text_width
-    from ..symbolic.notation import Text
+    from ..symbolic.documents import broken, heading, text_width
+    from ..symbolic.names import Text
 
     notation, width = Text(), max(get_terminal_size((_PIPED, 24)).columns, _NARROWEST)
     legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters)]
@@ -129,7 +128,7 @@ def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
 
 def _columns(rows: list[tuple[str, list[str]]], gap: str) -> list[str]:
     """Two columns, moved in by two, without blanks at the ends of lines."""
-    from ..symbolic.line_breaks import text_width
+    from ..symbolic.documents import text_width
 
     widest = max((int(text_width(left)) for left, _ in rows), default=0)
     lines = []

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..core.files import check_outputs, refuse_existing
+from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from ..outputs import check_outputs, refuse_existing
-from ..verdict import ExitCode
-from .robot_argument import robot_source
-from .shared_options import option_group
+from .motion_options import option_group
+from .robot_options import robot_source
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -69,7 +69,7 @@ def answer_doctor(
 ) -> ExitCode:
     """Print the findings; what the command ends with. Raises errors of the library."""
     from ..diagnosis import doctor
-    from .tables.doctor import doctor_view
+    from .tables.robots import doctor_view
 
     for folder in folders:
         if not Path(folder).is_dir():
@@ -99,14 +99,14 @@ def answer_doctor(
         repaired = report.write(fix, overwrite=overwrite)
         click.echo(f"wrote {fix}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=as_json)
     if plot_path is not None:
-        from ..plotting.diagnosis import links_drawn, plot_diagnosis
+        from ..plotting.identification import links_drawn, plot_diagnosis
 
         if links_drawn(report):
             click.echo(f"wrote {plot_diagnosis(report, plot_path)}", err=as_json)
         else:
             click.echo("note: no finding changes an inertia, so there is nothing to draw.", err=True)
     if page is not None:
-        from ..viz.findings import write_findings_page
+        from ..viz.page import write_findings_page
 
         click.echo(f"wrote {write_findings_page(report, page)}", err=as_json)
     return report.exit_code(strict=strict)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..verdict import ExitCode
-from .progress import share_done
+from ..core.verdict import ExitCode
+from .console import share_done
+from .motion_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group, parse_friction
 from .robot_options import RobotOptions
-from .shared_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group, parse_friction
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -75,9 +75,9 @@ def answer_excite(
     out_path: str | None,
 ) -> ExitCode:
     """Print what the motion will tell with ``show``, and write it; 0 where the verdict is OK. Raises errors of the library."""
+    from ..core.files import check_outputs
     from ..identification import exciting_trajectory
-    from ..outputs import check_outputs
-    from .tables.excite import excitation_view
+    from .tables.measurement import excitation_view
 
     check_outputs({"--out": out_path}, options.files)
     robot = options.load()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from ..errors import ValueRangeError
-from .shared_options import option_group
+from .motion_options import option_group
+from .robot_options import RobotOptions
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -53,7 +54,7 @@ def export_answer(
     no_test: bool,
 ) -> Iterator[str]:
     """Write the files, and say so; ``inputs`` maps what the user calls the files that were read to them."""
-    from ..export.package import export_c
+    from ..export.c99 import export_c
 
     written = export_c(
         robot,
@@ -86,3 +87,32 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
             raise ValueRangeError(f"--quantity {text!r} gives {option} twice. Keep one of them.")
         options[option] = tuple(value.split("+")) if option in _LISTS else value
     return name.strip(), options
+
+
+# ── The command ``twistwrench convert``: a robot into a file of another format
+
+convert_options = option_group(
+    click.option("--force", "overwrite", is_flag=True, help="Replace OUT if it is there."),
+    click.argument("out", metavar="OUT"),
+)
+"""The arguments and options of the command, all but the robot's own."""
+
+
+def answer_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, overwrite: bool) -> bool:
+    """Write the file, and say what is not in it; whether all is."""
+    from ..core.files import check_outputs
+    from ..model.notes import grouped
+    from ..robot.load import save
+
+    check_outputs({"OUT": out}, options.files)
+    robot = options.load()
+    lost = save(robot, out, overwrite=overwrite)
+    say(f"wrote {out}")
+    for sentence in grouped(lost):
+        say(f"lost: {sentence}")
+    if shaped := len(robot.model.shaped):
+        click.echo(
+            f"note: the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.",
+            err=True,
+        )
+    return not lost

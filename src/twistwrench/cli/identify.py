@@ -1,30 +1,147 @@
-"""The command ``twistwrench identify``: its options, and its run from the logs to the files."""
+"""The files of ``twistwrench identify``: what was found as JSON, pictures and tables, and the robot's own file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
-from ..verdict import ExitCode
-from .gathered_logs import LARGE, robot_from_portions
-from .identified_files import AskedFiles
-from .known_values import check_payload, parse_known
-from .motion_options import parse_columns, with_torques
-from .picture_paths import check_extra
-from .progress import share_done
+from .console import bytes_of, check_extra, files_in, share_done, worker_options
+from .motion_options import (
+    COLUMNS,
+    FRICTION_LAWS,
+    LOCK_MISSING,
+    NO_MOTOR_INERTIA,
+    RATE,
+    check_payload,
+    option_group,
+    parse_columns,
+    parse_friction,
+    parse_known,
+    with_torques,
+)
 from .robot_options import RobotOptions
-from .shared_options import COLUMNS, FRICTION_LAWS, LOCK_MISSING, NO_MOTOR_INERTIA, RATE, option_group, parse_friction
-from .work import bytes_of, files_in, worker_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from ..identification import IdentifiedRobot, Information
     from ..robot import Robot
+
+
+class AskedFiles(NamedTuple):
+    """The files that are asked for, and how near to the file bodies are held; None: none, chosen."""
+
+    json: str | None
+    plot: str | Path | None
+    report: str | None
+    robot: str | None
+    actuators: str | None
+    csv: str | None
+    strength: float | None
+
+    def write(
+        self,
+        found: IdentifiedRobot,
+        logs: Sequence[str],
+        given: dict[str, Any] | None,
+        *,
+        essential: bool,
+        force: bool,
+    ) -> None:
+        """Write them and say so; after LOOK AGAIN only JSON and pictures, unless ``force``. ``given``: actuators to keep."""
+        if self.json is not None:
+            _write_text(found.to_json(essential=essential), self.json)
+        if self.plot is not None:
+            click.echo(f"wrote {found.plot(self.plot)}")
+        if self.report is not None:
+            click.echo(f"wrote {found.report(self.report)}")
+        if not any((self.robot, self.actuators, self.csv)):
+            return
+        if found.verdict.word is Word.LOOK_AGAIN and not force:
+            click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
+            return
+        if self.robot is not None or self.actuators is not None:
+            if self.strength is not None:
+                found.__dict__["consistent"] = found.consistent_at(self.strength)
+            for note in found.write(self.robot, self.actuators, given=given, logs=logs, force=force):
+                click.echo(f"note: {note}", err=True)
+            for path in filter(None, (self.robot, self.actuators)):
+                click.echo(f"wrote {path}")
+        if self.csv is not None:
+            _write_table(found, self.csv)
+
+
+def _write_text(text: str, path: str | Path) -> None:
+    from ..core.files import replacing
+
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+    click.echo(f"wrote {path}")
+
+
+def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
+    from ..core.files import replacing
+    from ..core.tables import CsvWriter
+
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        writer = CsvWriter(file)
+        writer.row(["group", "value", "deviation", "low", "high", "file"])
+        for name, value, deviation, (low, high), before in zip(
+            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
+        ):
+            writer.row([name, *map(float, (value, deviation, low, high, before))])
+    click.echo(f"wrote {path}")
+
+
+# ── Logs of any length in ``twistwrench identify``: information gathered in portions, added to what was saved, and saved
+
+LARGE = 1 << 26
+"""Bytes of all logs, from which they are read in portions."""
+
+
+def robot_from_portions(
+    robot: Robot,
+    logs: tuple[str, ...],
+    tests: tuple[str, ...],
+    options: dict[str, Any],
+    *,
+    old: str | None,
+    out: str | None,
+    workers: int | None,
+    scheduler: str | None,
+) -> IdentifiedRobot:
+    """What all rows of the logs tell, and those of the ``old`` file; ``options`` are those of :func:`gather`."""
+    from ..core.cluster import workers_of
+    from ..identification import gather
+
+    with workers_of(workers, scheduler) as team:
+        given = {**options, "client": team.client}
+        information = _gathered(robot, logs, old, given)
+        tested = gather(robot, tests, like=information, **given) if tests else None
+    found = information.identified(tested)
+    if out is not None:
+        click.echo(f"wrote {information.save(out)}")
+    return found
+
+
+def _gathered(robot: Robot, logs: tuple[str, ...], old: str | None, options: dict[str, Any]) -> Information:
+    from ..identification import Information, gather
+
+    if old is None:
+        return gather(robot, logs, **options)
+    before = Information.load(old, robot)
+    if twice := sorted(set(before.logs) & set(logs)):
+        raise ValueRangeError(f"{old} has the rows of {twice[0]!r} already. Leave that log out.")
+    return before + gather(robot, logs, like=before, **options)
+
+
+# ── The command ``twistwrench identify``: its options, and its run from the logs to the files
 
 _AUTO = "auto"
 
@@ -131,9 +248,9 @@ def answer_identify(
     scheduler: str | None,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
+    from ..core.files import check_outputs, picture_path
     from ..identification import identify, without_links
-    from ..outputs import check_outputs, picture_path
-    from .tables.identify import identification_view
+    from .tables.measurement import identification_view
 
     logs, tests = _expanded(options, logs), _expanded(options, tests)
     inputs = {f"LOG {path}": path for path in (*logs, *tests)}
@@ -155,7 +272,7 @@ def answer_identify(
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
     with share_done("identifying") as progress:
-        from ..identification.log_side import read_motion
+        from ..identification.payload import read_motion
 
         told = parse_columns(columns)
         same: dict[str, Any] = {
@@ -197,7 +314,7 @@ def answer_identify(
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
-    from .bundled_files import bundled
+    from .robot_options import bundled
 
     found: list[str] = []
     for text in paths:
@@ -209,9 +326,9 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
     """The robot without its actuators, and what their file says of the logs."""
     from functools import partial
 
-    from ..identification.log_side import motor_side
+    from ..identification.payload import motor_side
     from ..motion.motion_file import joints_without_column, open_motion_file
-    from .bundled_files import bundled
+    from .robot_options import bundled
 
     held = (
         partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
@@ -227,8 +344,8 @@ def _given(options: RobotOptions) -> dict[str, Any] | None:
     """What the actuator file says already."""
     if options.actuators is None:
         return None
-    from ..formats.actuator_file import actuator_content
-    from .bundled_files import bundled
+    from ..formats.actuators import actuator_content
+    from .robot_options import bundled
 
     return actuator_content(bundled(options.actuators, options.source, ".yaml", "actuator file"))
 

@@ -1,6 +1,6 @@
 """The shell. Commands read options, call one function of the library, and turn errors into one line and an exit code.
 
-Exit codes are those of :mod:`twistwrench.verdict`. Everything heavy is imported inside the command that needs it, so that
+Exit codes are those of :mod:`twistwrench.core.verdict`. Everything heavy is imported inside the command that needs it, so that
 ``--help`` answers at once.
 """
 
@@ -11,27 +11,22 @@ from typing import Any
 
 import click
 
+from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from ..verdict import ExitCode
-from .bundled_files import motion_path
-from .command_texts import about
-from .console import console
-from .convert import convert_options
+from .console import console, picture
 from .derive import derive_options
 from .doctor import doctor_options
 from .excite import answer_excite, excite_options
-from .export import export_options
+from .export import convert_options, export_options
 from .identify import answer_identify, identify_options
-from .log import log
+from .info import log
 from .move import move_options
 from .payload import payload_options
-from .picture_paths import picture
-from .plain_errors import plain_errors
-from .robot_options import RobotOptions, robot_command
+from .robot_options import RobotOptions, motion_path, robot_command
 from .sensor import sensor
 from .simulate import simulate_options
 from .torques import answer_torques, torques_options
-from .usage import Commands
+from .usage import Commands, about, plain_errors
 from .view import plot_options, view_options
 
 _FOUND_A_PROBLEM = ExitCode.NO
@@ -77,7 +72,7 @@ def info(options: RobotOptions, as_json: bool, csv_path: str | None) -> None:
 def list_robots(word: str) -> None:
     """The robots that have a name: bundled, or of packages that are installed; with WORD, those that have it in theirs."""
     with plain_errors():
-        from .tables.known_robots import robot_tables
+        from .tables.robots import robot_tables
 
         screen = console()
         for table in list(robot_tables(word)):
@@ -89,7 +84,7 @@ def list_robots(word: str) -> None:
 def verify(options: RobotOptions) -> None:
     """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
     from ..verify import verify as checked
-    from .tables.verification import verification_view
+    from .tables.robots import verification_view
 
     robot = options.load()
     if robot.nv == 0:
@@ -108,7 +103,7 @@ def payload(options: RobotOptions, **given: Any) -> None:
 
     Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
     """
-    from ..outputs import check_outputs
+    from ..core.files import check_outputs
     from .payload import answer_payload
 
     given["plot_path"] = picture(given["plot_path"])
@@ -130,7 +125,7 @@ def simulate(options: RobotOptions, **given: Any) -> None:
     Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
     what was computed until then is printed and written.
     """
-    from ..outputs import check_outputs
+    from ..core.files import check_outputs
     from .simulate import answer_simulate
 
     given["plot_path"] = picture(given["plot_path"])
@@ -177,7 +172,7 @@ def move(options: RobotOptions, **given: Any) -> None:
 
     Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass.
     """
-    from ..outputs import check_outputs
+    from ..core.files import check_outputs
     from .move import answer_move
 
     given["plot_path"] = picture(given["plot_path"])
@@ -208,7 +203,7 @@ def convert(options: RobotOptions, **given: Any) -> None:
 
     Exit code 1 if the format cannot say something of the robot, which is listed; the file is written all the same.
     """
-    from .convert import answer_convert
+    from .export import answer_convert
 
     if not answer_convert(options, click.echo, **given):
         sys.exit(_FOUND_A_PROBLEM)

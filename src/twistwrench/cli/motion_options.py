@@ -1,23 +1,99 @@
-"""How every command reads a motion: its options, and the robot and the file that they give."""
+"""Options that several commands take, each with one name, one form and one text; and groups of options."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from ..errors import ValueRangeError
-from .bundled_files import bundled
-from .robot_options import RobotOptions
-from .shared_options import COLUMNS, LOCK_MISSING, NO_FRICTION, PAYLOADS, RATE, WRENCHES, Decorator, option_group
+from ..errors import UnknownNameError, ValueRangeError
+from ..joints.units import units_of
+from .robot_options import RobotOptions, bundled
 
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..motion.motion import Motion
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
+
+Decorator: TypeAlias = Callable[[Any], Any]
+
+
+def option_group(*options: Decorator) -> Decorator:
+    """Options as one decorator; a command's help lists them from the last to the first."""
+
+    def decorate(function: Any) -> Any:
+        for option in options:
+            function = option(function)
+        return function
+
+    return decorate
+
+
+LIMITS = click.option(
+    "--limits",
+    "limits_path",
+    metavar="FILE.csv",
+    help="Limits in place of the robot's: joint,lower,upper,velocity,effort.",
+)
+PAYLOADS = click.option(
+    "--payload",
+    "payloads",
+    metavar="MASS[,x,y,z][@FRAME]",
+    multiple=True,
+    help="A point mass carried, such as the gripper; may be repeated.",
+)
+WRENCHES = click.option(
+    "--wrench-on-robot",
+    "wrenches",
+    metavar="FRAME:m,m,m,f,f,f",
+    multiple=True,
+    help="What the world does to it there.",
+)
+NO_FRICTION = click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
+CONFIGURATION = click.option(
+    "--configuration", metavar="v,v,…|NAME", help="All coordinates at once, or a configuration of the file by its name."
+)
+AT = click.option(
+    "--at",
+    metavar="JOINT=VALUE|v,v,…",
+    multiple=True,
+    help="A joint's place, others at zero or as --configuration says, or all coordinates; may be repeated.",
+)
+COLUMNS = click.option(
+    "--columns",
+    metavar="JOINT=COLUMN",
+    multiple=True,
+    help="Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; may be repeated.",
+)
+RATE = click.option("--rate", type=float, metavar="HZ", help="Rows a second, where the log has no column of time.")
+LOCK_MISSING = click.option(
+    "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the log has no column for."
+)
+FRICTION_LAWS = click.option(
+    "--friction",
+    metavar="LAWS",
+    default="viscous,coulomb,offset",
+    show_default=True,
+    help="What each joint has besides its bodies: viscous, coulomb, stribeck, offset; 'none' for nothing.",
+)
+NO_MOTOR_INERTIA = click.option(
+    "--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."
+)
+
+
+def parse_friction(text: str) -> tuple[str, ...]:
+    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
+
+    >>> parse_friction("viscous, offset"), parse_friction("none")
+    (('viscous', 'offset'), ())
+    """
+    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))
+
+
+# ── How every command reads a motion: its options, and the robot and the file that they give
 
 Load = Callable[..., "tuple[Robot, tuple[str, ...]]"]
 """Loads the robot meant, and tells the joints held still; ``stiff`` takes elastic gears to be rigid, ``held`` names joints of
@@ -70,7 +146,7 @@ def open_motion(
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:
     """Raise ValueRangeError where the actuator file says that logs have the motors' positions: joints' are read."""
-    from ..formats.log_entry import read_log_side
+    from ..formats.actuators import read_log_side
 
     if options.actuators is None:
         return
@@ -108,3 +184,52 @@ def with_torques(path: str, motion: Motion) -> Motion:
             f"'{motion.robot.model.velocity_names[0]}.tau=COLUMN'."
         )
     return motion
+
+
+# ── Known values of parameters, as ``--known`` of ``twistwrench identify`` takes them
+
+_UNITS = {
+    "m": ("kg",),
+    **dict.fromkeys(("mcx", "mcy", "mcz"), ("kg m",)),
+    **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"), ("kg m^2",)),
+    "motor_inertia": ("kg m^2", "kg"),
+    "viscous": ("N m s/rad", "N s/m"),
+    **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
+}
+"""SI units of each kind of parameter: that of turning joints first."""
+
+
+def parse_known(texts: Sequence[str]) -> dict[str, float]:
+    """Values by the names of parameters; ``.mass`` is ``.m``. Raises ValueRangeError.
+
+    >>> parse_known(["link_3.mass=0.73 kg", "joint_2.viscous=1.2"])
+    {'link_3.m': 0.73, 'joint_2.viscous': 1.2}
+    """
+    found = dict[str, float]()
+    for text in texts:
+        name, equal, value = (part.strip() for part in text.rpartition("="))
+        owner, _, kind = name.rpartition(".")
+        kind = {"mass": "m"}.get(kind, kind)
+        number, _, unit = value.partition(" ")
+        allowed = _UNITS.get(kind)
+        if equal and owner and allowed is None:
+            raise UnknownNameError(f"--known {text!r}: {UnknownNameError.of('parameter', kind, _UNITS)}")
+        try:
+            if not equal or not owner or allowed is None:
+                raise ValueError  # noqa: TRY301  the same sentence answers all of it
+            found[f"{owner}.{kind}"] = float(number)
+        except ValueError:
+            raise ValueRangeError(
+                f"--known {text!r} is not NAME=VALUE, for example link_3.m=0.73. Links and joints have: "
+                f"{', '.join(_UNITS)}."
+            ) from None
+        if unit and unit.strip() not in allowed:
+            raise ValueRangeError(f"--known {text!r}: the unit {unit.strip()!r} is not {' or '.join(allowed)}.")
+    return found
+
+
+def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
+    """Raises ValueRangeError where a file is asked for that a payload alone does not make."""
+    refused = [name for name in outputs if name not in ("--json", "--csv")]
+    if frame is not None and refused:
+        raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is no robot. --json writes it.")

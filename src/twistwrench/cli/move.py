@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from ..core.printed_numbers import number, printed
+from ..core.numbers import number, printed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..typing import Array
-from .shared_options import LIMITS, NO_FRICTION, PAYLOADS, option_group
+from .motion_options import LIMITS, NO_FRICTION, PAYLOADS, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -79,18 +79,17 @@ def answer_move(
     from dataclasses import replace
 
     from ..motion.bounds import bounds_of
-    from ..report.joint_values import degrees_hint, parse_configuration
-    from ..report.limit_doubts import limit_doubts
-    from ..report.loaded_robot import LoadedRobot, parse_payload
-    from ..report.model_doubts import assumed_words, assumptions, model_doubts
-    from .tables.trajectory import joint_uses, move_view
+    from ..reports.load_case import LoadedRobot, limit_doubts, parse_payload
+    from ..reports.robot_summary import degrees_hint, parse_configuration
+    from ..reports.torque_verdict import assumed_words, assumptions, model_doubts
+    from .tables.motion import joint_uses, move_view
 
     carried = [parse_payload(text, tip) for text in given["payloads"]]
     bare, robot = robot, LoadedRobot(robot, tuple(carried)).loaded
     limits: Limits = robot.limits
     bounds = bounds_of(robot, acceleration=given["acceleration"])
     if given["limits_path"] is not None:
-        from ..report.limits_file import read_limits
+        from ..reports.robot_summary import read_limits
 
         limits = read_limits(given["limits_path"], robot.model, degrees=degrees)
         bounds = replace(bounds, **{kind: getattr(limits, kind) for kind in ("lower", "upper", "velocity", "effort")})
@@ -175,10 +174,9 @@ def _path_and_trouble(
     robot: Robot, q0: Array, q1: Array, *, degrees: bool, **given: Any
 ) -> tuple[JointPath | None, PathError | None]:
     """The path asked for, from q0 (nq,) to q1 (nq,) or ``by``; where it ends early, what there is of it and why."""
-    from ..algorithms.pose_paths import screw_path, straight_path
-    from ..report.joint_values import parse_numbers
-    from ..trajectories.cartesian import follow_poses
-    from ..trajectories.paths import joint_line, spline
+    from ..algorithms.time_scalings import screw_path, straight_path
+    from ..reports.robot_summary import parse_numbers
+    from ..trajectories.paths import follow_poses, joint_line, spline
 
     tip_moves = [name for name in ("straight", "screw", "by") if given[name]]
     if len(tip_moves) > 1:
@@ -216,7 +214,7 @@ def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:
 
 
 def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
-    from ..motion.csv_file import CsvFile, table_errors
+    from ..motion.csv_reader import CsvFile, table_errors
 
     names = robot.coordinate_names
     form = f"the columns {', '.join(names[:12])}, each once, and at least one row"

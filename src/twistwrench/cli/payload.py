@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from ..errors import ValueRangeError
-from .shared_options import AT, CONFIGURATION, LIMITS, PAYLOADS, option_group
+from .motion_options import AT, CONFIGURATION, LIMITS, PAYLOADS, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -59,14 +59,12 @@ def answer_payload(
     anything is printed.
     Raises errors of the library.
     """
-    from ..report.joint_values import degrees_hint, parse_configuration, parse_numbers
-    from ..report.limit_doubts import limit_doubts, unlimited
-    from ..report.loaded_robot import LoadedRobot, Payload, parse_payload
-    from ..report.model_doubts import assumed_words, assumptions, model_doubts
-    from ..statics.joint_stops import joints_beyond_stops
-    from ..statics.payload import largest_payload
-    from ..statics.payload_map import payload_map, plane_and_samples
-    from ..statics.unit_hints import unit_slips
+    from ..reports.load_case import LoadedRobot, Payload, limit_doubts, parse_payload, unlimited
+    from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers
+    from ..reports.torque_verdict import assumed_words, assumptions, model_doubts
+    from ..statics.equilibrium import joints_beyond_stops
+    from ..statics.payload import largest_payload, payload_map, plane_and_samples
+    from ..statics.torque_limits import unit_slips
     from .tables.payload import (
         carried_words,
         caution,
@@ -88,7 +86,7 @@ def answer_payload(
     place = np.array(parse_numbers(com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
     allowed = robot.limits
     if limits_path is not None:
-        from ..report.limits_file import read_limits
+        from ..reports.robot_summary import read_limits
 
         allowed = read_limits(limits_path, robot.model, degrees=degrees)
     limits = allowed.effort

@@ -1,10 +1,12 @@
-"""What every command of the shell takes to know its robot."""
+"""What the argument ROBOT of the shell means."""
 
 from __future__ import annotations
 
+import difflib
 import math
 import warnings
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
@@ -12,17 +14,79 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.printed_numbers import printed
-from ..errors import ModelWarning, ValueRangeError
-from ..report.locks import joints_beside, joints_held
-from .bundled_files import bundled
-from .help import RobotOption
-from .plain_errors import plain_errors
-from .robot_argument import robot_source
+from ..core.numbers import printed
+from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
+from ..reports.load_case import joints_beside, joints_held
+from .usage import RobotOption, plain_errors
 
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..robot import Robot
+
+_STANDARD_INPUT = "-"
+
+
+def robot_source(source: str) -> str | Path:
+    """What ROBOT means: the path of a file, those of robots known by their names too, or the text that comes by a pipe.
+
+    Raises :class:`~twistwrench.NotFoundError`, with near names.
+    """
+    from ..core.files import is_stream
+    from ..formats.source import read_robot_text, standard_input_text
+    from ..robots.finding import known_robots, plain_name
+
+    if source == _STANDARD_INPUT:  # read once, and perhaps loaded twice
+        return standard_input_text()
+    if is_stream(Path(source)):
+        return read_robot_text(source)[0]
+    with suppress(OSError):  # a name too long for a file
+        if Path(source).exists():
+            return source
+    known, wanted = known_robots(), plain_name(source)
+    if wanted in known:
+        return known[wanted].path
+    near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
+    raise NotFoundError(
+        f"no robot file {source!r}, and no bundled robot of that name, nor one of another package.{hint} "
+        "Give a path, or a name that `twistwrench robots` lists."
+    )
+
+
+# ── Files that come with the bundled robots, which commands call ``demo``
+
+if TYPE_CHECKING:
+    pass
+
+_DEMO = "demo"
+
+
+def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
+    """The path given, or for ``demo`` the file of that kind bundled with that robot."""
+    if name != _DEMO or Path(name).is_file():
+        return Path(name)
+    folder = Path(__file__).parents[1] / "robots"
+    path = folder / f"{robot}_{_DEMO}{suffix}"
+    if not path.is_file():
+        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise UnknownNameError(
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
+        )
+    return path
+
+
+def motion_path(options: RobotOptions, motion: str) -> Path:
+    """The motion's file; the bundled ones are in radians."""
+    path = bundled(motion, options.source, ".csv", "motion")
+    if options.degrees and path != Path(motion):
+        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
+    return path
+
+
+# ── What every command of the shell takes to know its robot
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.verdict import ExitCode
 from ..errors import SimulationError, ValueRangeError
-from ..verdict import ExitCode
-from .progress import share_done
-from .shared_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES, option_group
+from .console import share_done
+from .motion_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -96,9 +96,9 @@ def answer_simulate(
     not go on. What was computed before a failure or an interrupt is printed and written too. Raises errors of the library,
     and KeyboardInterrupt.
     """
-    from ..report.joint_values import degrees_hint, parse_configuration, parse_rates
-    from ..report.loaded_robot import LoadedRobot, parse_payload, parse_wrenches
-    from .tables.simulation import simulation_view
+    from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+    from ..reports.robot_summary import degrees_hint, parse_configuration, parse_rates
+    from .tables.motion import simulation_view
 
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
     loaded = load.loaded
@@ -150,7 +150,7 @@ def _computed(problem: SimulationError) -> SimulationResult:
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
     """A plane for each frame that touches the ground."""
-    from ..report.joint_values import parse_numbers
+    from ..reports.robot_summary import parse_numbers
     from ..simulation.contact import Plane
 
     if ground is None:

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.cluster import Failure, workers_of
+from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
-from ..verdict import ExitCode
-from .bundled_files import motion_path
-from .motion_options import loaded_motion_options, open_motion, refuse_motor_side
-from .picture_paths import check_extra
-from .progress import share_done
-from .robot_options import RobotOptions
-from .shared_options import LIMITS, option_group
-from .work import files_in, worker_options
+from .console import check_extra, files_in, share_done, worker_options
+from .motion_options import LIMITS, loaded_motion_options, open_motion, option_group, refuse_motor_side
+from .robot_options import RobotOptions, motion_path
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..report.torque_findings import TorqueReport
+    from ..reports.torque_report import TorqueReport
 
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """How long it takes to see how noisy a motion is, and to fit the smoothing, beside all that follows."""
@@ -63,15 +64,13 @@ def answer_torques(
     scheduler: str | None,
 ) -> ExitCode:
     """Print the report with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
-    from ..outputs import check_outputs, picture_path
+    from ..core.files import check_outputs, picture_path
 
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
     path = motion_path(options, trajectory)
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
     if (paths := files_in(path, trajectory)) != [str(path)] or workers is not None or scheduler is not None:
-        from .many_torques import TorquesOf, answer_many
-
         if plot_path or motor_plot or split or why:
             raise ValueRangeError(
                 "--plot, --motor-plot, --split and --why are of one motion. Give one file, and no --workers."
@@ -88,10 +87,10 @@ def answer_torques(
         {"--trajectory": path, "--limits": limits_path, **options.files},
     )
     from ..motion.differentiation import Differentiation
-    from ..report.limits_file import read_limits
-    from ..report.loaded_robot import LoadedRobot, parse_payload, parse_wrenches
-    from ..report.progress_share import Steps
-    from ..report.torques import analyse
+    from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+    from ..reports.motors import Steps
+    from ..reports.robot_summary import read_limits
+    from ..reports.torque_report import analyse
     from .tables.torques import report_view
 
     robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
@@ -121,8 +120,94 @@ def _draw(report: TorqueReport, plot_path: str | None, motor_plot: str | None, a
 
         plot_report(report, plot_path)
     if motor_plot is not None:
-        from ..plotting.motors import plot_motors
+        from ..plotting.torques import plot_motors
 
         if not report.motors:
             raise ValueRangeError(f"{actuators} describes no motor, so there is nothing to draw for --motor-plot.")
         plot_motors(report, motor_plot)
+
+
+# ── ``twistwrench torques`` of many motions: a folder, or a pattern; each file's verdict in a line, whoever works on it
+
+
+@dataclass(frozen=True)
+class FileTorques:
+    """What one motion takes: its verdict, and the joint that is nearest to its limit, or takes most."""
+
+    file: str
+    verdict: str
+    joint: str = ""
+    peak: float = math.nan
+    limit: float = math.nan
+    unit: str = ""
+    """Of peak and limit."""
+    time: float = math.nan
+    """s"""
+    rows: int = 0
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class TorquesOf:
+    """The work on one file; it travels to other processes."""
+
+    options: RobotOptions
+    reading: dict[str, Any]
+    payloads: tuple[str, ...]
+    wrenches: tuple[str, ...]
+    limits_path: str | None
+    smooth: bool
+    friction: bool
+
+    def of(self, path: str) -> FileTorques:
+        """What the motion in that file takes."""
+        from ..motion.differentiation import Differentiation
+        from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+        from ..reports.robot_summary import read_limits
+        from ..reports.torque_report import analyse
+
+        options = self.options
+        robot, read = open_motion(options.load_and_locked, Path(path), degrees=options.degrees, **self.reading)
+        refuse_motor_side(options, robot, "torques")
+        load = LoadedRobot(
+            robot, tuple(map(parse_payload, self.payloads)), parse_wrenches(self.wrenches), friction=self.friction
+        )
+        limits = robot.model.limits
+        if self.limits_path is not None:
+            limits = read_limits(self.limits_path, robot.model, degrees=options.degrees)
+        report = analyse(load, Differentiation.plan(read, robot.model, smoothing=self.smooth), limits)
+        found = FileTorques(path, str(report.verdict.word), rows=report.rows, reason="; ".join(report.verdict.reasons))
+        if report.worst is None:
+            return found
+        worst = report.joints[report.worst]
+        return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
+
+
+def answer_many(
+    work: TorquesOf,
+    paths: Sequence[str],
+    show: Callable[[RenderableType], None],
+    *,
+    csv_path: str | None,
+    workers: int | None,
+    scheduler: str | None,
+) -> ExitCode:
+    """Print a line for each file, those that failed among them, and write the same as a table; 0 where all are OK."""
+    from ..core.files import check_outputs, replacing
+    from .tables.torques import many_view
+
+    check_outputs({"--csv": csv_path}, {**{f"MOTION {p}": p for p in paths}, **work.options.files})
+    with share_done(f"{len(paths)} motions") as progress, workers_of(workers, scheduler) as team:
+        found = [
+            FileTorques(path, "failed", reason=result.reason) if isinstance(result, Failure) else result
+            for path, result in zip(paths, team.results(work.of, paths, progress), strict=True)
+        ]
+    show(many_view(found))
+    if csv_path is not None:
+        with replacing(csv_path) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([field.name for field in fields(FileTorques)])
+            writer.writerows(astuple(one) for one in found)
+    if all(one.verdict == "failed" for one in found):
+        raise ValueRangeError(f"none of the {len(found)} motions can be read. The first: {found[0].reason}")
+    return ExitCode.FINE if all(one.verdict == Word.OK for one in found) else ExitCode.NO

@@ -1,8 +1,9 @@
-"""How the shell speaks and ends: errors in one line each with their exit codes, the library's sentences in words of options."""
+"""What ``--help`` shows: a command's own options, then those that say how the robot is read."""
 
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import re
 import shlex
@@ -10,16 +11,87 @@ import signal
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
+from ..core.arguments import visible
+from ..core.verdict import ExitCode
+from ..errors import ModelWarning, TwistWrenchError
 from ..interrupts import end_at_once
-from ..verdict import ExitCode
-from .help import OwnOptionsFirst
-from .streams import take_every_sign, visible_streams
+
+
+class RobotOption(click.Option):
+    """An option that says how the robot is read: one that all commands share."""
+
+
+class OwnOptionsFirst(click.Command):
+    """A command whose help lists its own options before those of the robot."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write them in two sections."""
+        records = [(p, p.get_help_record(ctx)) for p in self.get_params(ctx) if isinstance(p, click.Option)]
+        own = [record for param, record in records if record and not isinstance(param, RobotOption)]
+        shared = [record for param, record in records if record and isinstance(param, RobotOption)]
+        for title, rows in (("Options", own), ("How the robot is read", shared)):
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+# ── Standard output and error that take every sign, whatever the system's code page
+
+
+class VisibleStream:
+    """Standard output or error on which others' text cannot steer the terminal: control characters come as escapes."""
+
+    def __init__(self, stream: Any) -> None:
+        self.rich_proxied_file = (
+            stream  # Rich writes past this one: its colours are ours, and its text is escaped before
+        )
+
+    def write(self, text: str) -> int:
+        """Write with escapes."""
+        self.rich_proxied_file.write(visible(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
+@contextmanager
+def visible_streams() -> Iterator[None]:
+    """Standard output and error as :class:`VisibleStream` meanwhile."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (VisibleStream(stream) if stream is not None else None for stream in before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def take_every_sign() -> None:
+    """Let what goes to a file or a pipe be UTF-8, as Python itself does from 3.15 on; a terminal keeps its encoding.
+
+    A sign that a terminal, or the encoding named by ``PYTHONIOENCODING``, does not have becomes a question mark.
+    """
+    streams: tuple[Any, ...] = (sys.stdout, sys.stderr)
+    for stream in streams:
+        if stream not in (sys.__stdout__, sys.__stderr__):  # a caller's own
+            continue
+        change = getattr(stream, "reconfigure", None)
+        if change is None or str(stream.encoding).lower() in ("utf-8", "utf8"):
+            continue
+        if os.environ.get("PYTHONIOENCODING") or stream.isatty():
+            change(errors="replace")
+        else:
+            change(encoding="utf-8")
+
+
+# ── How the shell speaks and ends: errors in one line each with their exit codes, the library's sentences in words of options
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
 """A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
@@ -39,7 +111,7 @@ TRACEBACK = "TWISTWRENCH_TRACEBACK"
 
 
 class Commands(click.Group):
-    """Commands whose errors are one line each, and whose exit codes are those of :class:`~twistwrench.verdict.ExitCode`."""
+    """Commands with errors of one line each and the exit codes of :class:`~twistwrench.core.verdict.ExitCode`."""
 
     command_class = OwnOptionsFirst
 
@@ -195,3 +267,115 @@ def in_shell_words(text: str, command: click.Command | None = None) -> str:
         return option.opts[0] if word is None else f"{option.opts[0]} {shlex.quote(word)}"
 
     return _KEYWORD.sub(said, text)
+
+
+# ── How errors and warnings of the library end a command: a line each, and an exit code
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
+            f"note: {in_shell_words(str(message))}", err=True
+        )
+        try:
+            yield
+        except TwistWrenchError as error:
+            click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
+            sys.exit(ExitCode.BAD_INPUT)
+
+
+# ── What help says of each command beside its docstring: a summary, and examples that run as they stand
+
+
+class CommandText(NamedTuple):
+    """Of one command."""
+
+    summary: str
+    examples: tuple[str, ...] = ()
+
+
+_TEXTS = {
+    "": CommandText("", ("torques ur5 --trajectory demo --payload 10", "doctor ur5", "torques --help")),
+    "torques": CommandText(
+        "Torques of a motion: which joint is over its limit, and why.",
+        (
+            "torques ur5 --trajectory demo --payload 10 --why",
+            "torques ur5 --trajectory demo --payload 5 --csv torques.csv --plot torques.png",
+        ),
+    ),
+    "info": CommandText("Joints, limits, masses, inertias, frames and the tree.", ("info panda", "info ur5 --json")),
+    "robots": CommandText("The robots that have a name.", ("robots", "robots panda")),
+    "verify": CommandText("Check the dynamics against independent formulas and libraries.", ("verify ur5",)),
+    "payload": CommandText(
+        "The largest payload at a pose, and the joint that limits it.",
+        ("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),
+    ),
+    "simulate": CommandText(
+        "How the robot moves: states, energies, events.",
+        ("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
+    ),
+    "view": CommandText(
+        "The robot in the browser, as a page, or as a film.",
+        (
+            "view ur5 --trajectory demo --payload 5 --html ur5.html",
+            "view panda --section 8.1.3 --html mass_matrix.html",
+        ),
+    ),
+    "plot": CommandText(
+        "Pictures of a motion: causes of torques, power, phase planes.",
+        ("plot ur5 --trajectory demo --payload 5 --what power --out power.png",),
+    ),
+    "move": CommandText(
+        "A motion from one configuration to another, also the fastest.",
+        (
+            "move ur5 --to 0.9,-0.9,1.0,-0.4,1.2,1.0 --fastest",
+            "move ur5 --from=-0.5,-1.9,1.9,-0.3,1.5,0 --by 0.1,0,-0.1 --csv move.csv",
+        ),
+    ),
+    "derive": CommandText(
+        "Equations of motion in symbols: text, LaTeX, C or NumPy.", ("derive planar_2r", "derive cart_pole --latex -")
+    ),
+    "convert": CommandText("Write the robot as URDF, MJCF or SDF.", ("convert panda panda.xml",)),
+    "export": CommandText(
+        "The robot's dynamics as C99 source.",
+        ("export panda --c . --quantity inverse_dynamics --quantity mass_matrix",),
+    ),
+    "doctor": CommandText(
+        "What is wrong with a robot file, and the repair.",
+        ("doctor ur5", "doctor quadruped --page quadruped.html --json"),
+    ),
+    "identify": CommandText(
+        "Masses, inertias and friction from logs.",
+        ("identify my_arm.urdf log.csv --test other_log.csv --report report.html",),
+    ),
+    "excite": CommandText(
+        "A motion whose log identifies the robot best.", ("excite panda --seconds 20 --harmonics 5 --out motion.csv",)
+    ),
+    "log": CommandText("What is in the log of a motion."),
+    "log info": CommandText("Rates, gaps, and the range and noise of each column.", ("log info log.csv",)),
+    "sensor compensate": CommandText(
+        "Take weight, inertia and bias off a log; find contacts.", ("sensor compensate demo --sensor demo",)
+    ),
+    "sensor identify": CommandText(
+        "Find mass, centre of mass and bias from a log.",
+        ("sensor identify demo", "sensor identify demo --save hand.json"),
+    ),
+    "sensor poses": CommandText(
+        "Propose the orientations to read next.", ("sensor poses", "sensor poses demo --count 3")
+    ),
+    "sensor": CommandText("Six-axis sensors: identify a tool, take its weight off readings."),
+}
+
+
+def about(command: str) -> dict[str, Any]:
+    """Keyword arguments of click's decorators for a command, named by the words behind `twistwrench`."""
+    summary, examples = _TEXTS[command]
+    said = {"short_help": summary} if summary else {}
+    if examples:
+        lines = "\n".join(f"  twistwrench {line}" for line in examples)
+        said["epilog"] = f"\b\nExamples:\n{lines}"
+    return said

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from ..verdict import ExitCode
-from .motion_options import Load, loaded_motion_options, open_motion
-from .progress import frames_drawn
-from .shared_options import option_group
+from .console import frames_drawn
+from .motion_options import Load, loaded_motion_options, open_motion, option_group
 
 if TYPE_CHECKING:
     from ..viz.drawn_motion import DrawnMotion
@@ -73,7 +72,7 @@ def answer_view(
 
     Returns NO where the motion contradicts itself, which is shown all the same.
     """
-    from ..outputs import check_outputs
+    from ..core.files import check_outputs
     from ..viz.movie import film, movie_path
     from ..viz.page import write_page
     from ..viz.scene import scene_of
@@ -114,7 +113,7 @@ def answer_plot(
     **given: Any,
 ) -> ExitCode:
     """Draw one picture of the motion in the file ``path``. Returns NO where the motion contradicts itself."""
-    from ..outputs import check_outputs, picture_path
+    from ..core.files import check_outputs, picture_path
     from ..plotting.motion import PICTURES
     from ..plotting.style import require_matplotlib
 
@@ -144,7 +143,7 @@ def _loaded(
     smooth: bool,
 ) -> tuple[Any, dict[str, Any], DrawnMotion | None]:
     """The robot with its payloads, the wrenches on it, and its motion; limits that this passes are said on stderr."""
-    from ..report.loaded_robot import LoadedRobot, parse_payload, parse_wrenches
+    from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
     from ..viz.drawn_motion import read_motion
 
     if path is None and (columns or rate is not None or lock_missing or smooth):
@@ -178,7 +177,7 @@ def _open_browser(url: str) -> bool:
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:
     """Raise unless there is a page of the section, and a page without a motion is asked for."""
-    from ..viz.book_sections import book_section
+    from ..viz.section_pages import book_section
 
     book_section(section)
     if html is None:

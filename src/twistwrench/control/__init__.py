@@ -5,12 +5,10 @@
 
 from __future__ import annotations
 
-from .hybrid import HybridMotionForce
-from .impedance import Impedance
 from .joint_space import PD, ComputedTorque
 from .observer import ContactWrench, MomentumObserver
 from .references import PoseMotion
-from .task_space_control import TaskSpace
+from .task_space import HybridMotionForce, Impedance, TaskSpace
 
 __all__ = [
     "PD",

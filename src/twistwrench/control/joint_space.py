@@ -11,8 +11,7 @@ from ..errors import ValueRangeError
 from ..robot import Robot
 from ..simulation.torque_laws import BatchComputedTorque, BatchPD
 from ..typing import Array
-from .control_arguments import gain, one_state, require_driven
-from .references import Motion, Reference, joint_motion
+from .references import Motion, Reference, gain, joint_motion, one_state, require_driven
 
 
 @dataclass(frozen=True, eq=False)

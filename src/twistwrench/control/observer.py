@@ -21,17 +21,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.jacobians import KINDS
+from ..algorithms.kinematics import KINDS
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
-from ..core.printed_numbers import number, printed
+from ..core.numbers import number, printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..lie.labelled import WRENCH
 from ..robot import Robot
-from ..robot.quantity_types import Kind, Rows
-from ..robot.robot_argument import require_robot
-from ..screws.component_names import WRENCH
+from ..robot.derivatives import Kind, Rows
+from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .control_arguments import one_state
+from .references import one_state
 
 SINGULAR = 1e-6
 """Singular values of J' below this share of the largest count as zero: a torque there would be a million times a force."""

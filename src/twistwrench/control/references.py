@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from typing import Any, Protocol
@@ -10,14 +10,16 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.pose_paths import PosePath
+from ..algorithms.operational_space import undriven
+from ..algorithms.time_scalings import PosePath
 from ..core import arguments
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie import se3, so3
+from ..lie.pose import Pose
 from ..model.model import BASE
 from ..robot import Robot
-from ..screws.pose import Pose
+from ..robot.task_space_methods import require_robot
 from ..typing import Array
 
 Motion = Callable[[float], tuple[Array, Array, Array]]
@@ -198,3 +200,55 @@ def _require_one_argument(function: Any, what: str) -> None:
         taken.bind(0.0)
     except TypeError as problem:
         raise ValueRangeError(f"{what} is a function of {taken}, and is called with the time [s]: {problem}.") from None
+
+
+# ── Argument checks of ``control``: robots, states and gains as they must be, or an error that says what is wrong
+
+_SYMMETRIC = 1e-9
+
+
+def require_driven(robot: object, what: str) -> Robot:
+    """A robot that has a torque for every velocity. Raises ValueRangeError."""
+    found = require_robot(robot, what)
+    if names := undriven(found.model):
+        raise ValueRangeError(
+            f"{what} wants a torque for every velocity, and {', '.join(names)} of robot {found.name!r} is no joint of one "
+            "degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
+        )
+    return found
+
+
+def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
+    """q (nq,) and dq (nv,) of one state. Raises ShapeError, ValueRangeError."""
+    rates = robot.model.velocity_names
+    return (
+        arguments.one(q, f"{what}: q", robot.nq, names=robot.coordinate_names),
+        arguments.one(dq, f"{what}: dq", robot.nv, names=rates),
+    )
+
+
+def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
+    """A gain as a symmetric matrix (n, n), n the number of names: from one number for all, one each (n,), or the matrix.
+
+    Raises ShapeError, and ValueRangeError for one that is not positive semidefinite, or not definite where it must be.
+    """
+    n, given = len(names), arguments.finite(K, what, names=names)
+    if given.shape not in ((), (n,), (n, n)):
+        raise ShapeError(
+            f"{what} has shape {given.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
+            f"matrix ({n}, {n})."
+        )
+    full = np.array(given if given.ndim == 2 else given * np.eye(n), float)
+    scale = float(np.abs(full).max(initial=0.0))
+    if np.abs(full - full.T).max(initial=0.0) > _SYMMETRIC * scale:
+        raise ValueRangeError(
+            f"{what} is not symmetric, so it could feed energy in. Give a symmetric matrix ({n}, {n})."
+        )
+    least = float(np.linalg.eigvalsh(full).min(initial=np.inf))
+    if least < -_SYMMETRIC * scale or (definite and not least > 0.0):
+        wanted = "be above zero" if definite else "not be negative"
+        raise ValueRangeError(
+            f"{what} has the eigenvalue {printed(least, 4)}, and must {wanted}: a gain holds back, never pushes on."
+        )
+    full.setflags(write=False)
+    return full

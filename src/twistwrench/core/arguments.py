@@ -1,28 +1,161 @@
-"""Argument checks: what a caller gives, as arrays as they must be, or errors that name them and say what to do.
+"""Tables whose columns have names, read by these names: data frames, their rows, arrays with labelled axes.
 
-``brought`` and ``plain`` take any kind of array: NumPy's as they are, tables by the names of their columns, all else as
-``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` look at types and shapes besides;
-``number``, ``positive`` and ``whole`` are for single numbers; ``pose`` says how far a matrix is off. Symbols
-(object arrays) pass all but ``real`` and ``finite`` as they are, so checked functions can be traced. NaN passes all but
-``finite``: plain arrays hand it on row by row, as NumPy does.
+Nothing is imported for it: an object is a table by what it has, ``columns`` (pandas, Polars), ``index`` (a row of pandas), or
+``dims`` and ``coords`` (xarray).
 """
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from numbers import Rational
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ShapeError, TwistWrenchError, ValueRangeError
+from ..errors import ShapeError, TwistWrenchError, UnknownNameError, ValueRangeError
 from ..typing import Array
-from .labelled_arrays import in_order
-from .lazy import is_lazy
-from .rotation_checks import last_row, rotation
+from .numbers import printed
+from .text import listed
+from .third_party import is_lazy
+
+_PLAIN = (list, tuple, float, int)
+
+
+def is_table(x: Any) -> bool:
+    """Whether the last axis of ``x`` has labels."""
+    return _labels(x) is not None
+
+
+def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
+    """What is in the table ``x``, its columns in the order of ``names``; all else as it is.
+
+    Where ``names`` is empty there is nothing to read the columns by, and a table is a ValueRangeError if its labels are
+    texts. Raises UnknownNameError for columns that are not exactly ``names``: it lists the foreign and the missing ones.
+    """
+    labels = _labels(x)
+    if labels is None:
+        return x
+    if not names:
+        if any(isinstance(label, str) for label in labels):
+            raise ValueRangeError(
+                f"{what} has named columns ({listed(labels)}), and is read by position. Give its numbers alone, in the order "
+                "that is meant: for a data frame, df.to_numpy()."
+            )
+        return _contents(x)
+    if labels == list(names):
+        return _contents(x)
+    foreign = [label for label in labels if label not in names]
+    missing = [name for name in names if name not in labels]
+    twice = [label for k, label in enumerate(labels) if label in labels[:k]]
+    if foreign or missing or twice:
+        said = [("foreign", foreign), ("missing", missing), ("twice", twice)]
+        wrong = "; ".join(f"{word}: {listed(some)}" for word, some in said if some)
+        raise UnknownNameError(
+            f"{what} has columns that are not the robot's. {wrong[0].upper()}{wrong[1:]}. Its columns must be "
+            f"{listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
+            "q, robot.velocity_names for rates and torques; or give df.to_numpy() if they are in the robot's order already."
+        )
+    return _contents(x)[..., [labels.index(name) for name in names]]
+
+
+def _labels(x: Any) -> list[Any] | None:
+    """The labels of the last axis; None where it has none."""
+    if isinstance(x, _PLAIN):
+        return None
+    columns = getattr(x, "columns", None)
+    if columns is not None and not callable(columns):
+        return list(columns)
+    dims, coords = getattr(x, "dims", None), getattr(x, "coords", None)
+    if isinstance(dims, tuple) and coords is not None:
+        return list(coords[dims[-1]].values.tolist()) if dims and dims[-1] in coords else None
+    index = getattr(x, "index", None)
+    return list(index) if index is not None and not callable(index) and hasattr(x, "__array__") else None
+
+
+def _contents(x: Any) -> Any:
+    """The numbers without their labels; lazy where the table is."""
+    if getattr(x, "dims", None) is not None and hasattr(x, "data"):
+        return x.data
+    return x.to_numpy()
+
+
+# ── Whether matrices are rotations, and how far they are off
+
+TOLERANCE = 1e-6
+"""How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
+
+
+def refuse(gaps: Array, allowed: float, complaint: str) -> None:
+    """Raise when the largest of ``gaps`` (..., n, n) is more than allowed, naming the row of the batch. NaN passes."""
+    if not (gaps > allowed).any():
+        return
+    worst = int(np.nanargmax(gaps))
+    row = tuple(int(i) for i in np.unravel_index(worst, gaps.shape))[:-2]
+    place = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
+    raise ValueRangeError(f"{complaint.format(gap=printed(gaps.flat[worst], 3), allowed=printed(allowed))}{place}.")
+
+
+def rotation(R: Array, what: str) -> Array:
+    """R (..., 3, 3), of float32, float64 or symbols, when it is a rotation to :data:`TOLERANCE`; symbols are not judged."""
+    if R.dtype == object or _surely_rotations(R):
+        return R
+    allowed = max(TOLERANCE, 100 * float(np.finfo(R.dtype).eps))  # float32: what a chain of products adds up to
+    with np.errstate(all="ignore"):
+        off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+        reflected = np.maximum(0.0, -np.linalg.det(R))[..., None, None]
+    refuse(
+        np.where(np.isinf(R).any(axis=(-2, -1), keepdims=True), np.inf, off),
+        allowed,
+        f"{what} is not a rotation: R' R is {{gap}} off the identity, allowed {{allowed}}; "
+        "so3.project gives the nearest one",
+    )
+    refuse(reflected, 0.5, f"{what} is not a rotation but a reflection: det R = -{{gap}}; negate one axis")
+    return R
+
+
+def _surely_rotations(R: Array) -> bool:
+    """Whether two rows are orthonormal and the third is their cross product, to a fifth of what is allowed.
+
+    On floats or on columns, for every Ad and inverse asks; finding how far off and where takes ten times as long.
+    """
+    near = 0.2 * TOLERANCE
+    if R.ndim == 2:
+        return all(not abs(gap) > near for gap in gaps(R.tolist()))
+    with np.errstate(all="ignore"):  # infinite entries are found, not warned of
+        return not any((np.abs(gap) > near).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
+
+
+def gaps(rows: Any) -> tuple[Any, ...]:
+    """What the entries of a matrix (3, 3) miss of a rotation: the dot products of two rows, and their cross product."""
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return (
+        a * a + b * b + c * c - 1.0,
+        d * d + e * e + f * f - 1.0,
+        a * d + b * e + c * f,
+        b * f - c * e - g,
+        c * d - a * f - h,
+        a * e - b * d - i,
+    )
+
+
+def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
+    """Make sure that the last row of T (..., 4, 4) is (0, 0, 0, 1)."""
+    if T.ndim == 2 and T[3].tolist() == [0.0, 0.0, 0.0, 1.0]:
+        return
+    off = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
+    refuse(off, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
+
+
+# ── Argument checks: what a caller gives, as arrays as they must be, or errors that name them and say what to do
+
+# ``brought`` and ``plain`` take any kind of array: NumPy's as they are, tables by the names of their columns, all else as
+# ``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` look at types and shapes besides;
+# ``number``, ``positive`` and ``whole`` are for single numbers; ``pose`` says how far a matrix is off. Symbols
+# (object arrays) pass all but ``real`` and ``finite`` as they are, so checked functions can be traced. NaN passes all but
+# ``finite``: plain arrays hand it on row by row, as NumPy does.
 
 _LONGEST = 60
 """Characters of what was given that an error shows."""
@@ -254,3 +387,21 @@ def pose(T: ArrayLike, what: str) -> Array:
         last_row(M, what)
         rotation(M[..., :3, :3], what)
     return M
+
+
+# ── Signatures of functions that pass on to another all that they are given
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def taking_the_arguments_of(
+    other: Callable[Arguments, Any],
+) -> Callable[[Callable[..., Result]], Callable[Arguments, Result]]:
+    """A decorator: names, types and defaults are those of ``other``, for people, checkers and ``inspect.signature``."""
+
+    def of(function: Callable[..., Result]) -> Callable[Arguments, Result]:
+        function.__wrapped__ = other  # type: ignore[attr-defined]
+        return function
+
+    return of

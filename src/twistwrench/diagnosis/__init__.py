@@ -1,10 +1,9 @@
 """The doctor of robot files: checks, the effect of what they find, and repairs in the file itself."""
 
 from .checks import CHECKS
-from .examination import doctor
 from .findings import Edit, Effect, FileRepair, Finding, Place, Severity
-from .nearest import METRICS
-from .report import DoctorReport
+from .report import DoctorReport, doctor
+from .shapes import METRICS
 
 __all__ = [
     "CHECKS",

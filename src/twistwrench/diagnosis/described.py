@@ -1,22 +1,235 @@
-"""What a robot file says, link by link and joint by joint, with the places where its numbers stand."""
+"""The effect of other inertias on the dynamics: change of the diagonal of M and of gravity torques over configurations.
+
+With the pseudo-inertia J of a body in the base frame and the twist [A] that a velocity gives it, both (4, 4),
+M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4: linear in J, so that a change needs the changed bodies alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import in_file
-from ..formats.inertia_entries import ENTRIES
-from ..model.model import BASE, Model
+from ..core.numbers import in_file
+from ..errors import ModelError, TwistWrenchError, UnknownNameError
+from ..formats.element import Element
+from ..formats.urdf import ENTRIES, add_joint, add_link
+from ..lie import se3
+from ..model.assembly import random_configuration
+from ..model.builder import ModelBuilder
+from ..model.model import BASE, Body, Model
 from ..typing import Array
-from .effects import Effects
-from .findings import Edit, Place
-from .problems import FileProblem
+from .findings import Edit, Effect, Place
 from .shapes import LinkShapes
+
+CONFIGURATIONS = 200
+"""Random configurations that effects are the largest over."""
+_STEPS = 3_000_000
+"""Bodies times configurations times depth that are walked; with more, there are fewer configurations."""
+_TINY = 1e-9
+"""Changes of this share are rounding."""
+
+
+class Effects:
+    """Effects on one model at seeded configurations."""
+
+    def __init__(self, model: Model, seed: int = 0, count: int = CONFIGURATIONS) -> None:
+        self.model = model
+        depths: list[int] = []
+        for body in model.bodies:
+            depths.append(1 + (depths[body.parent] if body.parent != BASE else 0))
+        self.count = int(np.clip(_STEPS // max(1, sum(depths)), 1, count))
+        self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
+
+    def of(self, changes: Mapping[str, SpatialInertia]) -> Effect:
+        """The effect of links having other inertias, each about its link's origin: what they would be, not by how much."""
+        deltas: dict[int, Array] = {}
+        for link, wanted in changes.items():
+            frame = self.model.frames[link]
+            if frame.body == BASE:
+                continue
+            change = (wanted - self.model.link_inertias[link]).in_frame(frame.pose)
+            deltas[frame.body] = deltas.get(frame.body, 0.0) + change.pseudo_inertia
+        if not deltas:
+            return Effect()
+        columns, dM, dg = self._sums(deltas)
+        return self._largest(columns, dM, dg)
+
+    def _largest(self, columns: Array, dM: Array, dg: Array) -> Effect:
+        """Of changes (count, k) in some columns."""
+        if not len(columns):
+            return Effect()
+        names = [self.model.velocity_names[k] for k in columns]
+        M, limit = self.diagonal[:, columns], self.model.limits.effort[columns]
+        new = np.maximum(M + dM, _TINY * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
+        share = 100.0 * (np.abs(dM) / new).max(axis=0)
+        torque = np.abs(dg).max(axis=0)
+        effort = np.where(np.isfinite(limit) & (limit > 0), 100.0 * torque / np.where(limit > 0, limit, 1.0), 0.0)
+        j, k, l = int(share.argmax()), int(torque.argmax()), int(effort.argmax())
+        loads = torque[k] > _TINY * self._largest_torque
+        return Effect(
+            float(share[j]) if share[j] > 100.0 * _TINY else 0.0,
+            names[j] if share[j] > 100.0 * _TINY else "",
+            float(torque[k]) if loads else 0.0,
+            names[k] if loads else "",
+            float(effort[l]) if loads else 0.0,
+            names[l] if loads and effort[l] > 0 else "",
+        )
+
+    @cached_property
+    def _largest_torque(self) -> float:
+        return float(np.abs(self.gravity_torques).max(initial=0.0))
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """The diagonal of M with armature, (count, nv)."""
+        return self._totals[0] + self.model.armature
+
+    @cached_property
+    def gravity_torques(self) -> Array:
+        """(count, nv), without springs."""
+        return self._totals[1]
+
+    @cached_property
+    def _totals(self) -> tuple[Array, Array]:
+        M, g = np.zeros((self.count, self.model.nv)), np.zeros((self.count, self.model.nv))
+        columns, some, torques = self._sums({i: b.inertia.pseudo_inertia for i, b in enumerate(self.model.bodies)})
+        M[:, columns], g[:, columns] = some, torques
+        return M, g
+
+    def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
+        """Σ over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in the bodies' frames: columns (k,), and (count, k) of each."""
+        found: dict[int, tuple[Array, Array]] = {}
+        zero = np.zeros(self.count)
+        for i, inertia in inertias.items():
+            T = self.poses[i]
+            J = T @ inertia @ np.swapaxes(T, -1, -2)
+            for column, A in self._twists(i):
+                AJ = A @ J
+                M, g = found.get(column, (zero, zero))
+                found[column] = M + np.einsum("cij,cij->c", AJ, A), g - AJ[:, :3, 3] @ self.model.gravity
+        columns = np.array(list(found), int)
+        M, g = (np.reshape([pair[k] for pair in found.values()], (-1, self.count)).T for k in (0, 1))
+        return columns, M, g
+
+    def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
+        """Of each velocity that moves a body: its column, and the twist (count, 4, 4) that a unit of it gives the body."""
+        found: dict[int, Array] = {}
+        at = body
+        while at != BASE:
+            for column, A in self._screws(at):
+                found[column] = found[column] + A if column in found else A
+            at = self.model.bodies[at].parent
+        yield from found.items()
+
+    def _screws(self, body: int) -> list[tuple[int, Array]]:
+        if body not in self._known:
+            b, T = self.model.bodies[body], self.poses[body]
+            back = se3.inverse(T)
+            self._known[body] = [
+                (b.v_index + k, T @ se3.hat(b.ratio * axis) @ back) for k, axis in enumerate(b.joint.axes)
+            ]
+        return self._known[body]
+
+    @cached_property
+    def _known(self) -> dict[int, list[tuple[int, Array]]]:
+        return {}
+
+    @cached_property
+    def poses(self) -> list[Array]:
+        """Of each body in the base frame, (count, 4, 4)."""
+        found: list[Array] = []
+        for body in self.model.bodies:
+            T = np.asarray(body.placement @ self._joint_poses(body))
+            found.append(T if body.parent == BASE else found[body.parent] @ T)
+        return found
+
+    def _joint_poses(self, body: Body) -> Array:
+        joint = body.joint
+        q = body.ratio * self.q[:, body.places[0]] + body.offset
+        if joint.nq == 1:
+            return np.asarray(se3.exp(q * joint.axes[0]))
+        return np.stack([joint.pose(one) for one in q])
+
+
+# ── What the loader refuses in a URDF, all of it and not only the first
+
+_MOST = 20
+
+
+@dataclass(frozen=True)
+class FileProblem:
+    """One reason to refuse a file."""
+
+    where: str
+    line: int
+    sentence: str
+    mimic: bool = False
+    """Whether it is only a leader that is not there: the robot can be read with such joints independent."""
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def problems_of(root: Element) -> list[FileProblem]:
+    """All reasons to refuse a ``<robot>``, link by link and joint by joint; none for other formats."""
+    if root.tag != "robot":
+        return []
+    found = [*_each_by_itself(root), *_ends(root), *_leaders(root)]
+    return found[:_MOST]
+
+
+def _each_by_itself(root: Element) -> Iterator[FileProblem]:
+    builder = ModelBuilder("robot")
+    for add, tag in ((add_link, "link"), (add_joint, "joint")):
+        for element in root.all(tag):
+            try:
+                add(builder, element)
+            except TwistWrenchError as error:
+                yield FileProblem(f"{tag} {element.attributes.get('name', '')!r}", element.line, str(error))
+
+
+def _ends(root: Element) -> Iterator[FileProblem]:
+    """Parents and children that are not there, and links with two parents."""
+    links = [link.attributes.get("name", "").strip() for link in root.all("link")]
+    children: Counter[str] = Counter()
+    for joint in root.all("joint"):
+        for end in ("parent", "child"):
+            try:
+                element = joint.child(end)
+            except ModelError:
+                continue
+            name = element.attributes.get("link", "").strip() if element is not None else ""
+            if not name:
+                continue
+            where = f"joint {joint.attributes.get('name', '')!r}"
+            if name not in links:
+                missing = UnknownNameError.of("link", name, links)
+                yield FileProblem(where, joint.line, f"the {end} of {joint} is not there: {missing}")
+            children[name] += end == "child"
+            if end == "child" and children[name] == 2:
+                yield FileProblem(
+                    where, joint.line, f"{joint} gives link {name!r} a second parent. A robot must be a tree."
+                )
+
+
+def _leaders(root: Element) -> Iterator[FileProblem]:
+    joints = [joint.attributes.get("name", "").strip() for joint in root.all("joint")]
+    for joint in root.all("joint"):
+        for mimic in joint.all("mimic") if joint.attributes.get("type") != "fixed" else ():
+            leader = mimic.attributes.get("joint", "").strip()
+            if leader and leader not in joints:
+                missing = str(UnknownNameError.of("joint", leader, joints)).partition(" Known:")[0]
+                said = f"it mimics a joint that is not there: {missing}"
+                yield FileProblem(f"joint {joint.attributes.get('name', '')!r}", joint.line, said, mimic=True)
+
+
+# ── What a robot file says, link by link and joint by joint, with the places where its numbers stand
 
 
 def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
@@ -172,3 +385,65 @@ class DescribedRobot:
     def heavy(self, link: DescribedLink, share: float = 0.01) -> bool:
         """Whether it is of that share of the mass at least."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
+
+
+# ── Left and right: the pairs of links that mirror each other with the joints at zero
+
+_SIDES = {"left": "right", "l": "r", "fl": "fr", "rl": "rr", "hl": "hr", "bl": "br", "lf": "rf", "lh": "rh", "lr": "rr"}
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^A-Za-z0-9]+")
+_PLANES = (np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]))
+"""Reflections of the base frame: left and right along y, and along x."""
+_ALIKE = 1e-3
+"""m, and entries of rotations: how far from mirrored frames may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two links that mirror each other."""
+
+    left: DescribedLink
+    right: DescribedLink
+    D: Array
+    """(3, 3) what a point of the left link, in its frame, is multiplied by to be its image in the right one's."""
+
+
+def names_of_right(name: str) -> Iterator[str]:
+    """What the other side of a left link may be called: one word for the side, exchanged.
+
+    >>> list(names_of_right("arm_left_4_link")), list(names_of_right("LElbow")), list(names_of_right("tool"))
+    (['arm_right_4_link'], ['RElbow'], [])
+    """
+    words = _WORDS.findall(name)
+    for k, word in enumerate(words):
+        other = _SIDES.get(word.lower())
+        if other is not None:
+            cased = other.upper() if word.isupper() else other.capitalize() if word[0].isupper() else other
+            yield "".join([*words[:k], cased, *words[k + 1 :]])
+    # One letter in front of a word in small letters, as in lshoulder.
+    if re.match(r"l[a-z]{3}", name) and not name.startswith("left"):
+        yield "r" + name[1:]
+
+
+def pairs_of(robot: DescribedRobot) -> Iterator[Pair]:
+    """All pairs of links by their names whose frames are mirror images of each other in one plane of the base."""
+    poses = robot.neutral_poses
+    for left in robot.links.values():
+        right = next((robot.links[name] for name in names_of_right(left.name) if name in robot.links), None)
+        if right is None or left.name not in poses or right.name not in poses:
+            continue
+        D = _mirrored(poses[left.name], poses[right.name])
+        if D is not None:
+            yield Pair(left, right, D)
+
+
+def _mirrored(T_a: Array, T_b: Array) -> Array | None:
+    """R_b' Y R_a where it is a signed permutation and the places are mirrored; None elsewhere."""
+    for Y in _PLANES:
+        gap = T_b[:3, 3] - Y @ T_a[:3, 3]
+        if np.linalg.norm(gap) > _ALIKE or abs(T_a[:3, 3] @ (np.eye(3) - Y).diagonal()) < 0.02:
+            continue
+        D = T_b[:3, :3].T @ Y @ T_a[:3, :3]
+        rounded = np.round(D)
+        if np.abs(D - rounded).max() < _ALIKE and np.allclose(rounded @ rounded.T, np.eye(3)):
+            return np.asarray(rounded)
+    return None

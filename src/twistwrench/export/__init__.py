@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .package import export_c, export_cuda
+from .c99 import export_c, export_cuda
 
 __all__ = ["export_c", "export_cuda"]

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ..lie.labelled import TWIST
+from ..printers.c99 import PRECISIONS, CFunction, identifier
+from ..robot.programs import checked_options, program_of
 from ..robot.quantities import QUANTITIES
-from ..robot.quantity_options import checked_options
-from ..robot.quantity_programs import program_of
-from ..screws.component_names import TWIST
-from ..targets.c import PRECISIONS, CFunction, identifier
 
 if TYPE_CHECKING:
     from ..robot import Robot

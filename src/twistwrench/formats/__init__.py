@@ -8,13 +8,13 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from ..core.text import with_clipped_quotations
 from ..errors import ModelError, RobotFileError, ValueRangeError
-from ..listing import with_clipped_quotations
 from ..model.model import Model
 from ..model.rounding import DEFAULT_SNAP
 from .element import Element
 from .source import bytes_of, is_text, read_robot_text
-from .xml_parser import MOST_BODIES, parse
+from .xml import MOST_BODIES, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 
@@ -79,7 +79,7 @@ def load_model(
             )  # fmt: skip
         elif found == "mjcf":
             from .mjcf import read_mjcf
-            from .mjcf.includes import Folders
+            from .mjcf.preprocess import Folders
 
             folders = Folders(home, [Path(folder) for folder in include_paths])
             builder, floating = read_mjcf(

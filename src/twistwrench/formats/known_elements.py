@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from ..listing import clipped
+from ..core.text import clipped
 from .element import Element
 
 READ = "read"

@@ -13,7 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import ModelError
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
-from ..model.remark import Remark
+from ..model.notes import Remark
 from ..typing import Array
 from .urdf import ENDLESS
 

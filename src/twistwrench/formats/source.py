@@ -9,8 +9,8 @@ import re
 from pathlib import Path
 
 from ..core.files import read_bytes, read_standard_input
-from ..core.foreign_errors import foreign_errors
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
+from ..core.third_party import foreign_errors
 from ..errors import NotFoundError, RobotFileError
 
 MAX_BYTES = 64 * 2**20

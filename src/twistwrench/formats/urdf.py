@@ -1,30 +1,58 @@
-"""URDF, the robot description format of ROS: links and joints of a tree.
-
-https://wiki.ros.org/urdf/XML
-Looks, shapes, transmissions and simulator settings are passed over, and mesh files never opened.
-"""
+"""The six entries of a tensor of inertia by the names that files have for them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
+from ..core.text import clipped
 from ..errors import RobotFileError
 from ..lie import quaternion
 from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
-from ..listing import clipped
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.rounding import DEFAULT_SNAP, snap_rotation
 from ..typing import Array
 from .element import Element
-from .inertia_entries import tensor_of
 from .known_elements import Unread
+
+ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+"""Name in URDF and SDF → row and column."""
+IN_MJCF = sorted(ENTRIES, key=lambda name: ENTRIES[name][0] != ENTRIES[name][1])
+"""In the order of MJCF's ``fullinertia``: moments, then products."""
+
+
+def tensor_of(entry: Callable[[str], float]) -> Array:
+    """The symmetric tensor (3, 3) of its entries by name.
+
+    >>> tensor_of({"ixx": 1.0, "ixy": 0.1, "ixz": 0.2, "iyy": 2.0, "iyz": 0.3, "izz": 3.0}.get).tolist()
+    [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]]
+    """
+    I = np.zeros((3, 3))
+    for name, (i, j) in ENTRIES.items():
+        I[i, j] = I[j, i] = entry(name)
+    return I
+
+
+def entries_of(I: Array) -> dict[str, float]:
+    """The six entries of a tensor (3, 3) by name.
+
+    >>> entries_of(np.diag([1.0, 2.0, 3.0]))["iyy"]
+    2.0
+    """
+    return {name: float(I[at]) for name, at in ENTRIES.items()}
+
+
+# ── URDF, the robot description format of ROS: links and joints of a tree
+
+# https://wiki.ros.org/urdf/XML
+# Looks, shapes, transmissions and simulator settings are passed over, and mesh files never opened.
 
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""

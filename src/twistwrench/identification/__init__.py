@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from .block_deviations import GroupCovariance
-from .consistent_robot import ConsistentRobot
-from .essential_groups import EssentialGroups
-from .evidence import LogDoubt
-from .exciting_motion import ExcitingMotion
-from .exciting_trajectory import exciting_trajectory
-from .gathering import gather
-from .held_out import HeldOut, HeldOutRows
-from .identified_payload import IdentifiedPayload
-from .identified_robot import IdentifiedRobot
+from ..estimation.covariance import GroupCovariance
+from ..estimation.cross_validation import HeldOut, HeldOutRows
+from .consistent import ConsistentRobot
+from .exciting_trajectory import ExcitingMotion, exciting_trajectory
+from .hyperparameters import EssentialGroups, FitSettings
+from .identify import identify
 from .information import Information
-from .left_out import without_links
-from .log_side import MotorSide, motor_side, read_motion
-from .parameter_groups import BaseParameters
-from .robot_identification import identify
-from .setting_trial import FitSettings
-from .unknown_parameters import UnknownParameters
+from .log_doubts import LogDoubt
+from .parameters import BaseParameters, UnknownParameters
+from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion
+from .result import IdentifiedRobot, without_links
+from .streaming import gather
 
 __all__ = [
     "BaseParameters",

@@ -1,28 +1,365 @@
-"""Information: what all rows of logs say of a robot's groups, as sums that add up, in a small file in place of the logs."""
+"""Sums over rows: of each joint the products of its entries and torques, in blocks of time; and their triangular factors.
+
+With A_j = (W_j, τ_j) and weights w, a block has Σ A_j' A_j and Σ A_j' w A_j, the lower triangles in a row of numbers, and all
+rows together R_j with R_j' R_j = Σ A_j' w A_j by orthogonal transformations (TSQR: Demmel, Grigori, Hoemmen and Langou,
+"Communication-optimal parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34, 2012), which lose no digits.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.linalg
 
-from ..core.printed_numbers import number
-from ..errors import ValueRangeError
+from ..core.files import as_path, replacing
+from ..core.numbers import number
+from ..core.third_party import foreign_errors
+from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
+from ..estimation.covariance import GroupCovariance, by_moments
+from ..estimation.cross_validation import HeldOut, HeldOutRows
+from ..estimation.least_squares import HUBER, Method, NormalEquations, Prior
 from ..robot import Robot
 from ..typing import Array
-from .evidence import LogDoubt
-from .held_out import HeldOutRows
-from .information_file import information_arguments, write_information
-from .information_fit import fit_of
-from .joint_moments import JointMoments
-from .normal_equations import Prior
-from .streamed_rows import RowFrame
-from .weights import Method
+from .chunks import FASTER, JointRows, RowFrame
+from .hyperparameters import FOLDS, FitSettings
+from .log_doubts import LogDoubt
+from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters
+from .payload import MotorSide
 
 if TYPE_CHECKING:
-    from .identified_robot import IdentifiedRobot
+    from .result import IdentifiedRobot
+
+MOST_BLOCKS = 60
+"""Of time; beyond, the two neighbours with fewest rows become one."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointMoments:
+    """Sums over some rows.
+
+    Attributes
+    ----------
+    sums : (b, 2, f) array, of each block the plain and the weighted sums
+    counts : (b, 3) array, rows; weights, and rows of whole weight, of all live joints
+    factors : tuple of (r_j + 1, r_j + 1) arrays, R_j
+    """
+
+    sums: Array
+    counts: Array
+    factors: tuple[Array, ...]
+
+    @classmethod
+    def none(cls, frame: RowFrame, blocks: int) -> JointMoments:
+        """Of no rows yet, in so many blocks."""
+        widths = [len(felt) + 1 for felt in frame.felt]
+        size = sum(w * (w + 1) // 2 for w in widths)
+        return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), tuple(np.zeros((w, w)) for w in widths))
+
+    def added(self, frame: RowFrame, rows: JointRows, block: Array) -> JointMoments:
+        """With the rows of one portion, each in its ``block`` (n,); sums and counts are changed in place."""
+        factors, at = [], 0
+        for j, A in enumerate(rows.entries):
+            weights = _weights(frame, j, A)
+            root = np.sqrt(weights)[:, None]
+            corner = np.tril_indices(A.shape[1])
+            place = slice(at, at + len(corner[0]))
+            at = place.stop
+            for b in np.unique(block).tolist():
+                mine = A[block == b]
+                heavy = mine * root[block == b]
+                self.sums[b, 0, place] += (mine.T @ mine)[corner]
+                self.sums[b, 1, place] += (heavy.T @ heavy)[corner]
+                if not frame.dead[j]:
+                    self.counts[b, 1:] += weights[block == b].sum(), (weights[block == b] == 1.0).sum()
+            factors.append(_factor(self.factors[j], A * root))
+        self.counts[:, 0] += np.bincount(block, minlength=len(self.counts))
+        return JointMoments(self.sums, self.counts, tuple(factors))
+
+    def __add__(self, other: JointMoments) -> JointMoments:
+        """Blocks one after another, at most :data:`MOST_BLOCKS` of them."""
+        sums, counts = np.concatenate([self.sums, other.sums]), np.concatenate([self.counts, other.counts])
+        some = counts[:, 0] > 0
+        sums, counts = sums[some], counts[some]
+        while len(counts) > MOST_BLOCKS:
+            k = int(np.argmin(counts[:-1, 0] + counts[1:, 0]))
+            sums[k] += sums[k + 1]
+            counts[k] += counts[k + 1]
+            sums, counts = np.delete(sums, k + 1, axis=0), np.delete(counts, k + 1, axis=0)
+        pairs = zip(self.factors, other.factors, strict=True)
+        return JointMoments(sums, counts, tuple(_factor(a, b) for a, b in pairs))
+
+    def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
+        """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
+        nv, width = len(frame.felt), frame.base.count + frame.extra
+        sums, rows = self.sums[blocks, which].sum(axis=0), self.counts[blocks, 0].sum()
+        N, c, y, at = np.zeros((nv, width, width)), np.zeros((nv, width)), np.zeros(nv), 0
+        for j, felt in enumerate(frame.felt):
+            w = len(felt) + 1
+            G, corner = np.zeros((w, w)), np.tril_indices(w)
+            G[corner] = sums[at : at + len(corner[0])]
+            at += len(corner[0])
+            G = np.tril(G) + np.tril(G, -1).T
+            N[j][np.ix_(felt, felt)], c[j, felt], y[j] = G[:-1, :-1], G[:-1, -1], G[-1, -1]
+        return NormalEquations(N, c, y, float(rows))
+
+
+def _weights(frame: RowFrame, j: int, A: Array) -> Array:
+    """Huber's, by the residuals of the groups that an excerpt gave."""
+    if not frame.robust or frame.dead[j]:
+        return np.ones(len(A))
+    groups = frame.columns.groups[j]
+    left = np.abs(A[:, -1] - A[:, : len(groups)] @ frame.x[groups]) / frame.sigma[j]
+    return np.asarray(np.minimum(1.0, HUBER / np.maximum(left, 1e-300)))
+
+
+def _factor(above: Array, below: Array) -> Array:
+    """R of both one above the other."""
+    return np.asarray(np.linalg.qr(np.concatenate([above, below]), mode="r"))
+
+
+# ── Information in a file: arrays and what is said of them, in an archive of NumPy
+
+if TYPE_CHECKING:
+    pass
+
+_MARK = "twistwrench information 1"
+SHOWN = ("time", "log", "measured", "predicted")
+"""What there is of rows for pictures."""
+
+
+def write_information(i: Information, path: str | Path) -> Path:
+    """Write it, whole or not at all; raises ValueRangeError."""
+    from .. import __version__
+
+    frame, unknown, shown = i.frame, i.frame.base.unknown, i.shown
+    said = {
+        "format": _MARK,
+        "version": __version__,
+        "robot": i.robot.name,
+        "groups": list(frame.base.names),
+        "motor_inertia": unknown.motor_inertia,
+        "friction": list(unknown.friction),
+        "known": dict(unknown.known),
+        "stribeck_speed": unknown.stribeck_speed,
+        "payload": i.payload_frame,
+        "cutoff": frame.settings.cutoff,
+        "shift": frame.settings.shift,
+        "chosen": [frame.free_shift, frame.free_speed],
+        "robust": frame.robust,
+        "method": i.method,
+        "seconds": i.seconds,
+        "samples": i.samples,
+        "hanging": i.hanging,
+        "logs": list(i.logs),
+        "doubts": [asdict(d) for d in i.doubts],
+    }
+    side = unknown.motor_side
+    arrays: dict[str, Any] = {
+        "said": np.array(json.dumps(said)),
+        "friction_speed": frame.settings.friction_speed,
+        "x": frame.x,
+        "sigma": frame.sigma,
+        "dead": frame.dead,
+        "mean": i.weak.mean,
+        "size": i.weak.size,
+        "sizes": i.sizes,
+        "sums": i.moments.sums,
+        "counts": i.moments.counts,
+        **{f"factor{j}": R for j, R in enumerate(i.moments.factors)},
+        **({} if side is None else {"ratios": side.ratios, "zero": side.zero, "gain": side.gain}),
+        **({} if shown is None else {f"shown_{k}": getattr(shown, k) for k in SHOWN}),
+    }
+    target = as_path(path)
+    with replacing(target) as scratch, scratch.open("wb") as file:
+        np.savez(file, **arrays)
+    return target
+
+
+def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
+    """What information of a file is made with; raises NotFoundError, ShapeError, ValueRangeError."""
+    path = as_path(path)
+    if not path.is_file():
+        raise NotFoundError(f"no information {str(path)!r}. Give a file that --information wrote.")
+    advice = "Give a file that --information wrote, whole."
+    with foreign_errors(lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")):
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        said = json.loads(str(arrays["said"]))
+        if said["format"] != _MARK:
+            raise ValueError(f"its format is {said['format']!r}")
+    side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
+    speed = said.get("stribeck_speed", STRIBECK_SPEED)
+    base = BaseParameters.of(
+        UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)
+    )
+    if list(base.names) != said["groups"]:
+        raise ValueRangeError(
+            f"{path}: is of {said['robot']!r} with {len(said['groups'])} groups of parameters, and {robot.name!r} has "
+            f"others ({base.count}). Give the robot file that it was made with."
+        )
+    settings = FitSettings(said["cutoff"], arrays["friction_speed"], said["shift"])
+    chosen = bool(said["chosen"][0]), bool(said["chosen"][1])
+    frame = RowFrame(base, settings, arrays["x"], arrays["sigma"], arrays["dead"], *chosen, said["robust"])
+    factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.felt)))
+    return {
+        "robot": robot,
+        "frame": frame,
+        "moments": JointMoments(arrays["sums"], arrays["counts"], factors),
+        "weak": Prior(arrays["mean"], arrays["size"]),
+        "sizes": arrays["sizes"],
+        **{name: said[name] for name in ("method", "seconds", "samples", "hanging")},
+        "logs": tuple(said["logs"]),
+        "doubts": tuple(LogDoubt(d["kind"], d["sentence"], tuple(d["joints"]), d["refuses"]) for d in said["doubts"]),
+        "payload_frame": said["payload"],
+        "shown": HeldOutRows(*(arrays[f"shown_{k}"] for k in SHOWN)) if "shown_time" in arrays else None,
+    }
+
+
+# ── The fit of all rows of an information: groups, how sure they are, and how well each fifth of the time is predicted
+
+if TYPE_CHECKING:
+    pass
+
+_SPEED_SIZE = 3.0
+"""What a friction speed could be off by at most, in units of its step."""
+
+
+@dataclass(frozen=True, eq=False)
+class InformationFit:
+    """Least squares of all rows of some moments.
+
+    Parameters
+    ----------
+    frame : RowFrame
+    moments : JointMoments
+    weak : Prior, of the groups
+    method : str
+    hanging : float, rows that residuals hang together over
+    """
+
+    frame: RowFrame
+    moments: JointMoments
+    weak: Prior
+    method: Method
+    hanging: float = 1.0
+
+    @property
+    def prior(self) -> Prior:
+        """Weak, of the groups and of what the settings were off."""
+        shift = [0.1 / self.frame.settings.cutoff] if self.frame.free_shift else []
+        size = np.array([*shift, *(_SPEED_SIZE for _ in self.frame.speeds)])
+        return Prior(np.concatenate([self.weak.mean, np.zeros(len(size))]), np.concatenate([self.weak.size, size]))
+
+    def solved(self, blocks: Array) -> tuple[Array, Array]:
+        """Unknowns, and sizes of residuals (nv,), of some blocks of time."""
+        found = self.moments.equations(self.frame, 1, blocks)
+        if self.method == "wls":
+            return found.solve(self.prior)
+        if self.method == "ols":
+            x = self.prior.solve(found.N.sum(axis=0), found.c.sum(axis=0))
+            return x, np.sqrt(found.squares(x) / max(1.0, found.rows))
+        return self.prior.solve(*_whitened(found, self.frame.sigma)), self.frame.sigma
+
+    def folds(self) -> list[Array]:
+        """Blocks of each fifth of the rows."""
+        rows = self.moments.counts[:, 0]
+        middle = (np.cumsum(rows) - 0.5 * rows) / max(rows.sum(), 1.0)
+        label = np.minimum((FOLDS * middle).astype(int), FOLDS - 1)
+        return [found for b in range(FOLDS) if (found := np.flatnonzero(label == b)).size]
+
+    def held_out(self) -> HeldOut:
+        """Each fifth of the rows predicted from the others."""
+        folds = self.folds()
+        if len(folds) < 2:
+            raise TrajectoryError("the logs are too short to hold a part of them out. Give more seconds.")
+        names, found = self.frame.base.unknown.model.velocity_names, list[HeldOut]()
+        for mine in folds:
+            x, _ = self.solved(np.setdiff1d(np.concatenate(folds), mine))
+            plain = self.moments.equations(self.frame, 0, mine)
+            found.append(HeldOut("five-fold", plain.squares(x), plain.y, names))
+        whole = found[0]
+        for one in found[1:]:
+            whole = whole + one
+        return whole
+
+    def predicted(self, x: Array, kind: str) -> HeldOut:
+        """All rows predicted by given unknowns."""
+        plain = self.moments.equations(self.frame, 0, slice(None))
+        return HeldOut(kind, plain.squares(x), plain.y, self.frame.base.unknown.model.velocity_names)
+
+    def covariance(self, x: Array, sigma: Array, seconds: float) -> GroupCovariance:
+        """By the sandwich over the blocks, as :func:`group_covariance` has it of rows; ``seconds`` is what a block lasts."""
+        r, prior = self.frame.base.count, self.prior
+        parts = [_whitened(self.moments.equations(self.frame, 1, [b]), sigma) for b in range(len(self.moments.counts))]
+        N, total = np.stack([n for n, _ in parts]), sum((n for n, _ in parts), np.zeros((len(x), len(x))))
+        scores = np.stack([c - n @ x for n, c in parts])
+        scaled = total * prior.size[:, None] * prior.size
+        values, U = np.linalg.eigh(scaled + np.eye(len(x)))
+        half = prior.size[:, None] * (U / np.sqrt(values))
+        left = self.moments.equations(self.frame, 1, slice(None)).squares(x) / sigma**2
+        freedom = max(1.0, float(self.moments.counts[:, 0].sum()) * len(sigma) - len(x))
+        own = np.einsum("ij,ij->i", half, half)
+        textbook = np.sqrt(own * float(left.sum()) / freedom)[:r]
+        found = by_moments(half.T @ N @ half, scores @ half, half)
+        if found is None:
+            return GroupCovariance((half @ half.T * self.hanging)[:r, :r], np.full(r, 1e9), textbook, 0.0)
+        _, weight, whole = self.moments.counts.sum(axis=0)
+        huber = (weight / whole) ** 2 if self.frame.robust and whole else 1.0
+        return GroupCovariance(found[0][:r, :r] * huber, found[1][:r], textbook, seconds)
+
+    def settings(self, x: Array) -> FitSettings:
+        """Those of the excerpt with the corrections of all rows."""
+        settings, r = self.frame.settings, self.frame.base.count
+        speed, shift = settings.friction_speed.copy(), settings.shift
+        if self.frame.free_shift:
+            shift -= float(x[r])
+        for k, (_, joints) in enumerate(self.frame.speeds):
+            owner = int(np.flatnonzero(joints)[-1])
+            speed[owner] *= max(1.0 + FASTER * float(x[r + int(self.frame.free_shift) + k]), 0.1)
+        return replace(settings, shift=shift, friction_speed=speed)
+
+    def folded(self, x: Array, sigma: Array) -> list[NormalEquations]:
+        """Of the groups in each fifth, in units of the residuals, with what the settings were off taken from the torques."""
+        r, off, found = self.frame.base.count, x[self.frame.base.count :], list[NormalEquations]()
+        for mine in self.folds():
+            one = self.moments.equations(self.frame, 1, mine)
+            N, c, y = one.N / sigma[:, None, None] ** 2, one.c / sigma[:, None] ** 2, one.y / sigma**2
+            rest = y - 2.0 * c[:, r:] @ off + np.einsum("jkl,k,l->j", N[:, r:, r:], off, off)
+            found.append(NormalEquations(N[:, :r, :r], c[:, :r] - N[:, :r, r:] @ off, rest, one.rows))
+        return found
+
+    def by_factors(self) -> Array:
+        """The unknowns by the triangular factors in place of the normal equations: digits that these lose, it keeps."""
+        prior = self.prior
+        x, sigma = self.solved(np.arange(len(self.moments.counts)))
+        sigma = np.ones_like(sigma) if self.method == "ols" else sigma
+        rows, right = [np.diag(1.0 / prior.size)], [prior.mean / prior.size]
+        for felt, R, size in zip(self.frame.felt, self.moments.factors, sigma, strict=True):
+            row = np.zeros((len(R), len(x)))
+            row[:, felt] = R[:, :-1] / size
+            rows.append(row)
+            right.append(R[:, -1] / size)
+        A, b = np.concatenate(rows) * prior.size, np.concatenate(right)
+        return np.asarray(scipy.linalg.lstsq(A, b)[0] * prior.size)
+
+
+def fit_of(information: Information) -> InformationFit:
+    """Least squares of all rows of an information."""
+    i = information
+    return InformationFit(i.frame, i.moments, i.weak, i.method, i.hanging)
+
+
+def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
+    """N and c of all joints together."""
+    return np.einsum("jkl,j->kl", equations.N, sigma**-2), (equations.c / sigma[:, None] ** 2).sum(axis=0)
+
+
+# ── Information: what all rows of logs say of a robot's groups, as sums that add up, in a small file in place of the logs
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,7 +464,7 @@ class Information:
         >>> tw.identification.gather(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=()).identified().base.count
         3
         """
-        from .gathered_robot import gathered_robot
+        from .streaming import gathered_robot
 
         return gathered_robot(self, test)
 

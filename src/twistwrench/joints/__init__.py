@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .ball import Ball
-from .fixed import Fixed
 from .floating import Floating
-from .helical import Helical
-from .joint import ChartEntry, Joint, Slider
+from .joint import ChartEntry, Fixed, Joint, Slider
 from .planar import Planar
-from .prismatic import Prismatic
-from .revolute import Continuous, Revolute
-from .rotor import RotorJoint
+from .screw_joint import Continuous, Helical, Prismatic, Revolute, RotorJoint
 
 __all__ = ["JOINT_TYPES", "ChartEntry", "Fixed", "Floating", "Joint", "RotorJoint", "Slider"]
 

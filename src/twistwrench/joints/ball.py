@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..lie import quaternion, se3, so3
-from ..lie.half_angle import half_angle, half_turn, short_way
+from ..lie.quaternion import half_angle, half_turn, short_way
 from ..typing import Array
-from .chart import CosineSine, euler_axis, euler_rates, euler_rotation, exact
-from .joint import ChartEntry, Joint, Slider
+from .joint import ChartEntry, CosineSine, Joint, Slider, euler_axis, euler_rates, euler_rotation, exact
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..lie import quaternion, se3, so3
-from ..lie.exponentials import slide
-from ..lie.half_angle import cotangent_quotient, half_angle
+from ..lie.quaternion import cotangent_quotient, half_angle
+from ..lie.se3 import slide
 from ..typing import Array
 from .ball import Ball, turn_between, unit
-from .chart import CosineSine, euler_axis, euler_rates, euler_rotation, exact
-from .joint import ChartEntry, Joint, Slider
+from .joint import ChartEntry, CosineSine, Joint, Slider, euler_axis, euler_rates, euler_rotation, exact
 
 _TURNING = Ball("", np.eye(6)[:3])
 

@@ -11,12 +11,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import ModelError
 from ..lie import se3
-from ..lie.half_angle import half_angle, half_turn, short_way
+from ..lie.quaternion import half_angle, half_turn, short_way
 from ..typing import Array
-from .axes import direction_of, no_pitch, plane_of, unit_vector
-from .chart import CosineSine, exact, exact_rodrigues
-from .joint import ChartEntry, Joint, Slider
-from .screw_joint import rodrigues
+from .joint import ChartEntry, CosineSine, Joint, Slider, exact, exact_rodrigues
+from .screw_joint import direction_of, no_pitch, plane_of, rodrigues, unit_vector
 
 
 class Planar(Joint):

@@ -1,4 +1,4 @@
-"""One-degree joints: a screw axis, which one formula serves. Modern Robotics eq. 3.88."""
+"""Screw axes of joints from what files and callers say: numbers checked, directions of unit length."""
 
 from __future__ import annotations
 
@@ -9,10 +9,105 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.numbers import printed
+from ..errors import ModelError
 from ..lie import se3, so3
 from ..typing import Array
-from .axes import no_pitch, screw_of
 from .joint import ChartEntry, Joint, Slider
+
+
+def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """``values`` as a fresh array of finite floats; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
+    try:
+        array = np.array(values, float)
+    except (TypeError, ValueError):
+        raise ModelError(f"{what} is {values!r}, expected {_shape_in_words(shape)}.") from None
+    if array.shape != shape:
+        raise ModelError(f"{what} has shape {array.shape}, expected {_shape_in_words(shape)}.")
+    if not all(map(math.isfinite, array.ravel().tolist())):
+        raise ModelError(f"{what} is {array.tolist()}; every number must be finite.")
+    return array
+
+
+def number(value: float | ArrayLike, what: str) -> float:
+    """``value`` as one finite float; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
+    return float(value) if isinstance(value, float) and math.isfinite(value) else float(numbers(value, (), what))
+
+
+def _shape_in_words(shape: tuple[int, ...]) -> str:
+    return f"numbers of shape {shape}" if shape else "a number"
+
+
+def direction_of(axis: ArrayLike, who: str) -> Array:
+    """A direction (3,) that is not zero, of its own length."""
+    direction = numbers(axis, (3,), f"the axis of {who}")
+    if not direction.any():
+        raise ModelError(f"{who} has a zero axis, so it has no direction to move in. Give an axis such as 0 0 1.")
+    return direction
+
+
+def no_pitch(kind: str, pitch: float, who: str) -> None:
+    """Raise ModelError for a pitch where there can be none."""
+    if number(pitch, f"the pitch of {who}"):
+        raise ModelError(f"{who} is {kind} and has a pitch of {printed(pitch)} m/rad; only helical joints have one.")
+
+
+def screw_of(kind: str, turning: bool, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
+    """The screw axis (6,) of a one-degree joint that turns, or slides: from a direction and a pitch, or as it is."""
+    if np.shape(axis) == (6,):
+        if pitch:
+            raise ModelError(
+                f"{who} has a screw axis and a pitch; a screw axis has its pitch in it, so leave out pitch."
+            )
+        return _screw(kind, turning, numbers(axis, (6,), f"the axis of {who}"), normalise, who)
+    direction = direction_of(axis, who)
+    direction = unit_vector(direction) if normalise else direction
+    if not turning:
+        return np.concatenate([np.zeros(3), direction])
+    return np.concatenate([direction, np.zeros(3) + pitch * direction])
+
+
+def _screw(kind: str, turning: bool, S: Array, normalise: bool, who: str) -> Array:
+    turns, slides = bool(S[:3].any()), bool(S[3:].any())
+    if not turns and not slides:
+        raise ModelError(f"{who} has a zero screw axis, so it does not move. Give (omega, v) with a nonzero part.")
+    if turns != turning:
+        allowed = "a nonzero omega" if turning else "(0, 0, 0, v)"
+        raise ModelError(f"{who} is {kind}, so its screw axis (omega, v) needs {allowed}; got {S.tolist()}.")
+    if not normalise:
+        return S
+    return np.concatenate([np.zeros(3), unit_vector(S[3:])]) if not turns else np.array(S / np.linalg.norm(S[:3]))
+
+
+def unit_vector(v: Array) -> Array:
+    """v of unit length: by the largest entry first, so that a multiple of a coordinate axis becomes exactly it."""
+    x = v.tolist()
+    if len(x) - x.count(0.0) == 1:  # most of those in files
+        return np.sign(v)
+    v = v / np.abs(v).max()
+    return np.array(v / np.linalg.norm(v))
+
+
+def plane_of(normal: Array) -> Array:
+    """The three axes (3, 6) of a planar joint with unit ``normal``: turning about it, then sliding along two directions.
+
+    The directions are the next two coordinate axes in cyclic order when the normal is a coordinate axis (z → x, y), and
+    otherwise those of z turned the shortest way onto the normal.
+    """
+    k = int(np.argmax(np.abs(normal)))
+    if normal[k] == 1.0:
+        e1, e2 = np.eye(3)[(k + 1) % 3], np.eye(3)[(k + 2) % 3]
+    else:
+        z = np.array([0.0, 0.0, 1.0])
+        w = so3.cross(z, normal)
+        s, c = float(np.linalg.norm(w)), float(normal[2])
+        turn = so3.exp(w / s * np.arctan2(s, c)) if s > 0 else np.diag([1.0, -1.0, -1.0])
+        e1, e2 = turn[:, 0], turn[:, 1]
+    zero = np.zeros(3)
+    return np.stack([np.r_[normal, zero], np.r_[zero, e1], np.r_[zero, e2]])
+
+
+# ── One-degree joints: a screw axis, which one formula serves. Modern Robotics eq. 3.88
 
 
 class ScrewJoint(Joint):
@@ -76,3 +171,63 @@ def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
     """The rotation about a unit vector, sorted so that axis-aligned ones fold to four entries; MR eq. 3.51."""
     along = np.outer(w, w)
     return along + cosine * (np.eye(3) - along) + sine * so3.hat(w)
+
+
+# ── Revolute and continuous joints: they turn about an axis, between limits or without end
+
+
+class Revolute(ScrewJoint):
+    """Turns about its axis."""
+
+    kind = "revolute"
+
+
+class Continuous(ScrewJoint):
+    """Turns about its axis without limits."""
+
+    kind = "continuous"
+    wraps = (0,)
+
+
+# ── Prismatic joints: they slide along an axis
+
+
+class Prismatic(ScrewJoint):
+    """Slides along its axis."""
+
+    kind = "prismatic"
+    turns = False
+
+
+# ── Helical joints: they turn about an axis, and slide along it by the pitch
+
+
+class Helical(ScrewJoint):
+    """A screw; its axis has the pitch in it."""
+
+    kind = "helical"
+    has_pitch = True
+
+    @classmethod
+    def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
+        """One screw axis, of a direction and its pitch."""
+        pitch = float(numbers(pitch, (), f"the pitch of {who}"))
+        return screw_of(cls.kind, True, axis, pitch, normalise, who)[None, :]
+
+
+# ── Rotors: bodies of revolution that an actuator turns on the link that carries them
+
+
+class RotorJoint(ScrewJoint):
+    """Turns about its axis of symmetry. It looks the same however it has turned, so its frame stays behind."""
+
+    kind = "rotor"
+    moves_body = False
+
+    def pose(self, q: Array) -> Array:
+        """That of the carrier."""
+        return np.eye(4)
+
+    def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:
+        """Unchanged."""
+        return G

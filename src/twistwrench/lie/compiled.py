@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..core.rotation_checks import TOLERANCE
+from ..core.arguments import TOLERANCE
 from ..typing import Array
-from .half_angle import LARGEST_HALF_TURN
+from .quaternion import LARGEST_HALF_TURN
 
 Kernel = Callable[[Array], tuple[Array, Any]]
 
@@ -23,7 +23,7 @@ def _nothing(_name: str) -> Kernel | None:
 
 
 compiler: Callable[[str], Kernel | None] = _nothing
-"""Gives the kernel of a function of ``lie/exponentials.py`` by its name; None where nothing can be compiled."""
+"""Gives the kernel of a function of ``lie/se3.py`` by its name; None where nothing can be compiled."""
 
 
 def exponential(name: str, x: Array, formulas: Callable[[Array], Array]) -> Array:

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments, rotation_checks
+from ..core import arguments
+from ..core import arguments as rotation_checks
 from ..errors import ShapeError
 from ..typing import Array
 from . import compiled, quaternion, series
-from .quadratic import angle, quadratic, within_reach
+from .series import angle, quadratic, within_reach
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

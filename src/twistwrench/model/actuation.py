@@ -12,17 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
 from ..errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
 from ..joints import Joint, RotorJoint
 from ..lie import se3
 from ..typing import Array
-from .actuator import Actuator, Rotor
-from .actuator_checks import LARGEST, check_actuator
+from .actuators import LARGEST, Actuator, Rotor, check_actuator
 from .friction import LAWS
 from .limits import Limits
-from .model import BASE, Body, Model
-from .spring import Spring
+from .model import BASE, Body, Model, Spring
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:

@@ -1,28 +1,291 @@
-"""Assembly: from described links and joints to a model in which every joint, fixed ones included, carries a body."""
+"""Fusing: bodies held rigidly by their parents become part of them. The one place where links are joined."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.numbers import number
+from ..core.text import listed
+from ..errors import ModelError, ShapeError, UnknownNameError
 from ..joints import Floating
-from ..lie.identity import IDENTITY
+from ..lie.identity import IDENTITY, is_identity, product
 from ..typing import Array
-from .closure import OfferedClosure
-from .configuration import from_names
-from .description import JointEntry, LinkEntry, SiteEntry
-from .fixed_joints import fuse
+from .description import JointEntry, LinkEntry, Mimic, SiteEntry
 from .friction import Friction
-from .limits import Limits
-from .mimic import Drive, shared_limits
-from .model import BASE, Body, Frame, Model
+from .limits import TOLERANCE, Limits
+from .model import BASE, Body, Frame, Model, OfferedClosure, Spring, Tree
 from .rounding import snap_pose
-from .spring import Spring
-from .tree import Tree
+
+
+def fuse(model: Model, held: Mapping[int, Array]) -> Model:
+    """The model with the joints of some bodies held rigid: ``held[i]`` is the pose T_joint,child (4, 4) of body i.
+
+    Each such body's inertia is added to the body that carries it, its frames and children move over, and its
+    coordinates and limits go. Whoever holds a leader holds its followers too.
+    """
+    if not held:
+        return model
+    snap = model.snap
+    carriers = _carriers(model, held)
+    kept = [body for i, body in enumerate(model.bodies) if i not in held]
+    inertias = {BASE: model.base_inertia, **{i: body.inertia for i, body in enumerate(kept)}}
+    for i in sorted(held):
+        carrier, T = carriers[i]
+        if model.bodies[i].inertia.parameters.any():
+            inertias[carrier] = inertias[carrier] + _seen_from(T, model.bodies[i].inertia)
+    columns = _Columns(model, held)
+    carriers[BASE] = (BASE, IDENTITY)
+    bodies = tuple(
+        replace(
+            body,
+            parent=carriers[body.parent][0],
+            placement=snap_pose(product(carriers[body.parent][1], body.placement), snap),
+            inertia=inertias[i],
+            q_index=columns.q[body.v_index] if body.joint.nv else 0,
+            v_index=columns.v[body.v_index] if body.joint.nv else 0,
+        )
+        for i, body in enumerate(kept)
+    )
+
+    def carried(frames: Mapping[str, Frame]) -> dict[str, Frame]:
+        return {
+            name: Frame(carriers[f.body][0], snap_pose(product(carriers[f.body][1], f.pose), snap))
+            for name, f in frames.items()
+        }
+
+    return replace(
+        model,
+        bodies=bodies,
+        frames=carried(model.frames),
+        sites=carried(model.sites),
+        base_inertia=inertias[BASE],
+        **columns.kept(model),
+    )
+
+
+def _carriers(model: Model, held: Mapping[int, Array]) -> dict[int, tuple[int, Array]]:
+    """For each body, the new index of the body that carries it, and its pose there."""
+    carriers: dict[int, tuple[int, Array]] = {}
+    count = 0
+    for i, body in enumerate(model.bodies):
+        if i in held:
+            carrier, T = (BASE, IDENTITY) if body.parent == BASE else carriers[body.parent]
+            T_body = snap_pose(product(body.placement, held[i]), model.snap)
+            carriers[i] = carrier, snap_pose(product(T, T_body), model.snap)
+        else:
+            carriers[i] = count, IDENTITY
+            count += 1
+    return carriers
+
+
+def _seen_from(T: Array, inertia: SpatialInertia) -> SpatialInertia:
+    # A body seen from its own frame keeps its numbers to the last bit.
+    return inertia if is_identity(T) else inertia.in_frame(T)
+
+
+class _Columns:
+    """Where the coordinates of the joints that still move were and will be."""
+
+    def __init__(self, model: Model, held: Mapping[int, Array]) -> None:
+        self.q: dict[int, int] = {}  # new q_index by old v_index
+        self.v: dict[int, int] = {}
+        self._order: list[int] = []
+        self._q_order: list[int] = []
+        moving = [b for i, b in enumerate(model.bodies) if i not in held and not b.follows and b.joint.nv]
+        nq = 0
+        for body in sorted(moving, key=_v_index):
+            self.q[body.v_index], self.v[body.v_index] = nq, len(self._order)
+            self._order.extend(range(body.v_index, body.v_index + body.joint.nv))
+            self._q_order.extend(range(body.q_index, body.q_index + body.joint.nq))
+            nq += body.joint.nq
+
+    def kept(self, model: Model) -> dict[str, Any]:
+        """The per-velocity data of the model, without the columns that went."""
+        pick, old = np.array(self._order, int), model.limits
+        limits = Limits(old.lower[pick], old.upper[pick], old.velocity[pick], old.effort[pick])
+        q_pick = np.array(self._q_order, int)
+        configurations = {name: q[q_pick] for name, q in model.configurations.items()}
+        return {
+            "limits": limits,
+            "friction": model.friction.at(pick),
+            "armature": model.armature[pick],
+            "configurations": configurations,
+        }
+
+
+def _v_index(body: Body) -> int:
+    return body.v_index
+
+
+# ── Configurations of a robot: by names, and at random
+
+_ENDLESS = 1e3
+"""rad or m: at an angle of 1e16 neighbouring doubles are two apart, and nothing can be said of the pose."""
+
+
+def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
+    """q (nq,) with the named joints as given and the others neutral."""
+    q = model.neutral
+    by_name = {body.joint.name: body for body in model.leaders}
+    for name, value in joints.items():
+        if name not in by_name:
+            raise UnknownNameError.of("joint", name, by_name)
+        body = by_name[name]
+        try:
+            given = np.atleast_1d(np.asarray(value, float))
+        except (TypeError, ValueError):
+            raise ShapeError(f"the coordinate of joint {name!r} is {value!r}, expected a number.") from None
+        if given.shape != (body.joint.nq,):
+            raise ShapeError(
+                f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}."
+            )
+        _coordinates(q, body)[...] = given
+    return q
+
+
+def random_configuration(model: Model, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Random q (*shape, nq): inside the limits, unbounded joints within ±π or ±1 m, quaternions uniform.
+
+    A limit of more than 1000 rad or m says that there is none, as ±1e16 does in files of propellers.
+    """
+    parts = [_random(model, body, rng, shape) for body in model.leaders]
+    return np.concatenate([np.zeros((*shape, 0)), *parts], axis=-1)
+
+
+def _random(model: Model, body: Body, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    joint, mine = body.joint, body.places[1]
+    reach = np.where(np.any(joint.axes[:, :3] != 0, axis=1), np.pi, 1.0)
+    lower, upper = model.limits.lower[mine], model.limits.upper[mine]
+    lower, upper = np.where(lower < -_ENDLESS, -np.inf, lower), np.where(upper > _ENDLESS, np.inf, upper)
+    # Where one side alone is given, the other stays at least a reach away from it.
+    free_lower = np.minimum(-reach, np.where(np.isfinite(upper), upper - reach, -reach))
+    free_upper = np.maximum(reach, np.where(np.isfinite(lower), lower + reach, reach))
+    lower, upper = np.where(np.isfinite(lower), lower, free_lower), np.where(np.isfinite(upper), upper, free_upper)
+    return joint.random(rng, shape, lower, upper)
+
+
+def _coordinates(q: Array, body: Body) -> Array:
+    return q[..., body.places[0]]
+
+
+# ── The tip: the frame that is meant when none is named
+
+
+def default_tip(model: Model) -> str | None:
+    """The last leaf in document order on the last moving body, where the moving joints form one chain; else None."""
+    if any(body.parent != i - 1 for i, body in enumerate(model.bodies)):
+        return None
+    last = len(model.bodies) - 1
+    return next((name for name in reversed(model.leaves) if model.frames[name].body == last), None)
+
+
+def check_tip(model: Model, tip: str | None) -> str | None:
+    """``tip`` if the model has such a frame, the default for None; raises :class:`~twistwrench.UnknownNameError`."""
+    if tip is None:
+        return default_tip(model)
+    if tip not in model.all_frames:
+        raise UnknownNameError.of("frame", tip, model.all_frames)
+    return tip
+
+
+# ── Mimic joints: which joint each one follows in the end, and how; the limits of leaders that followers keep theirs in
+
+MIMIC_POLICIES = ("follow", "independent")
+"""``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A follower's coordinate is ``ratio`` times its leader's, plus ``offset``; the leader follows nobody."""
+
+    leader: str
+    ratio: float
+    offset: float
+
+
+def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
+    """The drive of each follower by name, chains resolved; a mimic on a fixed joint is ignored.
+
+    Raises :class:`~twistwrench.ModelError` for cycles, missing leaders, and joints with several coordinates.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    found: dict[str, Drive] = {}
+    for joint in by_name.values():
+        path: dict[str, tuple[JointEntry, Mimic]] = {}  # followers up to one that is resolved, or that follows nobody
+        while joint.mimic is not None and not joint.fixed and joint.name not in found:
+            leader = joint.mimic[0]
+            _check_pair(joint, leader, by_name)
+            path[joint.name] = joint, joint.mimic
+            if leader in path:
+                names = [*path]
+                loop = listed(map(repr, [*names[names.index(leader) :], leader]), between=" → ")
+                raise ModelError(
+                    f"{path[names[0]][0]} is part of a mimic cycle, {loop}. Remove the <mimic> of one of them."
+                )
+            joint = by_name[leader]
+        drive = found.get(joint.name, Drive(joint.name, 1.0, 0.0))
+        for name, (_, (_, ratio, offset)) in reversed(path.items()):
+            found[name] = drive = Drive(drive.leader, ratio * drive.ratio, offset + ratio * drive.offset)
+    return found
+
+
+def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
+    if leader not in by_name:
+        found = UnknownNameError.of("joint", leader, by_name)
+        raise ModelError(f"the mimic leader of {joint} is not there: {found} Or load with mimic='independent'.")
+    for one in (joint, by_name[leader]):
+        if one.joint.nv > 1:
+            raise ModelError(
+                f"{joint} mimics {by_name[leader]}, but a {one.joint.kind} joint has several coordinates and can "
+                "neither mimic nor be mimicked. Load with mimic='independent', or remove the <mimic>."
+            )
+
+
+def shared_limits(
+    leader: JointEntry, followers: Iterable[JointEntry], drives: Mapping[str, Drive]
+) -> tuple[Limits, list[str]]:
+    """The limits of a leader in which its followers keep theirs, and a remark on each follower that none would suit.
+
+    Limits of position and velocity are shared. A limit of effort stays the follower's own: see :func:`follower_torques`.
+    """
+    limits, remarks = leader.limits, []
+    for joint in followers:
+        drive = drives[joint.name]
+        if not drive.ratio:
+            continue
+        slack = limits.tolerance
+        least, most = np.sort((np.stack([joint.limits.lower, joint.limits.upper]) - drive.offset) / drive.ratio, axis=0)
+        lower = np.where(least > limits.lower + slack, least, limits.lower)
+        upper = np.where(most < limits.upper - slack, most, limits.upper)
+        if (upper - lower <= slack).any() and (limits.upper - limits.lower > slack).all():
+            own = f"{number(float(joint.limits.lower[0]))} to {number(float(joint.limits.upper[0]))}"
+            remarks.append(
+                f"{joint} follows {leader} by {number(drive.ratio)} and cannot keep to its limits, {own}, wherever that "
+                "moves within its own; they are left out"
+            )
+        else:
+            limits = replace(limits, lower=lower, upper=upper)
+        speed = joint.limits.velocity / abs(drive.ratio)
+        limits = replace(limits, velocity=np.where(speed < (1 - TOLERANCE) * limits.velocity, speed, limits.velocity))
+    return limits, remarks
+
+
+def follower_torques(model: Model, F: Array) -> Array:
+    """What followers that have a limit of effort bear, (..., k) [N m or N], of wrenches across the joints (..., nbodies, 6).
+
+    τ = S' F for each of ``model.limited_followers``: the torque that a motor in its place would give, friction left out.
+    """
+    which = model.limited_followers
+    return np.stack([F[..., i, :] @ model.bodies[i].joint.axes[0] for i in which], axis=-1)
+
+
+# ── Assembly: from described links and joints to a model in which every joint, fixed ones included, carries a body
 
 ROOT_JOINT = "root_joint"
 """The name of the joint that ``floating_base=True`` adds."""

@@ -9,14 +9,12 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core.gravity import GRAVITY
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
+from ..core.text import listed
 from ..errors import ModelError, ValueRangeError
 from ..joints import Floating
-from ..joints.axes import number, numbers
-from ..listing import listed
-from .assembly import ROOT_JOINT, Additions, assemble
-from .closure import OfferedClosure
-from .default_tip import check_tip
+from ..joints.screw_joint import number, numbers
+from .assembly import MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
 from .description import (
     TYPES,
     JointEntry,
@@ -31,14 +29,10 @@ from .description import (
     placement_of,
 )
 from .edit import gravity_vector, lock
-from .inertia_checks import INERTIA_POLICIES, judge
-from .massless import massless_links
-from .mimic import MIMIC_POLICIES, find_drives
-from .model import Model
-from .remark import Remark, issue, sentences
+from .inertia_checks import INERTIA_POLICIES, judge, massless_links
+from .model import Model, OfferedClosure, Spring, Tree, find_tree
+from .notes import Remark, issue, sentences
 from .rounding import DEFAULT_SNAP
-from .spring import Spring
-from .tree import Tree, find_tree
 
 
 class ModelBuilder:
@@ -318,7 +312,7 @@ class ModelBuilder:
 
         Examples
         --------
-        >>> from twistwrench.model.closure import OfferedClosure
+        >>> from twistwrench.model.model import OfferedClosure
         >>> builder = ModelBuilder("slider")
         >>> builder.add_link("rail")
         >>> builder.add_link("cart", SpatialInertia.from_com(1.0))

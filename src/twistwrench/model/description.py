@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import printed
-from ..core.rotation_checks import gaps
+from ..core.arguments import gaps
+from ..core.numbers import printed
+from ..core.text import clipped
 from ..errors import InertiaError, ModelError
 from ..joints import JOINT_TYPES, Fixed, Joint
-from ..joints.axes import number, numbers
+from ..joints.screw_joint import number, numbers
 from ..lie.identity import IDENTITY, UPRIGHT
-from ..listing import clipped
 from ..typing import Array
 from .limits import Limits
-from .remark import Remark
+from .notes import Remark
 
 Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""

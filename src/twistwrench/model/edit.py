@@ -13,8 +13,7 @@ from ..core.gravity import GRAVITY
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..joints import Joint
 from ..typing import Array
-from .default_tip import default_tip
-from .fixed_joints import fuse
+from .assembly import default_tip, fuse
 from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
 

@@ -8,18 +8,16 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..core.text import listed
 from ..errors import FrameError, ModelError, UnknownNameError
-from ..joints.fixed import Fixed
-from ..listing import listed
+from ..joints.joint import Fixed
 from ..typing import Array
-from .actuator import Actuator
+from .actuators import Actuator
 from .assembly import ROOT_JOINT
-from .closure import OfferedClosure
 from .description import JointEntry, SiteEntry
 from .limits import Limits
-from .model import BASE, Model
-from .outline import Outline, outline
-from .reassembly import assembled
+from .model import BASE, Model, OfferedClosure
+from .parts import Outline, assembled, outline
 
 _LISTED = 6
 _Value = TypeVar("_Value")

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments, rotation_checks
+from ..core import arguments
+from ..core import arguments as rotation_checks
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3, so3
 from ..typing import Array

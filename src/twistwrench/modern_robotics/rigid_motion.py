@@ -392,7 +392,7 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
 
     Notes
     -----
-    MR section 3.3.2.2. s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.screws.axis`
+    MR section 3.3.2.2. s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis`
     normalises it.
 
     Examples

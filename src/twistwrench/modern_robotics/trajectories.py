@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.pose_paths import PosePath
-from ..algorithms.time_scalings import cubic_share, quintic_share
+from ..algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3

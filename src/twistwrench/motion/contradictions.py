@@ -1,27 +1,172 @@
-"""Where a motion contradicts itself: rates that are not those of its positions, jumps, and time in another unit."""
+"""Whether the angles of a motion are in the unit that they are read in, told by how far the joints can turn."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..core.printed_numbers import printed, seconds
-from ..listing import listed
+from ..core.numbers import printed, seconds
+from ..core.text import listed
 from ..typing import Array
-from .angle_units import AngleUnits
 from .coordinates import Coordinates
-from .gain_text import described_gain, near
-from .rate_delay import RateDelay
-from .rate_gain import RateGain, segments
-from .single_row_glitches import SingleRowGlitches
-from .turns_left_out import TurnsLeftOut
+from .rate_checks import RateDelay, RateGain, SingleRowGlitches, described_gain, near, segments
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
     from .motion_log import LogRows
+
+_FAR, _MANY_TURNS = 3.0, 4 * math.pi
+"""Times the reach of a joint's limits, or a full turn, and an angle [rad], that no joint with limits turns to."""
+_WITHIN = 1.1
+"""Times its reach that a joint in the right unit may turn to."""
+_FULL_TURN, _SOME_MOVE = math.tau, 0.3
+"""Number that no angle in radians of a joint with limits is above, and one that a joint which moves for certain passes."""
+_FEWEST = 3
+"""Joints that do not all stay within six degrees of zero for the whole of a motion."""
+_DEGREE = math.radians(1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class AngleUnits:
+    """The turning joints of a log, (k,) each: what is read of them [rad], and how."""
+
+    names: Sequence[str]
+    least: Array
+    most: Array
+    endless: Array
+    """bool: the joint has no limits, so that it may turn as far as it likes."""
+    lower: Array
+    upper: Array
+    """Limits; infinite where they are not known."""
+    factor: Array
+    """What took the file's numbers to radians."""
+    stated: Array
+    """bool: the file says that unit."""
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """A sentence where the unit is wrong for near certain."""
+        far, bounded = self._far
+        wound = far & (self._size > _MANY_TURNS)
+        if far.any() and 2 * far.sum() >= bounded.sum() and 2 * wound.sum() > far.sum():
+            return (self._too_far(far),)
+        return (self._too_small(),) if self._tiny.sum() >= _FEWEST else ()
+
+    @property
+    def hints(self) -> tuple[str, ...]:
+        """A sentence where the unit is in doubt, and no more."""
+        if self.contradictions:
+            return ()
+        far, _ = self._far
+        beyond = self._size > _MANY_TURNS
+        if 2 * beyond.sum() > len(self.names) and not self.stated.any() and (self.factor == 1.0).all():
+            return (self._too_far(beyond),)
+        if far.any():
+            return (self._too_far(far),)
+        return (self._too_small(),) if self._tiny.any() else ()
+
+    @property
+    def _size(self) -> Array:
+        return np.maximum(np.abs(self.least), np.abs(self.most))
+
+    @property
+    def _reach(self) -> Array:
+        return np.maximum(np.abs(self.lower), np.abs(self.upper))
+
+    @property
+    def _far(self) -> tuple[Array, Array]:
+        """(k,) bool: joints far beyond their limits, and all that could be, read in radians for want of a unit."""
+        bounded = ~self.endless & np.isfinite(self._reach) & (self._reach > 0) & (self.factor == 1.0) & ~self.stated
+        reach = np.maximum(np.where(bounded, self._reach, 1.0), _FULL_TURN / _FAR)
+        return bounded & (self._size > _FAR * reach), bounded
+
+    @property
+    def _tiny(self) -> Array:
+        """(k,) bool, of all or none: joints read in degrees whose numbers are all such as radians are."""
+        asked = (self.factor == _DEGREE) & ~self.stated
+        written = self._size / self.factor
+        moves = (self.most - self.least) / self.factor > _SOME_MOVE
+        alike = bool(asked.any() and (written[asked] <= _FULL_TURN).all() and moves[asked].any())
+        return asked & alike
+
+    def _too_far(self, far: Array) -> str:
+        reach = np.where(np.isfinite(self._reach), self._reach, 1.0)
+        k = int(np.flatnonzero(far)[(self._size / reach)[far].argmax()])
+        limit = (
+            f", and its limits are at {printed(self.lower[k], 3)} and {printed(self.upper[k], 3)}"
+            if np.isfinite(self._reach[k])
+            else ""
+        )
+        degrees = bool((self._size[far] * _DEGREE <= _WITHIN * self._reach[far]).all())
+        others = int(far.sum()) - 1
+        more = f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else ""
+        asked = "Did you mean --degrees? Or are" if degrees else "Are"
+        counts = "" if degrees else ", or counts of an encoder"
+        return (
+            f"{self.names[k]} goes to {printed(self._size[k], 4)} rad{limit}{more}: the angles seem to be in another unit. "
+            f"{asked} they those of the motors, before their gears{counts}? Positions are those of the joints, in radians, "
+            "or in the unit that a column names, as 'JOINT [deg]'"
+        )
+
+    def _too_small(self) -> str:
+        largest = float((self._size / self.factor)[self._tiny].max())
+        return (
+            f"read in degrees, no angle is beyond {printed(largest, 3)} degrees: the file seems to be in radians. Leave "
+            "--degrees out, or name the unit of its columns, as 'JOINT [deg]'"
+        )
+
+
+# ── Joints whose angles are logged within one turn: how far they go with the turns added, and whether their limits allow it
+
+
+class TurnsLeftOut:
+    """A tally over the angles (n, k) of joints, which come in any portions; turns are added to joints that are ``counted``."""
+
+    def __init__(self, counted: NDArray[np.bool_], size: tuple[float, float]) -> None:
+        """``size`` are the least and the largest step [rad] that is taken for a full turn."""
+        self._counted, self._size = counted, size
+        self._turned = np.zeros(len(counted))
+        self._lowest, self._highest = np.full(len(counted), math.inf), np.full(len(counted), -math.inf)
+
+    def add(self, q: Array, moved: Array) -> None:
+        """Angles (n, k) that begin with the last of those before, and the steps (n - 1, k) between them."""
+        size = np.abs(moved)
+        turns = np.where((size > self._size[0]) & (size < self._size[1]) & self._counted, -np.sign(moved), 0.0)
+        turned = self._turned + np.concatenate([np.zeros((1, len(self._turned))), np.cumsum(turns, axis=0)])
+        self._turned = turned[-1]
+        there = q + math.tau * turned
+        self._lowest = np.minimum(self._lowest, there.min(axis=0))
+        self._highest = np.maximum(self._highest, there.max(axis=0))
+
+    def sentences(
+        self, wrapped: NDArray[np.bool_], places: NDArray[np.int_], names: Sequence[str], limits: Limits
+    ) -> list[str]:
+        """A sentence for each joint that was ``wrapped`` (k,) and is within its limits after no whole number of turns.
+
+        ``places`` (k,) are those of the joints among ``names`` and limits.
+        """
+        said = []
+        for k in np.flatnonzero(wrapped).tolist():
+            j, low, high = int(places[k]), float(self._lowest[k]), float(self._highest[k])
+            lower, upper, slack = (float(x[j]) for x in (limits.lower, limits.upper, limits.tolerance))
+            if not (math.isfinite(lower) and math.isfinite(upper)):
+                continue
+            first = math.ceil((lower - slack - low) / math.tau)
+            if high + math.tau * first > upper + slack:
+                said.append(
+                    f"{names[j]} steps by about a full turn, as angles do that are logged within one turn; it then turns by "
+                    f"{printed(high - low, 4)} rad in all, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, do "
+                    "not allow: log the angle without wrapping"
+                )
+        return said
+
+
+# ── Where a motion contradicts itself: rates that are not those of its positions, jumps, and time in another unit
 
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
 """Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
@@ -31,7 +176,7 @@ _WRAP = (1.5 * math.pi, 2.5 * math.pi)
 _SPILL = 0.01 * math.pi
 _TOO_FAST = 3.0
 """Times the greatest speed elsewhere, or the velocity limit, from which a step of more than half a turn is a jump."""
-_LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_STEPS = 1.0, 0.1, 0.05, 20
+_LONG_STEP, _SHORT_MOVE, _SOME_MOVE_of_contradictions, _FEWEST_STEPS = 1.0, 0.1, 0.05, 20
 """A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
 more finely than it is slow."""
 
@@ -199,7 +344,7 @@ class Contradictions:
     def slow_steps(self, limits: Limits | None) -> tuple[str, str] | None:
         """Why the steps of time are too long for how little the joints move in them, and the unit it may be in."""
         step = float(np.median(self._steps)) if self._steps else 0.0
-        moving = self._greatest - self._least > _SOME_MOVE
+        moving = self._greatest - self._least > _SOME_MOVE_of_contradictions
         if self._rows < _FEWEST_STEPS or not moving.any():
             return None
         unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
@@ -281,3 +426,32 @@ def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) 
     found = Contradictions(coordinates)
     found.look_at_steps(time, q[:, found.at])
     return found.slow_steps(limits)
+
+
+# ── Whether the times of a motion are in milliseconds or less, where the caller gives numbers without a unit
+
+_SOME_MOVE_of_time_unit = 0.05
+_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+
+
+def time_doubt(coordinates: Coordinates, time: Array, q: Array, dq: Array | None, limits: Limits) -> str:
+    """What speaks against times (n,) in seconds, of positions (n, nq) and velocities (n, nv) where they are given; or "".
+
+    With velocities: the way that they make in these times is 1000 (or 1000², 1000³) times the way of the positions. Without:
+    joints hardly move within steps that are long.
+    """
+    if dq is None:
+        found = slow_steps(coordinates, time, q, limits)
+        return "" if found is None else f"{found[0]}: time seems to be in {found[1]}"
+    single = np.flatnonzero(coordinates.position_of >= 0)
+    steps = np.abs(np.diff(q[:, coordinates.position_of[single]], axis=0))
+    steps = np.where(coordinates.angular_velocity[single] & (steps > np.pi), 0.0, steps)  # a turn that was left out
+    speeds = np.abs(dq[:, single])
+    made, said = steps.sum(axis=0), (0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time)[:, None]).sum(axis=0)
+    moving = made > _SOME_MOVE_of_time_unit
+    gains = (said[moving] / made[moving]).tolist()
+    for factor, unit in _UNITS.items():
+        if gains and all(near(gain, factor) for gain in gains):
+            times = f"{printed(factor)} times the way of the positions"
+            return f"velocities make {times} in these times: time seems to be in {unit}"
+    return ""

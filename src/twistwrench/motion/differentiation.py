@@ -1,27 +1,232 @@
-"""Velocities and accelerations of a log that has none: a quintic spline through its samples, smoothed if asked."""
+"""Where joints stand although a spline through their samples says that they move."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from ..errors import TrajectoryError
 from ..model.model import Model
 from ..typing import Array
-from .complete_states import States
-from .continuity import Continuity
-from .coordinates import Coordinates, joint_rates
-from .log_noise import Survey, survey
-from .log_outliers import residual_spread, strays
+from .coordinates import Continuity, Coordinates, joint_rates
 from .motion_log import LogRows, MotionLog
-from .row_windows import windows
-from .sampling import SampleErrors, sample_errors
-from .smoothing import alike_samples, best_strength, margin_of, smooth
-from .spline import FEWEST, spline_rates
-from .standing import ringing, standing
+from .noise import SampleErrors, Survey, sample_errors, survey, windows
+from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates
+
+SURE = 5.0
+"""Standard deviations from which a velocity's sign is believed: of ten million rows at rest, six would be taken to move."""
+_ROUND_OFFS = 16.0
+"""Units in the last place of q that rounding of the samples and of the spline moves its slope by, over a step of time."""
+
+
+def standing(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
+    """Where derived velocities (n, nv) are within their uncertainty: that of noise, and that of arithmetic."""
+    steps = np.diff(t)
+    step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
+    # A joint whose samples repeat stands, although the spline still rings there from where it moved; on a grid, where
+    # slow joints repeat samples too, the noise decides.
+    repeats = np.zeros((len(t), q.shape[1]), bool)
+    repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
+    repeats &= quality.quantum == 0
+    still = np.asarray(np.abs(dq) <= SURE * sigma_dq)
+    for b in model.leaders:
+        q_here = b.places[0]
+        here = b.places[1]
+        arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
+        still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
+        still[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
+    return still
+
+
+def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, factors: Array) -> Array:
+    """Where the spline moves a joint and the samples on either side do not, or the other way: it rings; (n, nv) bool.
+
+    Only where the step it claims is one that the samples would show. ``factors`` take the columns of q to SI units.
+    """
+    claimed = np.zeros(dq.shape, bool)
+    if len(t) < 3:
+        return claimed
+    span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
+    shown = np.maximum(quality.quantum, SURE * quality.noise)
+    for b in model.leaders:
+        if b.joint.nq == 1:
+            step = dq[1:-1, b.v_index] * span
+            large = np.abs(step) > shown[b.q_index] * factors[b.q_index]
+            claimed[1:-1, b.v_index] = large & (step * moved[:, b.q_index] <= 0)
+    return claimed
+
+
+# ── Samples of a motion that are complete: positions, velocities and accelerations, and what is known of how they came about
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Consecutive samples of a motion with everything inverse dynamics needs; (n,), (n, nq), (n, nv), (n, nv)."""
+
+    time: Array
+    """(n,) s."""
+    q: Array
+    """As differentiated: smoothed if asked, and without the jumps of wrapped angles."""
+    dq: Array
+    """Velocities (n, nv), rad/s or m/s."""
+    ddq: Array
+    """Accelerations (n, nv), rad/s² or m/s²."""
+    logged: Array
+    """(n, nq) q as the file has it, in SI units: what position limits are about."""
+    still: Array
+    """(n, nv) bool: the velocity is derived and within its own uncertainty, so that its sign means nothing."""
+    stray: Array
+    """(n, k, 2) how far samples lie from the smoothed curve, in standard deviations and in SI units; 0 but at samples that
+    belong to no noise. (n, 0) if nothing was smoothed."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def at(self, rows: Any) -> States:
+        """Some of the rows.
+
+        Parameters
+        ----------
+        rows : slice, mask or indices
+
+        Returns
+        -------
+        states : States
+
+        Examples
+        --------
+        >>> States.none(2, 2).at(slice(0)).q.shape
+        (0, 2)
+        """
+        return States(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def copy(self) -> States:
+        """The same, holding on to no larger arrays.
+
+        Returns
+        -------
+        states : States
+
+        Examples
+        --------
+        >>> States.none(2, 2).copy().dq.shape
+        (0, 2)
+        """
+        return States(*(getattr(self, f.name).copy() for f in fields(self)))
+
+    @classmethod
+    def none(cls, nq: int, nv: int) -> States:
+        """No states at all.
+
+        Parameters
+        ----------
+        nq : int
+        nv : int
+
+        Returns
+        -------
+        states : States
+
+        Examples
+        --------
+        >>> len(States.none(2, 2).time)
+        0
+        """
+        q, v = np.zeros((0, nq)), np.zeros((0, nv))
+        return cls(np.zeros(0), q, v, v, q, v.astype(bool), np.zeros((0, 0)))
+
+
+# ── Samples that smoothing removed although they are no noise: knocks and glitches, far from the curve for their column
+
+_FAR = 6.0
+_MAD = 1.4826  # standard deviations a median absolute deviation of normal noise makes
+
+
+@dataclass(frozen=True)
+class Stray:
+    """What is known of one column's stray samples."""
+
+    column: int
+    """Which of the smoothed columns."""
+    count: int
+    time: float
+    """Of the farthest [s]."""
+    sigmas: float
+    """How far that one is from the curve, in standard deviations, with its sign."""
+    off: float
+    """The same in SI units."""
+    matters: bool = True
+    """Whether any of them could be a torque beyond a limit."""
+
+
+class Strays:
+    """Running count of them, from rows that come in any portions."""
+
+    def __init__(self) -> None:
+        self._found: dict[int, Stray] = {}
+
+    def add(self, time: Array, stray: Array, matters: Array) -> None:
+        """Take in times (n,) and distances (n, k, 2) as :func:`strays` gives them, or (n, 0), and which (n, k) matter."""
+        if not stray.any():
+            return
+        for k in np.flatnonzero(stray[:, :, 0].any(axis=0)).tolist():
+            sigmas, off = stray[:, k].T
+            row = int(np.abs(sigmas).argmax())
+            new = Stray(
+                k,
+                int(np.count_nonzero(sigmas)),
+                float(time[row]),
+                float(sigmas[row]),
+                float(off[row]),
+                bool(matters[:, k].any()),
+            )
+            old = self._found.get(k)
+            if old is not None:
+                far = max(old, new, key=lambda s: abs(s.sigmas))
+                new = replace(far, count=old.count + new.count, matters=old.matters or new.matters)
+            self._found[k] = new
+
+    def result(self) -> tuple[Stray, ...]:
+        """The farthest first."""
+        return tuple(sorted(self._found.values(), key=lambda s: -abs(s.sigmas)))
+
+
+def strays(residual: Array, spread: Array, strengths: Array) -> Array:
+    """Residuals (n, k) over their spread (n, k), and as they are, (n, k, 2).
+
+    0 but where they are beyond 6 of it and the farthest for their neighbourhood.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    found = np.zeros((*residual.shape, 2))
+    for k in np.flatnonzero(spread.any(axis=0) & (strengths > 0)).tolist():
+        off = residual[:, k] / spread[:, k]
+        size = np.abs(off)
+        if not (size > _FAR).any():
+            continue
+        # A glitch pulls the curve towards itself, and so its neighbours away from the curve, by less than half as much.
+        reach = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
+        far = (size > _FAR) & (size > 0.5 * maximum_filter1d(size, reach, mode="nearest"))
+        found[far, k, 0], found[far, k, 1] = off[far], residual[far, k]
+    return found
+
+
+def residual_spread(
+    times: Sequence[Array], parts: Sequence[Array], strengths: Array, step: float, least: Array
+) -> Array:
+    """Robust standard deviation (k,) of the samples about the smoothed curve, at least ``least``; 0 where none is smoothed."""
+    found = np.zeros(len(strengths))
+    for k in np.flatnonzero(strengths).tolist():
+        off = [x[:, k] - smooth(t, x[:, k], float(strengths[k]), step) for t, x in zip(times, parts, strict=True)]
+        found[k] = max(_MAD * float(np.median(np.abs(np.concatenate(off)))), float(least[k]))
+    return found
+
+
+# ── Velocities and accelerations of a log that has none: a quintic spline through its samples, smoothed if asked
 
 _SPLINE_MARGIN = 64
 """Samples. The pull of a sample on a quintic spline falls by 0.43 a sample: by 4e-24 over the margin."""

@@ -16,18 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
-from ..robot.robot_argument import require_robot
+from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .bounds import Bounds, bounds_or_own
-from .contradictions import Contradictions
+from .bounds import Bounds, LimitCheck, Violation, bounds_or_own
+from .contradictions import Contradictions, time_doubt
 from .coordinates import Coordinates, joint_rates
-from .motion_files import MotionFiles
-from .single_row_glitches import stamp_words
-from .spline import FEWEST, continuous, spline_rates, states_between
-from .time_unit import time_doubt
-from .violations import LimitCheck, Violation
+from .motion_io import MotionFiles
+from .rate_checks import stamp_words
+from .smoothing import FEWEST, continuous, spline_rates, states_between
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -205,7 +203,7 @@ class Motion(MotionFiles):
         >>> bool((again.ddq == motion.ddq).all())
         True
         """
-        from .data_frame import data_frame_file, errors_in_python_words, in_python_words
+        from .motion_io import data_frame_file, errors_in_python_words, in_python_words
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
@@ -477,7 +475,7 @@ class Motion(MotionFiles):
         ...     motion.plot(f"{folder}/motion.svg").name
         'motion.svg'
         """
-        from ..plotting.joint_curves import plot_motion
+        from ..plotting.motion import plot_motion
 
         return plot_motion(self, path, bounds, friction=friction)
 

@@ -1,21 +1,333 @@
-"""The file of a motion, opened by what its name and its first bytes say it is, for any robot."""
+"""Several files of one motion, written ``a.csv+b.csv``: joined by their stamps, or row by row where they have none.
+
+Columns that are called alike in several files get the quantity that their file's name says: ``Joint_1`` of ``pos_data.csv`` and
+``curr_data.csv`` are ``Joint_1`` and ``Joint_1.torque``; else the file's name stands before them, ``left:Joint_1``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
 
 from ..core.files import as_path
-from ..errors import TwistWrenchError
+from ..core.third_party import foreign_errors
+from ..errors import MissingExtraError, NotFoundError, TrajectoryError, TwistWrenchError
 from ..model.model import Model
-from .array_file import array_file
-from .array_stream import ArrayStream
-from .column_choice import absent_joints
+from ..typing import Array
+from .array_files import array_file, checked
+from .array_stream import LARGE, ArrayStream, NpzFile, is_archive
+from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning
+from .columns import absent_joints
 from .coordinates import Coordinates
-from .csv_file import CsvFile
-from .joined_files import JOINS, JoinedFile
-from .npz_file import NpzFile, is_archive
-from .ros_file import is_recording, ros_file
+from .csv_reader import Block, CsvFile
+
+JOINS = "+"
+_ROWS = 1 << 14
+_PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
+"""What words of a file's name say of the columns in it."""
+_SAME_STAMPS = 1e-6
+"""s."""
+
+
+class Table(Protocol):
+    """A file of columns, as each reader gives it."""
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of its columns."""
+
+    @property
+    def size(self) -> int:
+        """Of the file [bytes]."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each thing in the file that is not read."""
+
+    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
+        """All rows of some columns, in blocks."""
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedFile:
+    """Files of one motion, side by side."""
+
+    path: Path
+    header: tuple[str, ...]
+    parts: tuple[Table, ...]
+    places: tuple[tuple[int, int], ...]
+    """Of each column of the header: the file, and the column in it."""
+    stamps: tuple[int | None, ...]
+    """Of each file: its column of time."""
+    size: int
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def open(cls, path: str | Path, reader: Callable[[str], Table]) -> JoinedFile:
+        """Open each of the files that ``a.csv+b.csv`` names; raises what their readers raise, and TrajectoryError."""
+        names = [name.strip() for name in str(path).split(JOINS)]
+        if not all(names):
+            raise TrajectoryError(
+                f"{path}: files of one motion are written a.csv{JOINS}b.csv, with a name on both sides."
+            )
+        parts = tuple(reader(name) for name in names)
+        stamps = tuple(_time_of(part.header) for part in parts)
+        with_time = [s is not None for s in stamps]
+        if any(with_time) and not all(with_time):
+            bare = parts[with_time.index(False)]
+            raise TrajectoryError(
+                f"{bare.path}: has no column of time, and the file it is joined with has one. Both need one, or neither."
+            )
+        places = [(k, c) for k, part in enumerate(parts) for c in range(len(part.header)) if k == 0 or c != stamps[k]]
+        cells = [parts[k].header[c] for k, c in places]
+        twice = {cell for cell, count in Counter(filter(None, cells)).items() if count > 1}
+        header = [
+            _told_apart(cell, parts[k].path) if cell in twice else cell
+            for cell, (k, _) in zip(cells, places, strict=True)
+        ]
+        size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
+        return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
+
+    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
+        """All rows, in blocks: of the ``used`` columns. Files whose stamps differ are read whole, as they may be anywhere."""
+        if self.size > LARGE and self._one_clock:
+            yield from self._side_by_side(used)
+            return
+        wanted = [self.places[k] for k in used]
+        tables, times = [], []
+        for k, part in enumerate(self.parts):
+            own = [c for file, c in wanted if file == k]
+            stamp = self.stamps[k]
+            columns = own if stamp is None else [*own, stamp]
+            whole = np.concatenate([b.table for b in part.blocks(columns)] or [np.zeros((0, len(columns)))])
+            times.append(None if stamp is None else whole[:, -1] * _seconds(part.header[stamp]))
+            tables.append(whole[:, : len(own)])
+        table = self._joined(tables, times)
+        table = table[:, _in_order(wanted)]
+        for k in range(0, len(table), _ROWS):
+            rows = table[k : k + _ROWS]
+            yield Block(rows, int(self.size * len(rows) / len(table)), lambda row, k=k: f"row {k + row + 1}")  # type: ignore[misc]
+
+    @cached_property
+    def _one_clock(self) -> bool:
+        """Whether rows of one number belong together: no file has stamps, or all have the same."""
+        if self.stamps[0] is None:
+            return True
+        columns = [([s], _seconds(p.header[s])) for p, s in zip(self.parts, self.stamps, strict=True) if s is not None]
+        stamps = [
+            (b.table[:, 0] * factor for b in part.blocks(column))
+            for part, (column, factor) in zip(self.parts, columns, strict=True)
+        ]
+        try:
+            return all(np.abs(t - t[0]).max(initial=0.0) <= _SAME_STAMPS for t in _abreast(stamps))
+        except _UnevenError:
+            return False
+
+    def _side_by_side(self, used: Sequence[int]) -> Iterator[Block]:
+        """Rows of one number, block by block; raises TrajectoryError where one file has more of them."""
+        wanted, row = [self.places[k] for k in used], 0
+        order = _in_order(wanted)
+        mine = [[c for file, c in wanted if file == k] for k in range(len(self.parts))]
+        files = [k for k, columns in enumerate(mine) if columns]
+        share = self.size / sum(self.parts[k].size for k in files)
+        read = [(b.table for b in self.parts[k].blocks(mine[k])) for k in files]
+        try:
+            for tables in _abreast(read):
+                first = row
+                row += len(tables[0])
+                table = np.concatenate(tables, axis=1)[:, order]
+                yield Block(table, int(share * 8 * table.size), lambda k, first=first: f"row {first + k + 1}")  # type: ignore[misc]
+        except _UnevenError as problem:
+            raise TrajectoryError(
+                f"{self.path}: files without a time are joined row by row, and their rows differ: "
+                f"{self.parts[files[problem.which]].path.name} has more than the {row} of another. Cut them alike, or "
+                "give each a column of time."
+            ) from None
+
+    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
+        """None: it is read whole."""
+        del used, count, rows
+        return None
+
+    def _joined(self, tables: list[Array], times: list[Array | None]) -> Array:
+        first = times[0]
+        if first is None:
+            counts = [len(table) for table in tables]
+            if len(set(counts)) > 1:
+                said = ", ".join(f"{part.path.name} {n}" for part, n in zip(self.parts, counts, strict=True))
+                raise TrajectoryError(
+                    f"{self.path}: files without a time are joined row by row, and their rows differ: {said}. Cut them alike, "
+                    "or give each a column of time."
+                )
+            return np.concatenate(tables, axis=1)
+        begin = max(float(t[0]) for t in times if t is not None and len(t))
+        end = min(float(t[-1]) for t in times if t is not None and len(t))
+        kept = (first >= begin) & (first <= end)
+        if not kept.any():
+            raise TrajectoryError(f"{self.path}: the stamps of the files do not overlap, so they are no one recording.")
+        found = [tables[0][kept]]
+        for table, time in zip(tables[1:], times[1:], strict=True):
+            if time is None:
+                continue
+            if len(time) == len(first) and np.abs(time - first).max() <= _SAME_STAMPS:
+                found.append(table[kept])
+            else:
+                found.append(
+                    np.stack([np.interp(first[kept], time, x) for x in table.T], axis=1).reshape(kept.sum(), -1)
+                )
+        return np.concatenate(found, axis=1)
+
+
+class _UnevenError(Exception):
+    """One of several files has rows left when another has none."""
+
+    def __init__(self, which: int) -> None:
+        super().__init__()
+        self.which = which
+
+
+def _abreast(parts: Sequence[Iterator[Array]]) -> Iterator[list[Array]]:
+    """Portions of equally many rows from each of several, which come in portions of any length."""
+    kept = [next(part, None) for part in parts]
+    while all(x is not None for x in kept):
+        some = [x for x in kept if x is not None]
+        count = min(map(len, some))
+        yield [x[:count] for x in some]
+        kept = [x[count:] if len(x) > count else next(part, None) for x, part in zip(some, parts, strict=True)]
+    if (left := [k for k, x in enumerate(kept) if x is not None and len(x)]) and len(left) < len(kept):
+        raise _UnevenError(left[0])
+
+
+def _in_order(wanted: Sequence[tuple[int, int]]) -> Array:
+    """Takes columns that stand file by file to the order in which they were wanted."""
+    return np.argsort(np.argsort([file for file, _ in wanted], kind="stable"), kind="stable")
+
+
+def _time_of(header: Sequence[str]) -> int | None:
+    """The column of a file that is surest to be time."""
+    ranked = sorted(
+        (rank[0], k) for k, cell in enumerate(header) if (rank := time_meaning(split_unit(cell)[0])) is not None
+    )
+    return ranked[0][1] if ranked else None
+
+
+def _seconds(cell: str) -> float:
+    name, unit = split_unit(cell)
+    said = unit or (time_meaning(name) or (0, None))[1]
+    return (time_factor(said) or 1.0) if said else 1.0
+
+
+def _told_apart(cell: str, path: Path) -> str:
+    stem = path.name.split(".")[0]
+    said = {SUFFIX[_PART_OF[word]] for word in re.findall(r"[^\W\d_]+", stem.casefold()) if word in _PART_OF}
+    if len(said) != 1:
+        return f"{stem}:{cell}"
+    name, unit = split_unit(cell)
+    return f"{name}{said.pop()}" + (f" [{unit}]" if unit else "")
+
+
+# ── Motions in recordings of ROS, without ROS: the joint states of MCAP files, of rosbag2 folders and of bags of ROS 1
+
+_TYPE = "JointState"
+_PARTS = (("position", "q"), ("velocity", "dq"), ("effort", "tau"))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether it is named as recordings of ROS are: .mcap, .bag, or a folder with a metadata.yaml."""
+    try:
+        return path.suffix.lower() in (".mcap", ".bag") or (path / "metadata.yaml").is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def ros_file(path: Path) -> NpzFile:
+    """Stamps, positions, velocities and efforts of the topic of joint states that has most messages.
+
+    Raises NotFoundError, MissingExtraError where a package is missing, and TrajectoryError for what cannot be read.
+    """
+    if not path.exists():
+        raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, a .bag, or a rosbag2 folder.")
+    messages: dict[str, list[Any]] = {}
+    with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
+        for topic, message in _mcap(path) if path.suffix.lower() == ".mcap" else _bag(path):
+            messages.setdefault(topic, []).append(message)
+    if not messages:
+        raise TrajectoryError(f"{path}: has no messages of the type sensor_msgs/{_TYPE}. Record /joint_states.")
+    topic = max(messages, key=lambda name: len(messages[name]))
+    header, table = _table(messages[topic], f"{path}, topic {topic}")
+    size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
+    return checked(path, header, table, size)
+
+
+def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
+    """Of messages that name the same joints as the first; others, of a gripper say, are left out."""
+    names = list(messages[0].name)
+    mine = [m for m in messages if set(m.name) >= set(names)]
+    begin = mine[0].header.stamp
+    time = [_seconds_of_ros_file(m.header.stamp, begin) for m in mine]
+    order = [[list(m.name).index(n) for n in names] for m in mine]
+    header, columns = ["time [s]"], [np.array(time)[:, None]]
+    for field, part in _PARTS:
+        values = [np.asarray(getattr(m, field), float) for m in mine]
+        if all(len(v) == len(m.name) for v, m in zip(values, mine, strict=True)):
+            columns.append(np.array([v[o] for v, o in zip(values, order, strict=True)]))
+            header += [f"{n}{SUFFIX[part]}" for n in names]
+    if len(columns) == 1:
+        raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
+    return header, np.concatenate(columns, axis=1)
+
+
+def _seconds_of_ros_file(stamp: Any, begin: Any) -> float:
+    """Since the first stamp: whole nanoseconds since 1970 do not fit into a float."""
+    nano = "nanosec" if hasattr(stamp, "nanosec") else "nsecs" if hasattr(stamp, "nsecs") else "nanosec"
+    sec = "sec" if hasattr(stamp, "sec") else "secs"
+    return (getattr(stamp, sec) - getattr(begin, sec)) + 1e-9 * (getattr(stamp, nano) - getattr(begin, nano))
+
+
+def _mcap(path: Path) -> Iterator[tuple[str, Any]]:
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        raise MissingExtraError.of("mcap", "logs", "Reading MCAP") from None
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        topics = None
+        if summary is not None:
+            mine = {k for k, schema in summary.schemas.items() if schema.name.endswith(_TYPE)}
+            topics = [c.topic for c in summary.channels.values() if c.schema_id in mine]
+            if not topics:
+                return
+        for schema, channel, _, message in reader.iter_decoded_messages(topics=topics):
+            if schema is not None and schema.name.endswith(_TYPE):
+                yield channel.topic, message
+
+
+def _bag(path: Path) -> Iterator[tuple[str, Any]]:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise MissingExtraError.of("rosbags", "logs", "Reading bags of ROS") from None
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        mine = [c for c in reader.connections if c.msgtype.endswith(_TYPE)]
+        for connection, _, raw in reader.messages(connections=mine) if mine else ():
+            yield connection.topic, reader.deserialize(raw, connection.msgtype)
+
+
+# ── The file of a motion, opened by what its name and its first bytes say it is, for any robot
 
 MotionFile = CsvFile | NpzFile | JoinedFile | ArrayStream
 

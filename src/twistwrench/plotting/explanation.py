@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.numbers import number
 from ..joints.units import torque_word
 from ..robot.explanation import MOTION_TERMS
+from ..sensing.log import ReadingLog
+from ..sensing.outliers import runs
+from ..sensing.sensor import ForceTorqueSensor
+from ..typing import Array
 from .style import (
     AXIS,
     BLUE,
@@ -18,6 +23,7 @@ from .style import (
     INK,
     LINE,
     ORANGE,
+    OVER,
     PURPLE,
     QUIET,
     SKY,
@@ -29,6 +35,8 @@ from .style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from ..robot.explanation import Explanation
 
 _BODIES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE)
@@ -118,3 +126,109 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
         axis.grid(visible=False, axis="x")
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
         return save(drawn, path)
+
+
+# ── Readings before and after compensation, as a picture
+
+_COLOURS = (BLUE, VERMILION, GREEN)  # x, y, z
+_FEW = 40  # readings up to which each is a dot
+
+
+def plot_compensation(
+    log: ReadingLog,
+    sensor: ForceTorqueSensor,
+    noise: tuple[float, float],
+    path: str | Path,
+    *,
+    marked: Array,
+    mark: str,
+) -> None:
+    """Plot of readings with what the sensor's load explains (left) and what is left (right), forces above moments.
+
+    Parameters
+    ----------
+    log : ReadingLog
+    sensor : ForceTorqueSensor
+    noise : (moment [N m], force [N]), standard deviations of a reading
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    marked : (n,) array of bool, readings that are shaded
+    mark : str, what they are called in the legend
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+    ValueRangeError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from twistwrench.sensing import ForceTorqueSensor, simulate
+    >>> sensor = ForceTorqueSensor()
+    >>> log = simulate(sensor, 12)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_compensation(log, sensor, (0.01, 0.3), f"{folder}/log.svg", marked=np.zeros(12, bool), mark="contact")
+    """
+    predicted = log.predicted(sensor)
+    left = log.readings - predicted
+    x = np.arange(len(log)) if log.time is None else log.time
+    title = f"{Path(log.name).stem} · load {number(sensor.load.mass)} kg, sign {sensor.sign}"
+    with figure(10.5, 6.2, title) as drawn:
+        axes = drawn.subplots(2, 2, sharex=True)
+        for row, (part, what, unit, sigma) in enumerate(
+            ((slice(3, 6), "force", "N", noise[1]), (slice(0, 3), "moment", "N m", noise[0]))
+        ):
+            names = [f"{'f' if row == 0 else 'm'}{axis}" for axis in "xyz"]
+            before, after = axes[row]
+            _draw(before, x, log.readings[:, part], names, marked, mark)
+            _explain(before, x, predicted[:, part])
+            before.set_title(f"{what}s as read", loc="left", fontweight="bold")
+            _draw(after, x, left[:, part], names, marked, mark)
+            after.axhspan(-2 * sigma, 2 * sigma, color=QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
+            after.set_title(f"{what}s without bias and load", loc="left", fontweight="bold")
+            if not marked.all():
+                rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2)))
+                where = " in unshaded readings" if marked.any() else ""
+                after.set_title(f"rms {number(rms, 2)} {unit}{where}", loc="right", color=QUIET, fontsize=SMALL)
+            for axis in (before, after):
+                axis.set_ylabel(f"{what} [{unit}]")
+                axis.legend(
+                    frameon=False,
+                    fontsize=SMALL,
+                    ncols=5,
+                    loc="upper left",
+                    bbox_to_anchor=(0.0, 1.0),
+                    columnspacing=1.0,
+                )
+                low, high = axis.get_ylim()
+                axis.set_ylim(low, high + 0.14 * (high - low))  # the legend's own room
+        for axis in axes[1]:
+            axis.set_xlabel("reading, from 0" if log.time is None else "time [s]", color=QUIET)
+            if log.time is None:
+                axis.xaxis.get_major_locator().set_params(integer=True)
+        save(drawn, path)
+
+
+def _draw(axis: Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
+    few = len(x) <= _FEW
+    axis.axhline(0, color=AXIS, linewidth=0.7)
+    for k, name in enumerate(names):
+        style: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linewidth": 0} if few else {"linewidth": 0.9}
+        axis.plot(x, values[:, k], color=_COLOURS[k], label=name, **style)
+    half = 0.5 * float(np.median(np.abs(np.diff(x)))) if len(x) > 1 else 0.5
+    for count, (first, last) in enumerate(runs(marked)):
+        label = mark if count == 0 else None
+        axis.axvspan(x[first] - half, x[last] + half, color=OVER, alpha=0.13, linewidth=0, label=label)
+
+
+def _explain(axis: Axes, x: Array, predicted: Array) -> None:
+    """What bias and load explain, over the readings: bars over dots, a thin dark line over lines."""
+    few = len(x) <= _FEW
+    for k in range(3):
+        style: dict[str, Any] = (
+            {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
+            if few
+            else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
+        )
+        axis.plot(x, predicted[:, k], color=INK, label="bias and load" if k == 0 else None, **style)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
-from ..viz.camera import Camera, Painter, overview
+from ..viz.movie import Camera, Painter, overview
 from ..viz.scene import Scene, scene_of
 from .style import require_matplotlib
 

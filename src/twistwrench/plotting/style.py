@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
+from ..core.files import picture_path, replacing
 from ..errors import MissingExtraError
-from ..outputs import picture_path, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+__all__ = ["figure", "require_matplotlib", "save"]
 
 LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#8a8f98", "#555b63", "#222222", "#d5d9df"
 """A curve, what is over a limit or in doubt, remarks, axes and zero lines, what is drawn over colours, and behind curves."""
@@ -139,3 +142,27 @@ def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
     except ImportError:
         raise MissingExtraError.of("matplotlib", "plot", purpose) from None
     return mpl
+
+
+# ── Panels side by side, one for each joint: how many in a row, and their axes
+
+_COLUMNS = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}
+_MOST = 4
+
+
+def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
+    """Rows and columns for that many panels; ``most`` in a row if given.
+
+    >>> panel_grid(6), panel_grid(5, most=4)
+    ((2, 3), (2, 4))
+    """
+    columns = _COLUMNS.get(count, _MOST) if most is None else max(1, min(count, most))
+    return max(1, math.ceil(count / columns)), columns
+
+
+def panels(drawn: Any, count: int, most: int | None = None, *, sharex: bool = False) -> list[Any]:
+    """Axes of that many panels in a figure or a part of one; what is left over of the grid is not drawn."""
+    axes = drawn.subplots(*panel_grid(count, most), sharex=sharex, squeeze=False).ravel()
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return list(axes[:count])

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .quantity_types import Kind, Rows
+from .derivatives import Kind, Rows
 
 if TYPE_CHECKING:
     from ..export.request import Quantities
-    from .closed_robot import ClosedRobot
-    from .reached_poses import InverseKinematics
+    from .closed.closed_robot import ClosedRobot
+    from .ik import InverseKinematics
+    from .ik_search import SearchedLoops
     from .robot import Robot
-    from .searched_loops import SearchedLoops
 
 
 @cache
 def _inverse_kinematics() -> Callable[..., InverseKinematics]:
     """Imported at the first call; an import statement takes a good part of what a pose near by does."""
-    from .inverse_kinematics import solve
+    from .ik import solve
 
     return solve
 
@@ -167,7 +167,7 @@ class CommonMethods:
         >>> arm.close("ground", "tip", rows="vz").close("ground", "tip", rows="wy").row_names
         ('ground–tip vz', 'ground–tip #2 wy')
         """
-        from .new_constraint import closure
+        from .closed.constraints import closure
 
         return self._closed()._with(closure(self._open().model, frame_a, frame_b, rows, pose), near, redundant)
 
@@ -215,7 +215,7 @@ class CommonMethods:
         >>> tw.robots.floating_box().constrain("box", "vy").constrain("box", "vz").row_names
         ('box vy', 'box #2 vz')
         """
-        from .new_constraint import rolling
+        from .closed.constraints import rolling
 
         return self._closed()._with(rolling(self._open().model, frame, rows, kind), near, redundant)
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import KernelError, ShapeError, TwistWrenchError
-from ..program.expr import Expr
-from ..program.trace import Trace, trace
-from .derivative_options import Chart, Derivative, Shape
-from .model_kernels import compiled
+from ..ir.expr import Expr
+from ..ir.tracer import Trace, trace
+from .engine import compiled
+from .programs import Chart, Derivative
+from .quantities import Shape
 from .robot import Robot
 
 _ADVICE = (

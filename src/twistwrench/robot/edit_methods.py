@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
-from .robot_argument import require_robot
+from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..bodies.inertia import SpatialInertia
@@ -119,7 +119,7 @@ class EditMethods:
         >>> float((arm.with_actuators(drives).mass_matrix([0, 0]) - arm.mass_matrix([0, 0]))[0, 0].round(9))
         0.2
         """
-        from ..formats.actuator_file import add_actuators
+        from ..formats.actuators import add_actuators
 
         return self._of_model(add_actuators(self.model, source, stiff=stiff))
 

@@ -1,30 +1,239 @@
-"""From a question to machine code: options are checked, a program is traced, a kernel compiled, kept, and called.
-
-A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
-"""
+"""The programs and kernels of one model: found as they were kept, or traced and compiled, on NumPy where they cannot be."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core import arguments, lazy
-from ..kernels import threads
+from ..core import arguments
+from ..core import third_party as lazy
+from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
+from ..lie import compiled as lie
+from ..runtime import batch_threads as threads
+from ..runtime.interpreter import compiles
 from ..typing import Array
-from .model_kernels import ModelKernels, Options
-from .out_argument import refuse_lazy, refuse_overlap, refuse_text, unfit
-from .state_arguments import brought, is_symbolic, misfit
-from .wrench_arguments import by_frame
+from . import model_cache as kept_robots
+from .arguments import brought, by_frame, is_symbolic, misfit, numbers
 
 if TYPE_CHECKING:
-    from ..kernels.call_form import CallForm
+    from ..ir.loops import Form
+    from ..ir.program import Program
     from ..model.model import Model
-    from .kept_robots import KeptModel
-    from .wrench_arguments import Wrenches
+    from ..runtime.dispatch import CallForm
+    from .arguments import Wrenches
+    from .model_cache import KeptModel
+
+Options = Mapping[str, Any]
+
+LARGEST_COMPILED = 1_000_000
+"""Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so
+two minutes at most; the regressor of a chain of 100 links has 800,000."""
+
+
+class ModelKernels:
+    """The programs and kernels of one model, each made once."""
+
+    def __init__(self, model: Model | KeptModel) -> None:
+        self._given = model
+        self._kernels: dict[Any, Any] = {}
+
+    @cached_property
+    def model(self) -> Model:
+        """The model; of a robot that was kept, read from its file when first asked for."""
+        return _model_of(self._given)
+
+    def program(self, names: Sequence[str], options: Options) -> Program:
+        """One straight-line program of the quantities named."""
+        from .programs import program_of_several, wanted
+
+        return program_of_several(self.model, wanted(self.model, names, options))
+
+    def kernel(self, names: Sequence[str], options: Options) -> Any:
+        """One compiled function of the quantities named; raises UnknownNameError, KernelError, SingularMassMatrixError."""
+        key, kept = "", self._given
+        if isinstance(kept, kept_robots.KeptModel) and compiles():
+            key = kept_robots.kernel_key(kept.key, names, options)
+        if not key:
+            return self._made(names, options)
+        if key not in self._kernels:
+            # What makes the program is held by the kernel, and must not hold what holds the kernel.
+            found = kept_robots.kernel(key, lambda: form_of(_model_of(kept), names, options))
+            if found is None:
+                found = self._made(names, options)
+                kept_robots.keep_kernel(key, found)
+            self._kernels[key] = found
+        return self._kernels[key]
+
+    def _made(self, names: Sequence[str], options: Options) -> Any:
+        """The same, traced and compiled here."""
+        from . import large_robot_kernels as large_derivatives
+        from .programs import wanted
+        from .quantities import QUANTITIES
+
+        asked = wanted(self.model, names, options)
+        key = tuple((name, *full.items()) for name, full in asked.items())
+        if key in self._kernels:
+            return self._kernels[key]
+        if any(QUANTITIES[name].needs_inverse for name in asked):
+            self.require_invertible()
+        if large_derivatives.applies(self.model, asked):
+            found: Any = large_derivatives.LargeDerivatives(self, options)
+        else:
+            program, title = form_of(self.model, names, options), ", ".join(asked)
+            inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
+            doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
+            found = compiled(program, title, doc)
+        self._kernels[key] = found
+        return found
+
+    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What ``make`` gives, made once for each ``key``: kernels of programs that are no quantity, such as rollouts."""
+        if key not in self._kernels:
+            self._kernels[key] = make()
+        return self._kernels[key]
+
+    def require_invertible(self) -> None:
+        """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
+        from ..model.assembly import random_configuration
+
+        if self.model.nv == 0:
+            return
+        M = self.reference("mass_matrix", (random_configuration(self.model, np.random.default_rng(0), ()),), {})
+        names = [b.joint.name for b in self.model.leaders for _ in range(b.joint.nv)]
+        d = np.sqrt(np.abs(np.diagonal(M)))
+        scale = np.where(d > 0, d, 1.0)
+        values, vectors = np.linalg.eigh(M / np.outer(scale, scale))
+        null = np.abs(values) <= 1e-13 * self.model.nv
+        if not null.any():
+            return
+        lost = np.abs(vectors[:, null]).max(axis=1)
+        guilty = list(dict.fromkeys(n for n, x in zip(names, lost, strict=True) if x > 0.1))
+        raise SingularMassMatrixError(
+            f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(guilty)} move nothing with "
+            "inertia of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no "
+            "inverse."
+        )
+
+    def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
+        """A quantity by its algorithm on floats or symbols, at one state."""
+        from .programs import checked_options, evaluated, inputs_of
+        from .quantities import QUANTITIES
+
+        full = checked_options(self.model, name, options)
+        if "derivative" in full:
+            raise KernelError(f"reference {name}: algorithms know no by=; kernel({name!r}, by=…) does.")
+        traced = is_symbolic(arrays)
+        quantity = QUANTITIES[name]
+        given = [np.asarray(a) for a in brought(self.model, name, arrays, options)]
+        if not traced:
+            given = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(given, start=1)})
+        shapes = inputs_of(self.model, name, full)
+        if len(given) != len(shapes):
+            listed = ", ".join("wrench" if label.startswith("wrench at ") else label for label, _ in shapes)
+            raise ShapeError(f"reference {name}: {len(given)} arrays given, {listed} wanted.")
+        for (label, shape), array in zip(shapes, given, strict=True):
+            if array.shape != shape:
+                raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
+        try:
+            with np.errstate(divide="raise"):
+                found = evaluated(quantity, self.model, [a.astype(object) for a in given], full)
+            if traced:
+                return found
+        except (ZeroDivisionError, FloatingPointError):
+            raise ValueRangeError(
+                f"reference {name}: a matrix to be inverted is singular at this state. The method of that name goes on."
+            ) from None
+        return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
+
+
+def _model_of(given: Model | KeptModel) -> Model:
+    return given.model if isinstance(given, kept_robots.KeptModel) else given
+
+
+def form_of(model: Model, names: Sequence[str], options: Options) -> Form:
+    """The program of the quantities named, with the loop that serves it best."""
+    from . import large_robot_kernels as column_loops
+    from . import large_robot_kernels as long_robots
+    from .programs import program_of_several, wanted
+
+    asked = wanted(model, names, options)
+    looped: Form | None = long_robots.products_of(model, asked) or column_loops.columns_of(model, asked)
+    return looped or program_of_several(model, asked)
+
+
+def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
+    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
+
+    What is ``lone`` is for one sample at a time.
+    """
+    from ..ir.loops import program_of
+
+    program = program_of(given)
+    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
+    # samples of three axes at most, and second derivatives of matrices have four.
+    empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
+    if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
+        from ..lowering.reference_interpreter import on_numpy
+
+        return on_numpy(given, name, doc)
+    from ..runtime.gufunc import make_ufunc
+
+    return make_ufunc(given, name, doc, lone=lone)
+
+
+# ── The argument ``out=``: what it must be, and the error where results do not fit in
+
+
+def refuse_lazy(name: str, out: Any) -> None:
+    """Nothing can be written now that is computed later."""
+    if out is not None:
+        raise ShapeError(
+            f"{name}: out= is for results that are computed now, and those of Dask arrays are computed later. Leave it out."
+        )
+
+
+def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
+    """Two results in one memory are two wrong results, and NumPy lets them."""
+    arrays = [a for a in out if isinstance(a, np.ndarray)]
+    if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
+        raise ShapeError(
+            f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
+        )
+
+
+def refuse_text(out: Any) -> None:
+    """NumPy would write numbers into an array of text, cut to its width."""
+    if any(
+        getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))
+    ):
+        raise TypeError
+
+
+def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
+    """The error for an ``out`` that the results do not fit in."""
+    given = [np.asarray(a) for a in arrays]
+    batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(given, program.inputs, strict=True)))
+    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in given) else "float64"
+    wanted = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
+    shown = [
+        f"a{' writable' if a.flags.writeable else ' read-only'} array of {a.dtype.name} and shape {a.shape}"
+        if isinstance(a, np.ndarray)
+        else f"a {type(a).__name__}"
+        for a in (out if isinstance(out, tuple) else (out,))
+    ]
+    several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
+    return ShapeError(
+        f"{name}: out= is {' and '.join(shown)}. Give {several} of {kind} that can be written to, {wanted}; or leave it out."
+    )
+
+
+# ── From a question to machine code: options are checked, a program is traced, a kernel compiled, kept, and called
+
+# A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
 
 CalledAgain = Callable[[str, Any, "CallForm", int], bool]
 """Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
@@ -124,7 +333,7 @@ class Engine(ModelKernels):
         if not calls:  # nothing pays before a second call
             self._calls[key, wrenches, kind] = 1
             return
-        from ..kernels.call_form import CallForm
+        from ..runtime.dispatch import CallForm
 
         rest = tuple((option, value) for option, value in options.items() if option != "wrenches")
         asked = CallForm(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
@@ -152,3 +361,75 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     cores = [core.count(",") + bool(core) for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])]
     found = tuple(np.empty(batch + (0,) * rank, dtype) for rank in cores)
     return found if len(found) > 1 else found[0]
+
+
+# ── exp and log of rotations and rigid motions as kernels: the bridge between the geometry that says them and the compiler
+
+SHAPES = {
+    "rotation_exp": ((3,), (3, 3)),
+    "pose_exp": ((6,), (4, 4)),
+    "rotation_log": ((3, 3), (3,)),
+    "pose_log": ((4, 4), (6,)),
+}
+"""Of what is given, and of what comes out."""
+
+
+class ExponentialKernel:
+    """A function of :mod:`~twistwrench.lie.se3`, compiled for one row, which comes as one array, and for many."""
+
+    def __init__(self, name: str) -> None:
+        self.name, (self.given, self.found) = name, SHAPES[name]
+
+    def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
+        return kernel, (self.name,)
+
+    def __call__(self, x: Array) -> tuple[Array, Any]:
+        """The result of x (..., n), and the number that says whether it counts."""
+        if x.ndim > len(self.given):
+            with np.errstate(all="ignore"):
+                several: tuple[Array, Array] = self._many(x)
+                return several
+        row = self._one(x)
+        return row[:-1].reshape(self.found), row[-1]
+
+    def slower(self, x: Array) -> Array:
+        """What the builtin hands on: one row of float32, or one that is not in order in memory."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self._flat(x))
+
+    @cached_property
+    def _one(self) -> Callable[[Array], Array]:
+        from ..runtime.dispatch import make_call
+
+        return make_call(self._flat, self.slower, self.name) or self.slower
+
+    @cached_property
+    def _flat(self) -> Any:
+        return self._compiled(lambda x: np.concatenate([np.ravel(part) for part in self._text(x)]), ["row"])
+
+    @cached_property
+    def _many(self) -> Any:
+        return self._compiled(self._text, ["result", "measure"])
+
+    @property
+    def _text(self) -> Callable[[Array], tuple[Array, Any]]:
+        from ..lie import se3 as exponentials
+
+        found: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
+        return found
+
+    def _compiled(self, text: Callable[[Array], Any], outputs: list[str]) -> Any:
+        from ..ir.tracer import trace
+
+        return compiled(trace(text, [("x", self.given)], outputs), self.name, f"{self.name}, compiled.")
+
+
+@cache
+def kernel(name: str) -> ExponentialKernel | None:
+    """The kernel of a function of :mod:`~twistwrench.lie.se3`; None where programs run on NumPy."""
+    return ExponentialKernel(name) if compiles() else None
+
+
+def install() -> None:
+    """Let exp and log of :mod:`~twistwrench.lie` ask here."""
+    lie.compiler = kernel

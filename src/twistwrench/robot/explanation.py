@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.numbers import number
 from ..errors import ShapeError, UnknownNameError
 from ..joints.units import units_of
 from ..model.actuation import counted

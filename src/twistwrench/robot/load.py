@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
+from ..core.files import as_path
 from ..core.gravity import GRAVITY
-from ..model.remark import issue, sentences
+from ..errors import ValueRangeError
+from ..model.notes import issue, sentences
 from ..model.rounding import DEFAULT_SNAP
-from .kept_robots import KeptModel, keep_file, known_file
+from .model_cache import KeptModel, keep_file, known_file
 from .robot import Robot
+from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -197,7 +201,7 @@ def from_screws(
     >>> bool(np.allclose(back.gravity_forces(q), ur5.gravity_forces(q)))
     True
     """
-    from ..formats import screw_lists
+    from ..formats import dh as screw_lists
 
     return Robot(
         screw_lists.from_screws(
@@ -308,3 +312,161 @@ def from_dh(
             inertia=inertia,
         )
     )
+
+
+# ── Robots from models that other libraries hold, by their attributes: none of them is imported
+
+
+def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
+    """Robot from a model that MuJoCo has compiled.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel; its attributes are read, and nothing is imported
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Raises
+    ------
+    ModelError
+        It is no such model.
+    InertiaError
+        A moving body cannot exist.
+    UnknownNameError
+        ``lock`` or ``tip`` names nothing of the robot.
+
+    Warns
+    -----
+    ModelWarning
+        A tendon, an actuator or a constraint says something that is left out, or a loop is left open.
+
+    Notes
+    -----
+    For what :func:`load` does not read of MJCF files, such as ``replicate`` and ``attach``:
+    ``tw.from_mujoco(mujoco.MjSpec.from_file(path).compile())``. Bodies, joints, sites and keyframes are those of the
+    model, and so are the effort limits of actuators, the springs of fixed tendons, and equality constraints as :func:`load`
+    has them. Joints without a name are called as :func:`load` calls them.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> tw.from_mujoco("scene.xml")
+    Traceback (most recent call last):
+    twistwrench.errors.ModelError: this is no model of MuJoCo's: str has not what one has ...
+    """
+    from ..formats.mujoco_model import read_mujoco_model
+
+    return Robot(read_mujoco_model(model).build(**options))
+
+
+def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
+    """Robot from a model of Pinocchio's.
+
+    Parameters
+    ----------
+    model : pinocchio.Model; its attributes are read, and nothing is imported
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Raises
+    ------
+    ModelError
+        It is no such model.
+    InertiaError
+        A moving body cannot exist.
+    UnknownNameError
+        ``lock`` or ``tip`` names nothing of the robot.
+
+    Notes
+    -----
+    Joints, inertias, limits, friction, armature, gravity, reference configurations; bodies' frames are links, operational and
+    sensor frames are sites. q is in the order of :func:`twistwrench.load`, depth first, and
+    :mod:`twistwrench.convert` translates. A composite joint is one joint for each of its parts, ``NAME.0``, ``NAME.1``, …;
+    mimic joints follow. Pinocchio gives its files' mass of fixed links to no joint.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> tw.from_pinocchio("arm.urdf")
+    Traceback (most recent call last):
+    twistwrench.errors.ModelError: this is no model of Pinocchio's: str has not what one has ...
+    """
+    from ..formats.pinocchio_model import read_pinocchio_model
+
+    return Robot(read_pinocchio_model(model).build(**options))
+
+
+# ── Robots into files
+
+
+def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str]:
+    """Write a robot as a URDF, MJCF or SDF file.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path, whose ending tells the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
+    overwrite : bool, replace a file that is there
+
+    Returns
+    -------
+    lost : list of str
+        What the format cannot say of the robot, a sentence each, its tip included where reading the file takes another;
+        empty where reading the file gives the same robot.
+
+    Raises
+    ------
+    ValueRangeError
+        The ending is none of these, the file is there, or it cannot be written.
+    ModelError
+        The format has no words for how the robot moves.
+
+    Notes
+    -----
+    The file is whole or not there. Looks and shapes are not kept by a robot, and are not written.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> tw.save(tw.robots.ur5(), folder / "ur5.urdf")
+    []
+    >>> tw.load(folder / "ur5.urdf").tip
+    'tool0'
+    """
+    from ..core.files import check_outputs, refuse_existing, replacing
+    from ..formats.writers import SUFFIXES, WRITERS
+
+    require_robot(robot, "save")
+    path = as_path(path)
+    form = SUFFIXES.get(path.suffix.lower())
+    if form is None:
+        raise ValueRangeError(
+            f"cannot write {path.name!r}: its ending tells no format. Choose one of {', '.join(SUFFIXES)}."
+        )
+    check_outputs({"the file": path}, {})
+    refuse_existing(path, overwrite=overwrite)
+    written = WRITERS[form](robot.model)
+    with replacing(path) as scratch:
+        scratch.write_text(written.text, encoding="utf-8", newline="\n")
+    return [*written.lost, *_tip_lost(robot, path)]
+
+
+def _tip_lost(robot: Robot, path: Path) -> list[str]:
+    """A sentence where the file's default tip is another one: no format has a word for it."""
+    from ..formats import load_model
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what reading remarks on is in the robot that was written
+        tip = load_model(path).tip
+    if tip == robot.tip:
+        return []
+    found = "finds none" if tip is None else f"takes {tip!r}"
+    return [f"the tip is not kept: reading the file {found}; say tip={robot.tip!r} for the same"]

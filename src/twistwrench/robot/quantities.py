@@ -1,30 +1,104 @@
-"""The quantities a robot can be asked for: algorithm, inputs, outputs, options, and what each is, in words and units.
-
-A quantity is one algorithm and one row here. The kernels for processors and for GPUs, the comments of exported C, and the
-tables of the docs all come from these rows.
-"""
+"""What one quantity of a robot is: its algorithm, its inputs and outputs, and what they mean."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from ..algorithms import (
     constraints,
-    coordinate_rates,
-    coriolis,
     derivatives,
-    energy,
     forward_dynamics,
-    forward_kinematics,
     friction,
-    integration,
     inverse_dynamics,
-    jacobians,
     mass_matrix,
     operational_space,
-    regressor,
 )
-from .quantity_row import Quantity, row
+from ..algorithms import inverse_dynamics as regressor
+from ..algorithms import kinematics as coordinate_rates
+from ..algorithms import kinematics as forward_kinematics
+from ..algorithms import kinematics as integration
+from ..algorithms import kinematics as jacobians
+from ..algorithms import mass_matrix as coriolis
+from ..algorithms import mass_matrix as energy
+from ..model.model import Model
+from .derivatives import CONFIGURATIONS
+
+Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One row of the table: ``algorithm(model, *inputs, **options)`` gives the outputs."""
+
+    algorithm: Callable[..., Any]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    sizes: tuple[tuple[str, ...], ...]
+    """The axes of each output: numbers, or what their length is the number of."""
+    meaning: str
+    """In a line, ASCII, with the names of the inputs and outputs."""
+    options: tuple[str, ...] = ()
+    felt: bool = False
+    """Whether only what the joints feel counts, so that the model may be regrouped."""
+    needs_inverse: bool = False
+    """Whether the inverse of M is part of it."""
+    needs_mass: bool = False
+    """Whether it is divided by the mass of all moving bodies."""
+    unit: str = ""
+    book: str = ""
+    """Where Modern Robotics has it."""
+    pinocchio: str = ""
+    mujoco: str = ""
+    """What other libraries call it."""
+
+    def shapes(self, model: Model) -> list[tuple[str, Shape]]:
+        """Names and shapes of the inputs for one robot."""
+        return [
+            (name, (model.nq,) if name in CONFIGURATIONS else (6,) if name == "wrench" else (model.nv,))
+            for name in self.inputs
+        ]
+
+
+def row(
+    algorithm: Callable[..., Any],
+    inputs: str,
+    outputs: str,
+    sizes: str,
+    meaning: str,
+    *,
+    options: str = "",
+    felt: bool = False,
+    needs_inverse: bool = False,
+    needs_mass: bool = False,
+    unit: str = "",
+    book: str = "",
+    pinocchio: str = "",
+    mujoco: str = "",
+) -> Quantity:
+    """Names apart by blanks, the sizes of several outputs by commas."""
+    return Quantity(
+        algorithm,
+        tuple(inputs.split()),
+        tuple(outputs.split()),
+        tuple(tuple(axes.split()) for axes in sizes.split(",")),
+        meaning,
+        tuple(options.split()),
+        felt,
+        needs_inverse,
+        needs_mass,
+        unit,
+        book,
+        pinocchio,
+        mujoco,
+    )
+
+
+# ── The quantities a robot can be asked for: algorithm, inputs, outputs, options, and what each is, in words and units
+
+# A quantity is one algorithm and one row here. The kernels for processors and for GPUs, the comments of exported C, and the
+# tables of the docs all come from these rows.
 
 _TORQUE = "N m (sliding joints: N)"
 

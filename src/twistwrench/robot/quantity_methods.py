@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import UnknownNameError
 from ..typing import Array
-from .derivative_methods import DerivativeMethods
-from .quantity_types import Kind, Wrenches
+from .derivatives import DerivativeMethods, Kind, Wrenches
 
 if TYPE_CHECKING:
-    from ..screws.wrench import Wrench
+    from ..lie.twist_wrench import Wrench
 
 
 class QuantityMethods(DerivativeMethods):
@@ -740,8 +739,8 @@ class QuantityMethods(DerivativeMethods):
         >>> arm.wrench_torques([0, 0], [0, 0, 0, 0, 0, 10.0]).round(12).tolist()
         [0.0, 0.0]
         """
-        from ..screws.wrench import Wrench
-        from .wrench_arguments import unlabelled
+        from ..lie.twist_wrench import Wrench
+        from .arguments import unlabelled
 
         if isinstance(wrench_by_robot, Wrench):
             frame = wrench_by_robot.frame if frame is None else frame

@@ -1,4 +1,4 @@
-"""Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels."""
+"""What a robot shows of itself: plain data for programs, a table in notebooks."""
 
 from __future__ import annotations
 
@@ -13,26 +13,63 @@ from numpy.typing import ArrayLike
 
 from ..errors import ValueRangeError
 from ..typing import Array
-from .actuation_methods import ActuationMethods
-from .bridge_methods import BridgeMethods
-from .display import DisplayMethods
+from .derivatives import LinearizationMethods
 from .edit_methods import EditMethods
 from .engine import Engine
-from .file_methods import FileMethods
-from .linearization import LinearizationMethods
+from .file_methods import BridgeMethods, FileMethods
 from .quantity_methods import QuantityMethods
 from .shortcuts import Shortcuts
-from .task_space_methods import TaskSpaceMethods
+from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
-    from ..kernels.call_form import CallForm
-    from ..model.actuator import Actuator
-    from ..model.closure import OfferedClosure
+    from ..ir.program import Program
+    from ..model.actuators import Actuator
     from ..model.limits import Limits
-    from ..model.model import Model
-    from ..program.program import Program
-    from .kept_robots import KeptModel
-    from .quantity_options import KernelOptions
+    from ..model.model import Model, OfferedClosure
+    from ..runtime.dispatch import CallForm
+    from .model_cache import KeptModel
+    from .programs import KernelOptions
+
+_SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
+
+
+class DisplayMethods:
+    """The methods of a robot that describe it."""
+
+    def info(self: Any) -> dict[str, Any]:
+        """Robot description as plain data: joints, links with mass, frames, gravity, defects; what ``info --json`` prints.
+
+        Returns
+        -------
+        info : dict, of what ``json.dumps`` takes
+            ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
+            ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().info()["joints"][0]["effort"]
+        150.0
+        """
+        from ..reports.robot_summary import summary
+
+        return summary(self)
+
+    def _repr_html_(self: Any) -> str:
+        from ..core.numbers import number
+        from ..core.tables import html_table
+        from ..reports.robot_summary import joint_rows
+
+        rows = joint_rows(self.model)
+        defects = f", {len(self.defects)} defects" if self.defects else ""
+        mass = number(self.model.moving_mass)
+        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg moving, tip {self.tip}{defects}"
+        return html_table(
+            title, [name.replace("_", " ") for name in _SHOWN], ([row[name] for name in _SHOWN] for row in rows)
+        )
+
+
+# ── Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels
 
 
 class Robot(
@@ -96,7 +133,7 @@ class Robot(
         before = vars(self).get(name)
         if method is None or getattr(type(self), name) is not method:
             return True
-        from ..kernels.fast_call import calls_before, is_made_here, make_call, stand_behind
+        from ..runtime.dispatch import calls_before, is_made_here, make_call, stand_behind
 
         if before is not None and not is_made_here(before):
             return True
@@ -204,7 +241,7 @@ class Robot(
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
-        from ..algorithms.regressor import PARAMETER_NAMES
+        from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 
         return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
 
@@ -216,7 +253,7 @@ class Robot(
     @property
     def screws(self) -> Any:
         """The book's M, Slist, Blist, Mlist, Glist, link frames as in the file; serial chains only."""
-        from ..formats.screw_lists import screw_lists
+        from ..formats.dh import screw_lists
 
         return screw_lists(self.model)
 
@@ -239,7 +276,7 @@ class Robot(
         >>> G.shape, bool(np.allclose(G, G * np.eye(6)))
         ((6, 6, 6), True)
         """
-        from ..formats.screw_lists import screw_lists
+        from ..formats.dh import screw_lists
 
         return screw_lists(self.model, at_com=True)
 
@@ -269,7 +306,7 @@ class Robot(
         >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
         [0.0, 0.5]
         """
-        from ..model import configuration
+        from ..model import assembly as configuration
 
         return configuration.from_names(self.model, joints)
 
@@ -299,7 +336,7 @@ class Robot(
         (2, 3, 6)
         """
         from ..core import arguments
-        from ..model import configuration
+        from ..model import assembly as configuration
 
         try:
             shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
@@ -393,7 +430,7 @@ class Robot(
         >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
         [-39.18, -69.68]
         """
-        from ..model.variable_parameters import matching, nominal
+        from ..model.parameters import matching, nominal
 
         known = nominal(self.model)
         return {name: known[name] for name in matching(self.model, patterns or ("*",))}

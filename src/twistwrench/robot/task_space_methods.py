@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments, lazy
-from ..errors import ModelWarning
+from ..core import arguments
+from ..core import third_party as lazy
+from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..typing import Array
-from .quantity_types import Kind, Rows
-from .state_arguments import brought
+from .arguments import brought, states
+from .derivatives import Kind, Rows
 
 if TYPE_CHECKING:
+    from ..algorithms.inverse_dynamics import MotorLoads, PowerBalance
+    from .arguments import Wrenches
     from .robot import Robot
 
 
@@ -155,8 +158,8 @@ class TaskSpaceMethods:
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
+        from ..algorithms.loop_closure import Reach
         from ..algorithms.operational_space import row_numbers
-        from ..algorithms.weighted_svd import Reach
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
@@ -168,8 +171,8 @@ def _by_kernel(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
+    from ..algorithms.loop_closure import Reach, doubtful
     from ..algorithms.operational_space import row_numbers
-    from ..algorithms.weighted_svd import Reach, doubtful
 
     chosen = row_numbers(rows)
     arrays = brought(robot.model, name, arrays, {})
@@ -201,7 +204,7 @@ def _by_kernel(
 
 def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
     """J (8, 6, nv) and M (8, nv, nv) at some configurations, and how large the rows of J usually are through M; (6,)."""
-    from ..algorithms.weighted_svd import usual_sizes
+    from ..algorithms.loop_closure import usual_sizes
 
     def found() -> tuple[Array, Array, Array]:
         robot.engine.require_invertible()
@@ -216,8 +219,8 @@ def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Arr
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
     """Warn, the first time, of rows that are lost at every configuration."""
-    from ..algorithms.weighted_svd import independent_rows
-    from ..screws.component_names import TWIST
+    from ..algorithms.loop_closure import independent_rows
+    from ..lie.labelled import TWIST
 
     told = robot.engine.kept(("lost rows told", frame, kind, chosen), list)
     if told:
@@ -239,3 +242,178 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
             ModelWarning,
             stacklevel=5,
         )
+
+
+# ── What the motors do, and where the power goes. Modern Robotics section 8.9
+
+
+def _of_motors(*found: Any) -> MotorLoads:
+    from ..algorithms.inverse_dynamics import MotorLoads
+
+    return MotorLoads(*found)
+
+
+def _of_powers(*found: Any) -> PowerBalance:
+    from ..algorithms.inverse_dynamics import PowerBalance
+
+    return PowerBalance(*found)
+
+
+class ActuationMethods:
+    """The methods of a robot, open or closed, about its motors and its power."""
+
+    def _loads(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+        """What goes through the gears, and what the rotors take before them, (nv,) each."""
+        carried, rotor = self.drive_torques(q, dq, ddq, **wrenches)
+        if friction:
+            carried = carried + self.friction_forces(dq, load=carried + rotor)
+        return carried, rotor
+
+    def _moved(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+        """q̈ under torques τ, and what friction leaves of them, None where that is still to be found."""
+        return self.forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
+
+    @lazy.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
+    def motor_loads(
+        self: Any,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> MotorLoads:
+        """Motor loads: torque, speed, current, voltage, power and heat of the motor of each actuator.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        friction : bool, count the friction of all joints, driven or not, which goes through the gear at its efficiency
+
+        Returns
+        -------
+        loads : MotorLoads, (nactuators,) each, in the order of :attr:`twistwrench.Robot.actuators`
+
+        Raises
+        ------
+        ModelError
+            The robot has no actuators; see :meth:`twistwrench.Robot.with_actuators`.
+        ConstraintError
+            q, dq or ddq breaks the constraints of a closed robot, or its actuators cannot make the motion.
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        MR section 8.9. Rotors are accelerated before the gear; the rest goes through it at its efficiency. Actuators alone
+        drive a closed robot; with more of them than degrees of freedom their torques are those of least norm.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> motor = {"torque_constant": "0.1 N m/A", "resistance": "0.5 ohm"}
+        >>> driven = arm.with_actuators({"actuators": {"joint1": {"ratio": 100, "motor": motor}}})
+        >>> driven.motor_loads([0, 0], [0, 0], [0, 0]).current.round(3).tolist()
+        [2.943]
+        >>> arm = tw.robots.planar_3r().with_actuators({"actuators": {"joint1": {"ratio": 100, "motor": motor}}})
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> q = held.consistent([-0.6, 0.2, 2.2])
+        >>> loads, tau = held.motor_loads(q, [0, 0, 0], [0, 0, 0]), held.holding_torques(q, ["joint1"]).tau
+        >>> bool(abs(loads.torque[0] - tau[0] / 100) < 1e-12)
+        True
+        """
+        robot = self._open()
+        if not robot.actuators:
+            raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
+        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        from ..algorithms.inverse_dynamics import motor_loads
+
+        carried, rotor = self._loads(q, dq, ddq, friction, given)
+        (dq,) = states(robot.model, "motor_loads", dq=dq)
+        return motor_loads(robot.model, dq.astype(float), carried, rotor)
+
+    @lazy.by_blocks(lambda *_: [()] * 4, _of_powers)
+    def power_balance(
+        self: Any,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> PowerBalance:
+        """Power balance: where the power goes at one state under torques τ; positive comes in, and the sum is zero.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        powers : PowerBalance, () each [W]: into the joints, into motion, at the wrenches, lost to friction
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+        ConstraintError
+            q or dq breaks the constraints of a closed robot.
+
+        Notes
+        -----
+        Constraints take no power. Friction of a closed robot is that of the joints under τ, as in its forward dynamics.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> balance = arm.power_balance([0.1, 0.2], [1.0, -1.0], [30.0, 5.0])
+        >>> round(float(balance.joints), 9), abs(float(sum(balance))) < 1e-12
+        (25.0, True)
+        """
+        from ..algorithms.inverse_dynamics import power_balance
+
+        robot, wrenches = self._open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        ddq, left = self._moved(q, dq, tau, friction, wrenches)
+        dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
+        moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
+        pushing = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)
+        if left is not None:
+            lost = tau - left
+        else:
+            lost = robot.friction_forces(dq, load=moving + pushing) if friction else np.zeros_like(dq)
+        return power_balance(dq, tau, moving, pushing, lost)
+
+
+# ── The check that an argument is a robot
+
+
+def require_robot(robot: object, what: str) -> Robot:
+    """``robot``, which must be one. Raises ValueRangeError.
+
+    >>> require_robot([0.1, 0.2], "fastest")
+    Traceback (most recent call last):
+    twistwrench.errors.ValueRangeError: fastest: the robot is [0.1, 0.2]: give a tw.Robot, as tw.load(path) makes one.
+    """
+    if isinstance(robot, TaskSpaceMethods):  # a base class of Robot's alone, which imports nothing that asks here
+        return cast("Robot", robot)
+    advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"
+    raise ValueRangeError(f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, {advice}.")

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from .contact_detection import CollisionThreshold, contact_nearest, contact_on_plane, contact_on_sphere
+from .files import read_log, read_sensor, write_log, write_sensor
 from .identification import identify
-from .identified import Identification
 from .log import ReadingLog
-from .log_file import read_log, write_log
-from .poses import PoseProposal, propose_poses
+from .poses import PoseProposal, propose_poses, simulate
+from .result import Identification
 from .sensor import ForceTorqueSensor
-from .sensor_file import read_sensor, write_sensor
-from .synthetic_log import simulate
 
 __all__ = [
     "CollisionThreshold",

@@ -1,29 +1,445 @@
-"""Bias, mass, centre of mass, inertia and mounting of a sensor's load, from a log, with what is known of each."""
+"""Unknowns that were not asked for, and would explain what is left: each offered by the name of its option."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.numbers import number, percent, plus_minus, seconds
+from ..core.verdict import Verdict
 from ..errors import ShapeError, ValueRangeError
+from ..lie.labelled import WRENCH
 from ..typing import Array
-from .dwells import witnesses
-from .fit import Problem, fit
-from .fit_verdict import Use, judged
-from .identified import Identification
+from .checks import (
+    MAY_MOVE,
+    MAY_POINT_UP,
+    Diagnosis,
+    as_good_as_the_best,
+    explain,
+    free_bias,
+    guessed,
+    in_a_plane,
+    listed_bias,
+    may_point_up,
+    misfit,
+    others,
+    seems_moving,
+    swapped,
+    turns_may_help,
+    unexplained_turns,
+    upside_down,
+)
+from .contact_detection import six_noises
+from .fit import Fit, Problem, SensorState, Unknowns, few, fit
 from .log import ReadingLog, checked_log
-from .noise import six_noises
-from .observability import advice, blind_spots
-from .outliers import least_rows, touched_in_dwells, trimmed
-from .sensor import Sign, sign_factor
-from .sign_and_mounting import Diagnosis, guessed
-from .suggested_unknowns import unless_drift
-from .unknowns import Unknowns
-from .whiteness import whiteness
+from .observability import Whiteness, advice, blind_spots, whiteness
+from .outliers import least_rows, runs, touched_in_dwells, trimmed, witnesses
+from .result import Identification, mass_interval, unit_doubt, weakness
+from .sensor import ForceTorqueSensor, Sign, sign_factor
+
+_SURE = 1e-4  # chance that an unknown which is none is offered
+_LEAST = 4.0  # degrees of freedom that are to be left
+_NEARLY = 0.8  # of the most that any explains, from which the one of fewest columns is preferred
+_GAIN = 0.05  # of the load's wrench, from which a gain or cross-talk is told from poses that are off by a degree or two
+_OPTIONS = {"drift": "drift=True", "delay": "delay=True", "turn": "orientation=True", "tilt": "tilt=True"}
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One more unknown that explains what is left surely better."""
+
+    kind: str
+    """drift, delay, turn, tilt, or gain."""
+    share: float
+    """Of the squares of what was left, in units of the noise, that it explains."""
+    said: str
+    """What it is, and how large."""
+
+    def __str__(self) -> str:
+        what = f"{self.said} would explain {percent(self.share)} of what is left (squares over noise)"
+        if self.kind != "gain":
+            return f"{what}: ask for {_OPTIONS[self.kind]}."
+        return (
+            f"{what}: readings are linear in the load's wrench, but not equal to it. Check the sensor's calibration matrix and "
+            "its scale."
+        )
+
+
+def unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
+    """The fit and its kept rows (n,), or those with rows that only contradict the others because the bias drifts."""
+    drifts = problem.asked(drift=True)
+    if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(drifts):
+        return found, kept
+    if blind_spots(drifts.log, drifts.unknowns, drifts.factor):
+        return found, kept
+    _, more = trimmed(drifts)
+    if more.sum() <= kept.sum():
+        return found, kept
+    again = fit(replace(problem, state=found.state), keep=more)
+    drift = any(offer.kind == "drift" for offer in offers(problem, again, more))
+    return (again, more) if drift else (found, kept)
+
+
+def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
+    """What would explain the residuals of the kept rows (n,), the best first, each beside those before it.
+
+    Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
+    F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
+    Drift and gain have columns of their own for each channel, and F is that of the channel where it is rarest, times six:
+    a channel's variance is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of
+    fewest columns is taken that explains nearly as much as any.
+    """
+    scale = fit.deviation[kept]
+    e = (fit.residuals[kept] / scale).ravel()
+
+    def flat(columns: Array) -> Array:
+        x = (columns[kept] / scale[..., None]).reshape(e.size, -1)
+        size = np.linalg.norm(x, axis=0)
+        return np.asarray(x[:, size > 0] / size[size > 0])
+
+    basis = _orthonormal(flat(fit.design), np.zeros((e.size, 0)))
+    candidates = {kind: flat(columns) for kind, columns in _candidates(problem, fit).items()}
+    found: list[Offer] = []
+    e = e - basis @ (basis.T @ e)
+    total = float(e @ e)
+    while candidates and float(e @ e) > 1e-20 * max(total, 1e-300):
+        sure = {}
+        for kind, E in candidates.items():
+            if _chance(kind, E, e, basis) < _SURE:
+                P = _orthonormal(E, basis)
+                sure[kind] = (P, float(((P.T @ e) ** 2).sum()))
+        if not sure:
+            break
+        most = max(gain for _, gain in sure.values())
+        kind = min((k for k in sure if sure[k][1] >= _NEARLY * most), key=lambda k: sure[k][0].shape[1])
+        P, gain = sure[kind]
+        candidates.pop(kind)
+        said = _said(kind, problem, fit, kept, (P @ (P.T @ e)).reshape(-1, 6) * scale)
+        if said is not None:
+            found.append(Offer(kind, gain / total, said))
+        e = e - P @ (P.T @ e)
+        basis = np.concatenate([basis, P], axis=1)
+    return found
+
+
+def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
+    """How often noise alone is explained as well by the columns E (N, k)."""
+    from scipy import special
+
+    channel = np.arange(e.size) % 6
+    own = [channel == c for c in range(6)] if kind in ("drift", "gain") else [np.ones(e.size, bool)]
+    least = 1.0
+    for rows in own:
+        P = _orthonormal(E[:, E[rows].any(axis=0)], basis)
+        r, free = P.shape[1], float(rows.sum() - (basis[rows] ** 2).sum()) - P.shape[1]
+        before, after = (float((x[rows] ** 2).sum()) for x in (e, e - P @ (P.T @ e)))
+        if r and free >= _LEAST:
+            F = (before - after) / r / max(after / free, 1e-12 * before, 1e-300)
+            least = min(least, len(own) * float(special.fdtrc(r, free, F)))
+    return least
+
+
+def _orthonormal(E: Array, basis: Array) -> Array:
+    """Orthonormal columns of what E (N, k) has beside those of the basis (N, p); what is rounding is none."""
+    E = E - basis @ (basis.T @ E)
+    E = E - basis @ (basis.T @ E)
+    U, values, _ = np.linalg.svd(E, full_matrices=False)
+    return np.asarray(U[:, values > 1e-6])
+
+
+def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
+    """Columns (n, 6, k) of each unknown that may be asked for and was not."""
+    log, asked = problem.log, fit.unknowns
+    state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
+    possible = {
+        "turn": True,
+        "drift": True,
+        "tilt": log.rotations is not None,
+        "delay": log.V is not None and problem.timed,
+    }
+    found = {}
+    for kind, can in possible.items():
+        if can and not getattr(asked, kind):
+            more = problem.asked(**{kind: True}).unknowns
+            found[kind] = more.design(log, problem.factor, state)[..., more.part(kind)]
+    found["gain"] = gain_columns(_loads(fit))
+    return found
+
+
+def gain_columns(load: Array) -> Array:
+    """Columns (n, 6, 36): each of the six channels with a share of each of the load's wrenches (n, 6)."""
+    n = len(load)
+    return np.einsum("nk,cd->ncdk", load, np.eye(6)).reshape(n, 6, 36)
+
+
+def _loads(fit: Fit) -> Array:
+    """(n, 6) what the load does to the readings."""
+    part = fit.unknowns.load
+    return np.asarray(fit.design[..., part] @ fit.estimate[part])
+
+
+def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) -> str | None:
+    """What the unknown is and how large, from the part (n, 6) of the residuals that it explains; None if it is fine print."""
+    if kind == "drift":
+        return f"A bias that drifts, by {listed_bias(explained[-1] - explained[0])} [N m, N] over the log,"
+    if kind == "gain":
+        load = _loads(fit)[kept]
+        rms = [np.sqrt(((x - x.mean(axis=0)).reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))) for x in (explained, load)]
+        share = float((rms[0] / np.maximum(rms[1], 1e-12)).max())
+        return (
+            f"A gain or cross-talk that is off by {percent(share, 2)} of the load's wrench" if share > _GAIN else None
+        )
+    columns = _candidates(problem, fit)[kind][kept] / fit.deviation[kept][..., None]
+    A = fit.design[kept] / fit.deviation[kept][..., None]
+    both = np.concatenate([columns, A], axis=-1).reshape(-1, columns.shape[-1] + A.shape[-1])
+    x = np.linalg.lstsq(both, (fit.residuals[kept] / fit.deviation[kept]).ravel(), rcond=None)[0][: columns.shape[-1]]
+    if kind == "delay":
+        return f"Readings about {number(1e3 * float(x[0]), 2)} ms late"
+    what = "A mounting turned" if kind == "turn" else "A base tilted"
+    return f"{what} by about {number(math.degrees(float(np.linalg.norm(x))), 2)}°"
+
+
+# ── What to make of a fit: the sensor it gives, what a person should know of it, and whether the log can mean what it says
+
+_MISFIT = 1.5  # residuals this many times the noise given are not that noise
+_UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
+_ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; with fewer, intervals are too narrow
+
+
+@dataclass(frozen=True, eq=False)
+class Use:
+    """What was made of the readings of a log."""
+
+    left_out: Array
+    """(N,) readings that the others contradict."""
+    between: Array
+    """(N,) readings between dwells."""
+    orientation: Array
+    """(n,) label of the orientation of each row that the fit was asked to explain."""
+    whiteness: Whiteness | None
+    """Of what is left; None of rows too few."""
+
+
+def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: Use) -> Identification:
+    """The result with its remarks and doubts; an error if the mass is negative. ``problem`` is what the fit was asked."""
+    fit, unknowns = found.fit, found.fit.unknowns
+    deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
+    if found.mass < -2 * deviation or found.mass == 0:
+        raise ValueRangeError(_no_mass(found, log, problem))
+    low, high = mass_interval(fit, confidence)
+    told = low > 0
+    load = _load(found, told=told)
+    sensor = ForceTorqueSensor(
+        load,
+        fit.estimate[:6] if unknowns.bias else problem.bias,
+        found.sign,
+        fit.mounting,
+        inertia="unknown" if not unknowns.inertia else "accept" if load.defects() else "given",
+    )
+    again, remarks = [], []
+    if not told:
+        again.append(
+            f"The mass, {plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)}), cannot be told from "
+            "zero, so neither can its place."
+        )
+    elif defects := sensor.load.defects():
+        again.append(
+            f"The load cannot be a real body ({'; '.join(defects)}): noise is larger than what the motion shows. "
+            "sensor.load.nearest_consistent() is the nearest that can; livelier motion tells more."
+        )
+    counted = " (from 0)" if log.time is None else ""
+    if out := np.flatnonzero(use.left_out).tolist():
+        spans = [_span(log, a, b) for a, b in runs(use.left_out)]
+        listed = ", ".join(spans[:10]) + (", …" if len(spans) > 10 else "")
+        again.append(f"Left out {len(out)} of {len(log)} readings that the others contradict: {listed}{counted}.")
+    if use.between.any():
+        remarks.append(f"{int(use.between.sum())} readings between dwells, where orientations change, are not used.")
+    slip, doubted = _explanation_doubts(found, log, problem)
+    doubts = _noise_doubts(found) + doubted + ([slip] if slip else [])
+    offered = offers(problem, fit, found.kept) if told and not doubts else []
+    gains = [str(offer) for offer in offered if offer.kind == "gain"]
+    unsure = [str(offer) for offer in offered if offer.kind != "gain"]
+    units = unit_doubt(found, sensor, problem.log) if told and not gains and not log.motion_doubts() else None
+    doubts += gains + (log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else [])
+    unsure += _witness_doubts(found, problem, use)
+    weak = (
+        weakness(fit, sensor, confidence) if told and not doubts else None
+    )  # more readings of the wrong kind help nobody
+    verdict = Verdict.of(look_again=[*again, *doubts], unsure=unsure)
+    remarks = [*again, *remarks, *([weak] if weak else []), *unsure]
+    kept = ~use.left_out & ~use.between
+    return Identification(
+        sensor, fit, found.kept, kept, confidence, tuple(remarks), tuple(doubts), verdict, use.left_out
+    )
+
+
+def _witness_doubts(found: Diagnosis, problem: Problem, use: Use) -> list[str]:
+    """Why the intervals may be too narrow."""
+    doubts = []
+    label = use.orientation[found.kept]
+    count = len(np.unique(label))
+    # Readings of an orientation that is visited again share its error.
+    left = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(label) - count)
+    wanted = max(_ORIENTATIONS - count, math.ceil(_FREEDOM - left.min() - 1e-9))
+    if problem.noise is None and wanted > 0:
+        alike = ", and it is taken to be alike in the three forces and in the three moments" if few(label) else ""
+        doubts.append(
+            f"{count} orientations are too few to determine the noise: {WRENCH[int(left.argmin())]} is left with "
+            f"{number(max(left.min(), 0.0), 2)} degrees of freedom{alike}. The intervals may be too narrow. "
+            f"Add {wanted} or more orientations ({_ORIENTATIONS} at least, and {_FREEDOM} degrees of freedom of each channel), "
+            "or give the noise."
+        )
+    white = use.whiteness
+    if white is not None and not white.white:
+        doubts.append(
+            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of "
+            f"{number(white.lag1, 2)} "
+            f"({white.test}; white noise has as much in one log of {number(1 / max(white.chance, 1e-12), 2)}). The intervals "
+            f"count {white.length} rows in a row as one witness, and may still be too narrow."
+        )
+    return doubts
+
+
+def _span(log: ReadingLog, first: int, last: int) -> str:
+    if log.time is not None:
+        return f"{seconds(log.time[first])} to {seconds(log.time[last])} s"
+    return f"{first}" if first == last else f"{first}–{last}"
+
+
+def _load(found: Diagnosis, *, told: bool) -> SpatialInertia:
+    if found.mass <= 0:  # by noise alone: nothing hangs on the sensor
+        return SpatialInertia.zero()
+    load = SpatialInertia.from_parameters(found.fit.load)
+    if not found.fit.unknowns.inertia and told:  # at least the moments of a point mass there
+        return SpatialInertia.from_com(found.mass, load.com)
+    return load
+
+
+def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
+    said = f"{log.name}: mass comes out as {number(found.mass)} kg"
+    if slip := _slip(found, problem, found):
+        return f"{said}. {slip}"
+    better = others(found.sign, problem)
+    if better and (slip := _slip(found, problem, better[0])):
+        return f"{said}. {slip}"
+    if seems_moving(log):
+        return f"{said}. {MAY_MOVE}"
+    if not better:
+        return f"{said}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
+    if (own := unexplained_turns(problem.log, better[0].fit, better[0].kept)) is not None:
+        return f"{said}: {_poses(better[0], own)}"
+    return f"{said}, so sign or mounting are not as said. {_ways(better, found, log)}"
+
+
+def _poses(found: Diagnosis, own: float) -> str:
+    return (
+        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has "
+        f"{number(own, 2)} N. "
+        "Are the orientations those of the sensor in the world, R_wf (not of the world in the sensor), the scalar of "
+        "quaternions first, and read when the tool was still?"
+    )
+
+
+def _ways(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
+    best, *same = as_good_as_the_best(better)
+    said = f"Use {' or '.join(e.options for e in (best, *same))}: what is left is then {_noise(best)}."
+    if same:
+        said += " These cannot be told apart: make sure of the sign, or add readings tilted about another axis."
+    return f"{said} {MAY_POINT_UP}" if may_point_up(log, found.sign, best) else said
+
+
+def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> str | None:
+    """A slip that explains the log surely better ``than`` what there is."""
+    if (free := free_bias(found, problem)) is not None:
+        return (
+            f"The bias given does not fit: left free, it comes out as {listed_bias(free.fit.estimate[:6])} [N m, N], and what "
+            f"is left goes from {_noise(found)} to {_noise(free)}. Give no bias, or that of today."
+        )
+    if (exchanged := swapped(problem, than)) is not None:
+        return (
+            "Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and "
+            f"sign={exchanged.sign!r} what is left is {_noise(exchanged)}. Exchange the names of the columns."
+        )
+    if (upright := upside_down(found, problem, than)) is not None:
+        return (
+            f"gx, gy, gz seem to point up, as an accelerometer logs them: negated, what is left is {_noise(upright)}. Negate "
+            "these three and keep the sign."
+        )
+    return None
+
+
+def _noise_doubts(found: Diagnosis) -> list[str]:
+    doubts = []
+    scaled = (found.fit.residuals / found.fit.deviation)[found.kept]
+    for what, part in (("moments", slice(0, 3)), ("forces", slice(3, 6))):
+        times = float(np.sqrt(np.mean(scaled[:, part] ** 2)))
+        if np.isinf(found.fit.freedom).all() and times > _MISFIT:
+            doubts.append(
+                f"What is left of the {what} is {number(times, 2)} times the noise given: the intervals are too narrow. "
+                "Let the noise be estimated, or check poses and sign."
+            )
+    return doubts
+
+
+def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> tuple[str | None, list[str]]:
+    """A slip that explains the log, if there is one, else what may."""
+    rows = problem.log
+    share = misfit(rows, found.fit, found.kept)
+    doubts: list[str] = []
+    if free_bias(found, problem) is not None:
+        return _slip(found, problem, found), []
+    if share > _UNEXPLAINED:
+        left = f"what is left is {_noise(found)}, {percent(share, 2)} of how forces change"
+        tried = others(found.sign, problem) if turns_may_help(rows, found.fit, found.kept) else []
+        better = [e for e in tried if e.improves(found.fit)]
+        if slip := _slip(found, problem, better[0] if better else found):
+            return slip, []
+        if better:
+            doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. {_ways(better, found, log)}")
+        elif seems_moving(log):
+            doubts.append(f"Poses do not explain the readings: {left}. {MAY_MOVE}")
+        elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None and not _drifts(found, problem):
+            doubts.append(f"Look at the poses: {_poses(found, own)}")
+    if log.V is not None and not found.fit.unknowns.inertia:
+        whole = explain(found.sign, problem.asked(inertia=True))
+        if whole is not None and whole.improves(found.fit):
+            doubts.append(
+                f"The load's inertia shows in this motion, and the centre of mass is off without it: with inertia=True what "
+                f"is left goes from {_noise(found)} to {_noise(whole)}."
+            )
+    if found.turn and not doubts and in_a_plane(rows, found.fit, found.kept, found.mass):
+        other = explain("by_sensor" if found.sign == "on_sensor" else "on_sensor", problem)
+        if other is not None and other.mass > 0 and other.equals(found.fit, found.kept):
+            doubts.append(
+                f"Sign and mounting cannot be told apart: {other.options} leaves {_noise(other)}, no more than this. Make "
+                "sure of the sign, or add readings tilted about another axis."
+            )
+    return None, doubts
+
+
+def _drifts(found: Diagnosis, problem: Problem) -> bool:
+    """True if a bias that drifts with time, or in the order of the log, explains what the poses would be blamed for."""
+    if found.fit.unknowns.drift:
+        return False
+    steady = explain(found.sign, problem.asked(drift=True))
+    if steady is None or not steady.improves(found.fit):
+        return False
+    return any(offer.kind == "drift" for offer in offers(problem, found.fit, found.kept))
+
+
+def _noise(found: Diagnosis) -> str:
+    left = found.fit.residuals[found.kept].reshape(-1, 2, 3)
+    freedom = max(3 * len(left) - len(found.fit.unknowns.names) / 2, 1.0)
+    moment, force = np.sqrt((left**2).sum(axis=(0, 2)) / freedom)
+    return f"noise of {number(force, 2)} N and {number(moment, 2)} N m"
+
+
+# ── Bias, mass, centre of mass, inertia and mounting of a sensor's load, from a log, with what is known of each
 
 
 def identify(

@@ -11,13 +11,18 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.gravity import GRAVITY, STRENGTH
-from ..core.printed_numbers import number, printed
+from ..core.numbers import number, printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
-from ..screws.component_names import WRENCH
+from ..lie.labelled import WRENCH
 from ..typing import Array
-from .gravity_directions import checked_rotations, gravity_in_frame, rotations_of_quaternions
-from .sensor import ForceTorqueSensor, checked_sensor
-from .sensor_frames import unlabelled
+from .sensor import (
+    ForceTorqueSensor,
+    checked_rotations,
+    checked_sensor,
+    gravity_in_frame,
+    rotations_of_quaternions,
+    unlabelled,
+)
 
 _STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
 _LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long

@@ -1,18 +1,162 @@
-"""Readings that do not belong: someone touched the tool, the cable snagged, a pose was typed wrong."""
+"""Witnesses: the readings of a log that stand for themselves. Readings of one dwell share their pose error, so they are one."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..typing import Array
 from .contact_detection import CollisionThreshold
-from .dwells import Witnesses
-from .fit import Fit, Problem, fit
+from .fit import Fit, Problem, clock, fit
 from .log import ReadingLog
 from .observability import blind_spots
+
+_STEADY = (2e-3, 5e-2)  # rad by which gravity's direction may differ in one dwell: at least, at most
+_STEPS = 5.0  # times the usual step from reading to reading, in between
+_OF_SPREAD = 0.1  # of the spread of all directions, at most
+_DWELL_of_dwells = 5  # readings of a dwell in a log that also moves
+_AT_REST = (0.02, 0.01, 0.2, 0.2)  # rad/s, m/s, rad/s², m/s² below which the sensor rests
+_MANY = 2000  # dwells up to which orientations are compared with each other
+
+
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """A log with one row for each dwell, the mean of its readings, and one for each reading in motion."""
+
+    log: ReadingLog
+    """Of n rows, with their times, or where none were logged their numbers."""
+    count: Array
+    """(n,) readings in each row."""
+    within: Array
+    """(6,) variance of a reading within its dwell [(N m)², N²]; zero where no dwell has two readings."""
+    within_freedom: float
+    """Degrees of freedom of ``within``."""
+    label: Array
+    """(n,) the witness that each row belongs to: rows of one orientation are one, however often it was visited."""
+    row: Array
+    """(N,) row of each reading of the log as it was read; -1 for readings between dwells, which are not used."""
+    moving: Array
+    """(n,) whether a row is a reading in motion."""
+
+    def spread(self, kept: Array) -> Array:
+        """A mask (n,) of rows as a mask (N,) of readings."""
+        return np.asarray(np.where(self.row >= 0, kept[self.row], False))
+
+
+def witnesses(log: ReadingLog) -> Witnesses:
+    """The witnesses of a log: dwells are runs of readings in which gravity's direction in {f} stays.
+
+    In a log with twists, a dwell has five readings or more at rest, and the others are in motion. In one without, short
+    runs between long ones are taken to be motion from dwell to dwell and are left out.
+
+    >>> still = ReadingLog.of(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
+    >>> witnesses(still).count.tolist()
+    [3.0, 3.0]
+    """
+    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    near = _nearness(unit)
+    rest = _at_rest(log)
+    first, last = _runs(unit, near, rest)
+    length = last - first
+    moving = ~rest[first]
+    used = np.ones(len(first), bool)
+    if (
+        log.V is None
+        and length[length >= _DWELL_of_dwells].sum() > 0.5 * len(log)
+        and (length >= _DWELL_of_dwells).sum() > 2
+    ):
+        used = length >= _DWELL_of_dwells
+    row = np.repeat(np.where(used, np.cumsum(used) - 1, -1), length)
+    count = length[used].astype(float)
+    own = ReadingLog(**{name: _means(value, row, count) for name, value in _parts(log).items()}, name=log.name)
+    own = replace(own, notes=log.notes, by_gravity=log.by_gravity)
+    off = log.readings[row >= 0] - own.readings[row[row >= 0]]
+    freedom = float((count - 1).sum())
+    within = (off**2).sum(axis=0) / freedom if freedom else np.zeros(6)
+    return Witnesses(own, count, within, freedom, _labels(own, near, moving[used]), row, moving[used])
+
+
+def _nearness(unit: Array) -> float:
+    """rad within which directions (n, 3) are one: a few of the usual steps, far below their spread."""
+    if len(unit) < 2:
+        return 0.0
+    least, most = _STEADY
+    step = float(np.median(_lengths(np.diff(unit, axis=0))))
+    spread = float(_lengths(unit - unit.mean(axis=0)).max())
+    return float(min(max(_STEPS * step, least), most, _OF_SPREAD * spread))
+
+
+def _at_rest(log: ReadingLog) -> Array:
+    """(n,) whether each reading is one of a few at rest; a log without twists rests throughout."""
+    if log.V is None or log.dV is None:
+        return np.ones(len(log), bool)
+    slow = np.ones(len(log), bool)
+    for motion, part, most in zip(
+        (log.V, log.V, log.dV, log.dV), 2 * (slice(0, 3), slice(3, 6)), _AT_REST, strict=True
+    ):
+        slow &= _lengths(motion[:, part]) < most
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        slow[a:b] = b - a >= _DWELL_of_dwells
+    return slow
+
+
+def _runs(unit: Array, near: float, rest: Array) -> tuple[Array, Array]:
+    """First reading of each run, and the one after its last: of gravity's direction, and each moving reading by itself."""
+    edges, n, start = [0], len(unit), 0
+    while start < n:
+        end = start + 1
+        if rest[start]:
+            size = 64
+            while end < n:
+                window = slice(end, min(n, end + size))
+                out = np.flatnonzero((_lengths(unit[window] - unit[start]) > near) | ~rest[window])
+                if out.size:
+                    end += int(out[0])
+                    break
+                end, size = window.stop, 2 * size
+        edges.append(end)
+        start = end
+    return np.array(edges[:-1]), np.array(edges[1:])
+
+
+def _parts(log: ReadingLog) -> dict[str, Array | None]:
+    names = ("readings", "gravity", "V", "dV", "rotations")
+    return {"time": clock(log), **{name: getattr(log, name) for name in names}}
+
+
+def _means(value: Array | None, row: Array, count: Array) -> Any:
+    """The mean of the readings of each row; readings are linear in all that is averaged, as the sensor rests."""
+    if value is None:
+        return None
+    if len(count) == len(value):
+        return value
+    total = np.zeros((len(count), *value.shape[1:]))
+    np.add.at(total, row[row >= 0], value[row >= 0])
+    return total / count.reshape(-1, *[1] * (value.ndim - 1))
+
+
+def _labels(log: ReadingLog, near: float, moving: Array) -> Array:
+    n = len(log)
+    if n > _MANY or moving.all():
+        return np.arange(n)
+    R = log.gravity if log.rotations is None else np.concatenate([log.gravity, log.rotations.reshape(n, 9)], axis=1)
+    R = R / np.linalg.norm(log.gravity, axis=1, keepdims=True) if log.rotations is None else R[:, 3:]
+    label, known = np.arange(n), np.zeros(n, bool)
+    for k in np.flatnonzero(~moving).tolist():
+        same = np.flatnonzero(known & (_lengths(R - R[k]) <= near))
+        label[k], known[k] = (int(same[0]), False) if same.size else (k, True)
+    return label
+
+
+def _lengths(x: Array) -> Array:
+    return np.asarray(np.linalg.norm(x, axis=-1))
+
+
+# ── Readings that do not belong: someone touched the tool, the cable snagged, a pose was typed wrong
 
 _FALSE_ALARM = 1e-3  # chance that a clean log loses a reading
 _DWELL_ALARM = 1e-9  # that it loses a dwell: whole orientations go only where nothing else can be

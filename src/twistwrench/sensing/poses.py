@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.gravity import STRENGTH
-from ..core.printed_numbers import printed
+from ..core.gravity import GRAVITY, STRENGTH
+from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
+from ..lie import se3
 from ..typing import Array
-from .gravity_directions import rotations_to_gravity
+from .contact_detection import checked_noise
+from .fit import SensorState, Unknowns
 from .log import ReadingLog, checked_log
-from .noise import checked_noise
-from .unknowns import SensorState, Unknowns
+from .sensor import ForceTorqueSensor, checked_sensor, gravity_in_frame, rotations_to_gravity, sign_factor, unlabelled
 
 _CANDIDATES = 400
 _BELIEF = 1e3  # what is taken to be possible of each unknown before the first reading, in its own scale
@@ -146,3 +147,111 @@ def _choices(candidates: ArrayLike | None, within: float) -> Array:
             f"no candidate tilts the tool by {printed(math.degrees(within), 3)}° or less. Allow more."
         )
     return allowed
+
+
+# ── Logs of a known sensor, for tests and demonstrations
+
+# Three slides, then three turns, each a unit screw: together any motion of a hand.
+_SCREWS = np.roll(np.eye(6), 3, axis=0)
+
+
+def simulate(
+    sensor: ForceTorqueSensor,
+    poses: int | ArrayLike,
+    *,
+    noise: tuple[float, float] = (0.01, 0.3),
+    motion: float | None = None,
+    touch: dict[int, ArrayLike] | None = None,
+    rng: np.random.Generator | int = 0,
+) -> ReadingLog:
+    """Simulated log: what a sensor would read at rest in some orientations, or in a lively motion.
+
+    Parameters
+    ----------
+    sensor : ForceTorqueSensor
+    poses : int, (n, 3, 3) or (n, 4, 4) array_like, how many, R_wf or T_wf
+    noise : (moment [N m], force [N]), standard deviations
+    motion : float, optional, duration of a lively motion [s], of which ``poses`` (a number) are samples
+    touch : {index: (6,)}, optional, wrenches on the load, in the sensor's axes, added to these readings [N m, N]
+    rng : numpy Generator or seed
+
+    Returns
+    -------
+    log : ReadingLog
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument is invalid.
+
+    Examples
+    --------
+    >>> sensor = ForceTorqueSensor(bias=[0, 0, 0, 1, 2, 3])
+    >>> simulate(sensor, 2, noise=(0, 0)).readings.tolist()
+    [[0.0, 0.0, 0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]]
+    """
+    checked_sensor(sensor, "simulate")
+    rng = arguments.generator(rng)
+    sigma = checked_noise(noise, none_at_all=True)
+    V = dV = time = None
+    counted = isinstance(poses, float | np.number) or (hasattr(poses, "__index__") and not np.shape(poses))
+    if motion is not None:
+        if not counted:
+            raise ValueRangeError("a motion makes its own poses. Give their number, such as poses=500.")
+        if not isinstance(motion, int | float | np.number) or not 0 < motion < math.inf:
+            raise ValueRangeError(f"motion {motion!r} is no duration. Give how many seconds it lasts, such as 10.0.")
+        time = np.linspace(0.0, float(motion), checked_count(poses))
+        T, V, dV = lively_motion(time)
+        gravity = gravity_in_frame(T)
+    elif counted:
+        gravity = propose_poses(checked_count(poses)).gravity
+    else:
+        gravity = np.atleast_2d(gravity_in_frame(unlabelled({"pose": poses}, sensor.frame)["pose"], GRAVITY))
+    exact = sensor.predict(np.eye(3), V, dV, gravity=gravity)
+    readings = exact + rng.normal(size=exact.shape) * np.repeat(sigma, 3)
+    if touch is not None and not isinstance(touch, dict):
+        raise ValueRangeError(f"touch is {arguments.shown(touch)}: give {{number of a reading: wrench (6,)}}.")
+    for index, wrench in (touch or {}).items():
+        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * _touch(index, wrench)
+    return ReadingLog.of(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
+
+
+def _row(index: Any, count: int) -> int:
+    try:
+        row = operator.index(index)
+    except TypeError:
+        row = count
+    if not -count <= row < count:
+        raise ValueRangeError(f"touch: there is no reading {index!r}. They are 0 to {count - 1}.")
+    return row
+
+
+def _touch(index: Any, wrench: ArrayLike) -> Array:
+    try:
+        F = np.asarray(wrench, float)
+    except (TypeError, ValueError):
+        F = np.empty(0)
+    if F.shape != (6,) or not np.isfinite(F).all():
+        raise ValueRangeError(
+            f"touch of reading {index} is no wrench: give six finite numbers, mx, my, mz, fx, fy, fz."
+        )
+    return F
+
+
+def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
+    """A hand waving at times (n,) [s]: poses T_wf (n, 4, 4), body twists (n, 6) and their exact rates (n, 6)."""
+    t = np.asarray(time, float)[..., None]
+    amplitude = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])  # m, rad
+    rate = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s, no two in step
+    phase = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
+    q = amplitude * np.sin(rate * t + phase)
+    dq, ddq = amplitude * rate * np.cos(rate * t + phase), -(rate**2) * q
+    T = np.broadcast_to(np.eye(4), (*t.shape[:-1], 4, 4))
+    V = dV = np.zeros((*t.shape[:-1], 6))
+    for k, S in enumerate(_SCREWS):
+        step = se3.exp(S * q[..., k : k + 1])
+        back = se3.Ad(se3.inverse(step))
+        own = S * dq[..., k : k + 1]
+        T, V = T @ step, back @ V + own
+        dV = back @ dV + se3.ad(V) @ own + S * ddq[..., k : k + 1]
+    return T, V, dV

@@ -1,9 +1,4 @@
-"""A six-axis force-torque sensor with something mounted on it: what it reads, and what is left without that.
-
-The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and what the sensor does to it, so
-what it does to the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. All of it is in {f}, the frame the sensor measures
-in; wrenches are (m, f) in N m and N, twists (omega, v).
-"""
+"""Frames of labelled poses, twists and wrenches: all that a sensor is told about is in {f}, or in its own axes {s}."""
 
 from __future__ import annotations
 
@@ -17,12 +12,149 @@ from numpy.typing import ArrayLike
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.gravity import GRAVITY
-from ..errors import InertiaError, ModelWarning, ShapeError, ValueRangeError
-from ..lie import so3
-from ..screws.labelled import frame_name
+from ..core.numbers import printed
+from ..errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
+from ..lie import quaternion, so3
+from ..lie.labelled import frame_name
+from ..lie.pose import Pose
+from ..lie.twist_wrench import Twist, Wrench
 from ..typing import Array
-from .gravity_directions import checked_rotations, gravity_in_frame
-from .sensor_frames import unlabelled
+
+_KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
+
+
+def unlabelled(given: dict[str, Any], frame: str | None = None, *, turned: bool = False) -> dict[str, Any]:
+    """The numbers of what is given by name, once the labels that there are agree; what has none passes untouched.
+
+    ``pose``, ``V`` and ``dV`` are of {f}, whose name is ``frame`` where it is known. Anything else is a wrench in the
+    sensor's axes {s}: those of {f}, unless the mounting is ``turned``. Raises :class:`~twistwrench.FrameError`.
+
+    >>> unlabelled({"V": Twist([0, 0, 1, 0, 0, 0], "f"), "dV": None}, "f")["V"].tolist()
+    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    """
+    own: dict[str, str] = {} if frame is None else {"the sensor": frame}
+    read: dict[str, str] = {}
+    plain = dict(given)
+    for name, x in given.items():
+        if not isinstance(x, Pose | Twist | Wrench):
+            continue
+        if not isinstance(x, kind := _KINDS.get(name, Wrench)):
+            raise FrameError(f"{name} is a {type(x).__name__}, expected a {kind.__name__} or plain numbers.")
+        plain[name] = x.matrix if isinstance(x, Pose) else x.values
+        (own if name in _KINDS else read)[name] = x.of if isinstance(x, Pose) else x.frame
+    if not turned:
+        own, read = own | read, {}
+    if len(set(own.values())) > 1:
+        listed = ", ".join(f"{'pose of' if name == 'pose' else f'{name} in'} {f!r}" for name, f in own.items())
+        raise FrameError(
+            f"{listed}: a sensor's equation holds in one frame, that of the sensor. Move the others first, with a Pose."
+        )
+    for name, there in read.items():
+        if there in own.values():
+            raise FrameError(
+                f"{name} in {there!r}: readings are in the sensor's own axes, which the mounting turns against {there!r}. "
+                "Give them under a name of their own."
+            )
+    return plain
+
+
+# ── Orientations at the door: rotations and quaternions are checked, and gravity is turned into the sensor's frame
+
+_OFF = 1e-3  # numbers written with four decimals pass; a wrong column does not
+
+
+def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
+    """The rotations (..., 3, 3) of rotations (..., 3, 3) or poses (..., 4, 4), put exactly onto the group.
+
+    Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` that says how far off a matrix is
+    when RᵀR differs from the identity by more than 1e-3.
+    """
+    try:
+        T = np.asarray(pose, float)
+    except (TypeError, ValueError, OverflowError):
+        raise ShapeError(
+            f"{where} is no array of numbers; expected rotations (..., 3, 3) or poses (..., 4, 4)."
+        ) from None
+    if T.shape[-2:] not in ((3, 3), (4, 4)):
+        raise ShapeError(f"{where} has shape {T.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
+    R = T[..., :3, :3]
+    if not np.isfinite(R).all():
+        raise ValueRangeError(f"{where} has entries that are not finite numbers. Fill or remove them.")
+    off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-1, -2))
+    if off.size and off.max() > _OFF:
+        raise ValueRangeError(
+            f"{where}{_at(off)} is no rotation: RᵀR differs from the identity by {printed(off.max(), 3)}, allowed is "
+            f"{printed(_OFF)}. Check the order of its entries (row by row) and its decimals."
+        )
+    if (determinant := np.linalg.det(R)).size and determinant.min() < 0:
+        raise ValueRangeError(
+            f"{where}{_at(-determinant)} mirrors: its determinant is {printed(determinant.min(), 3)}, a rotation has 1. "
+            "Swap no axes: the frame must be right-handed."
+        )
+    return quaternion.rotation(quaternion.from_matrix(R))
+
+
+def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:
+    """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first.
+
+    Raises :class:`~twistwrench.ValueRangeError` saying how far off the length is if that is more than 1e-3.
+    """
+    quat = np.asarray(arguments.real(quat, where), float)
+    if quat.shape[-1:] != (4,):
+        raise ShapeError(f"{where} has shape {quat.shape}, expected (..., 4): qw, qx, qy, qz.")
+    if not np.isfinite(quat).all():
+        raise ValueRangeError(f"{where} has entries that are not finite numbers. Fill or remove them.")
+    length = np.linalg.norm(quat, axis=-1)
+    off = np.abs(length - 1.0)
+    if off.size and off.max() > _OFF:
+        raise ValueRangeError(
+            f"{where}{_at(off)} has length {printed(float(length.flat[off.argmax()]))}, off from 1 by "
+            f"{printed(off.max(), 3)}, allowed is {printed(_OFF)}. Check which columns are qw, qx, qy, qz (qw is the "
+            "scalar), or normalise them."
+        )
+    return quaternion.rotation(quat)
+
+
+def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
+    """Gravity (..., 3) [m/s²] in {f}, from the pose T_wf or rotation R_wf and gravity (..., 3) in {w}.
+
+    >>> from twistwrench import so3
+    >>> import numpy as np
+    >>> np.round(gravity_in_frame(so3.exp([np.pi / 2, 0, 0])), 6).tolist()  # the tool turned a quarter about x
+    [0.0, -9.81, 0.0]
+    """
+    g = np.asarray(arguments.real(gravity, "gravity"), float)
+    if g.shape[-1:] != (3,):
+        raise ShapeError(f"gravity has shape {g.shape}, expected (..., 3) [m/s²].")
+    if not np.isfinite(g).all():
+        raise ValueRangeError("gravity has entries that are not finite numbers.")
+    R = checked_rotations(pose)
+    return np.asarray((np.swapaxes(R, -1, -2) @ g[..., None])[..., 0])
+
+
+def rotations_to_gravity(directions: ArrayLike) -> Array:
+    """The least rotations R_wf (..., 3, 3) that bring gravity, along -z of {w}, to these directions (..., 3) of {f}."""
+    d = np.asarray(directions, float)
+    d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+    # The quaternion that takes d to -z: (1 + cos, d × -z), or a half turn about x when they are opposite.
+    quat = np.stack([1.0 - d[..., 2], -d[..., 1], d[..., 0], np.zeros(d.shape[:-1])], axis=-1)
+    opposite = np.linalg.norm(quat, axis=-1, keepdims=True) < 1e-9
+    return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
+
+
+def _at(badness: Array) -> str:
+    """Which one of a batch is the worst, counting from 0; nothing for a single one."""
+    if badness.ndim == 0:
+        return ""
+    place = ", ".join(str(k) for k in np.unravel_index(int(badness.argmax()), badness.shape))
+    return f"[{place}]"
+
+
+# ── A six-axis force-torque sensor with something mounted on it: what it reads, and what is left without that
+
+# The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and what the sensor does to it, so
+# what it does to the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. All of it is in {f}, the frame the sensor measures
+# in; wrenches are (m, f) in N m and N, twists (omega, v).
 
 Sign = Literal["on_sensor", "by_sensor"]
 Inertia = Literal["given", "accept", "unknown"]

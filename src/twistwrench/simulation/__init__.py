@@ -5,15 +5,14 @@
 
 from __future__ import annotations
 
-from ..robot.simulation_methods import SimulationMethods
-from .batch import SimulationBatch
+from ..robot.shortcuts import SimulationMethods
 from .contact import JointStops, Plane
 from .events import Event, Happening
+from .preparation import SimulationBatch
 from .result import SimulationResult
 from .rollout import Rollout
 from .rollout_gradient import RolloutGradient
-from .schemes import METHODS
-from .tableau import Partitioned, Tableau
+from .schemes import METHODS, Partitioned, Tableau
 from .torque_laws import BatchComputedTorque, BatchPD
 
 PD, ComputedTorque = BatchPD, BatchComputedTorque  # former names

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..core.printed_numbers import percent
+from ..core.numbers import percent, printed
+from ..core.quadrature import ProbeRule, left_out
+from ..errors import SimulationError
 from ..motion.coordinates import Coordinates
 from ..typing import Array
+from .forces import System
 from .schemes import ADAPTIVE
 
 if TYPE_CHECKING:
@@ -98,3 +105,428 @@ class Accuracy:
 
 def _percent(share: float) -> str:
     return percent(share, 2 if share < 1.0 else None) if share < _MANY else _MORE
+
+
+# ── Which steps of a run are taken again after it, to see what they are off by, and what is kept of them until then
+
+_LEAST = 32
+"""Steps probed of a run, if it has so many."""
+_SPACING = 50
+"""Steps between two that are probed, in a long run. A probe is the work of 2.5 steps, of 6 for a method of one evaluation."""
+MOST_PROBED = 2000
+"""Steps probed of a run, and as many again in which a contact begins or ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProbedSteps:
+    """Steps of a run: number, time, state before and after, torques held by the controller; of one, or of m with an axis."""
+
+    numbers: Any
+    t: Any
+    y: Array
+    after: Array
+    held: Array
+    """(nv,) of all of them, or (m, nv)."""
+    begun: Array
+    """(m, nv), the accelerations that they begin with."""
+
+    def __getitem__(self, which: Any) -> ProbedSteps:
+        held = self.held if self.held.ndim == 1 else self.held[which]
+        return ProbedSteps(
+            self.numbers[which], self.t[which], self.y[which], self.after[which], held, self.begun[which]
+        )
+
+    @classmethod
+    def of_all(cls, parts: list[ProbedSteps]) -> ProbedSteps:
+        """All steps of several."""
+        if len(parts) == 1:
+            return parts[0]
+        numbers, times, before, after, begun = (
+            np.concatenate(x) for x in zip(*((p.numbers, p.t, p.y, p.after, p.begun) for p in parts), strict=True)
+        )
+        held = parts[0].held
+        if any(p.held is not held for p in parts) or held.ndim > 1:
+            held = np.concatenate([np.broadcast_to(p.held, (len(p.t), p.held.shape[-1])) for p in parts])
+        return cls(numbers, times, before, after, held, begun)
+
+
+@lru_cache(maxsize=16)
+def probed_steps(n: int) -> tuple[int, ...]:
+    """Which of n steps are probed: the first ones closely, then one of each block, at places that have no period.
+
+    >>> probed_steps(3000)[:9]
+    (0, 1, 2, 4, 8, 16, 32, 80, 111)
+    """
+    spacing = max(min(n // _LEAST, _SPACING), n // MOST_PROBED, 1)
+    found, k = [], 0
+    while k < min(spacing, n):
+        found.append(k)
+        k = max(2 * k, 1)
+    for block in range(1, -(-n // spacing)):
+        k = block * spacing + int(spacing * (block * 0.6180339887498949 % 1.0))  # the golden section
+        if k < n:
+            found.append(k)
+    return tuple(sorted(found))
+
+
+# ── What the steps of a run are off by: some of them are taken again, in two halves
+
+# The state after a step of length h and that after two of h/2 from the same state differ by (1 - 2^-p) of what the step is off
+# by, for a method of order p. Friction, contacts and torques that are functions act in the halves as they do in the step.
+# Source:
+# Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.4, "Richardson extrapolation".
+#
+# The halves are taken after the run, so they change nothing in it, whatever a function remembers of its calls. A controller is
+# not asked again: its torque is that of the step.
+
+
+_ROUNDING = 1e-14
+
+
+class Accelerations(Protocol):
+    """What a motion obeys."""
+
+    def accelerations(self, t: float, y: Array, /) -> Array:
+        """Of a state (size,), (nv,)."""
+
+
+class Flow(Accelerations, Protocol):
+    """Steps of one method, one by one or many at once."""
+
+    @property
+    def order(self) -> int:
+        """Of the method."""
+
+    @property
+    def takes_many(self) -> bool:
+        """Whether states and times may have an axis of their own before."""
+
+    def after(self, t: float, y: Array, h: float, /) -> Array:
+        """The state a time h later, quaternions of unit length."""
+
+    def begun(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
+        """The same, and the accelerations (nv,) at the state."""
+
+
+class StepDoubling:
+    """The steps of a run that are to be probed, and what they turn out to be off by."""
+
+    def __init__(self, n: int, h: float, *, lagging: bool) -> None:
+        self.h, self.lagging = h, lagging
+        """Whether velocities are those of half a step before: see :meth:`_lagging`."""
+        self._ordered = probed_steps(n)
+        self._due = frozenset(self._ordered)
+        self._spread: list[ProbedSteps] = []
+        self._changed: list[ProbedSteps] = []
+        self.steps = self._changes = 0
+        self._last: tuple[float, Array, Array, Array, Array] | None = None
+        """The last step, unless it is among those that changed: time, state before and after, torques, accelerations."""
+
+    def note(self, t: float, y: Array, after: Array, held: Array, begun: Array, *, changed: bool) -> None:
+        """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
+        if changed or self.steps in self._due:
+            self.note_block(np.array([t]), np.array([y, after]), held, begun[None], np.array([changed]))
+        else:
+            self._last = t, y, after, held, begun.copy()
+            self.steps += 1
+
+    def note_block(
+        self, times: Array, states: Array, held: Array, begun: Array, changed: NDArray[np.bool_]
+    ) -> None:  # fmt: skip
+        """Take note of the next m steps, from times (m,) through states (m + 1, size); ``changed`` (m,) as of one step.
+
+        ``held`` is (nv,) or (m, nv), ``begun`` (m, nv) are the accelerations as they begin. A step before one that changes
+        counts as such a one.
+        """
+        first, m = self.steps, len(times)
+
+        def those(which: Any) -> ProbedSteps:
+            mine = held if held.ndim == 1 else held[which]
+            return ProbedSteps(which + first, times[which], states[which], states[which + 1], mine, begun[which])
+
+        k = bisect_left(self._ordered, first)
+        due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
+        if due:
+            self._spread.append(those(np.array(due) - first))
+        marked = False
+        if changed.any():
+            if changed[0] and self._last is not None:
+                t, y, after, mine, ddq = self._last
+                self._mark(ProbedSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine, ddq[None]))
+            both = changed.copy()
+            both[:-1] |= changed[1:]
+            marked = bool(both[-1])
+            self._mark(those(np.flatnonzero(both)))
+        mine = held if held.ndim == 1 else held[-1].copy()
+        last = float(times[-1]), states[-2].copy(), states[-1].copy(), mine, begun[-1].copy()
+        self._last = None if marked else last
+        self.steps = first + m
+
+    def _mark(self, steps: ProbedSteps) -> None:
+        """Count steps as such in which something changes, and keep them to be probed while they are not too many."""
+        left = MOST_PROBED - min(self._changes, MOST_PROBED)
+        self._changes += len(steps.numbers)
+        if left:
+            self._changed.append(steps[:left])
+
+    def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
+        """What all steps are off by, all together and signs left out, (nv,) [rad or m]; None where no step could be probed.
+
+        An error of velocity counts as the way it makes in ``spans`` (nv) [s], or until friction and damping have ended it.
+        """
+        before = system.held, system.applied, system.evaluations
+        try:
+            every = self._spread
+            if self._changed:
+                special = ProbedSteps.of_all(self._changed).numbers
+                every = [some[~np.isin(some.numbers, special)] for some in every]
+            spread = self._probe(system, flow, every, spans)
+            changed = self._probe(system, flow, self._changed, spans)
+            if spread is None and changed is None:
+                return None
+            total = self._late(system, flow, spans)
+        finally:
+            system.held, system.applied, system.evaluations = before
+        if spread is not None:
+            total += (1.0 - self._changes / self.steps) * _integral(*spread, self.steps)
+        if changed is not None:
+            total += self._changes * changed[1].mean(axis=0)
+        return total
+
+    def _probe(self, system: System, flow: Flow, parts: list[ProbedSteps], spans: Array) -> tuple[Array, Array] | None:
+        """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
+        found, parts = [], [some for some in parts if len(some.numbers)]
+        if not parts:
+            return None
+        steps = ProbedSteps.of_all(parts)
+        left = [steps] if flow.takes_many else [steps[k] for k in range(len(steps.numbers))]
+        for step in left:
+            system.held = step.held
+            try:
+                halves, begun = (self._lagging if self.lagging else self._halves)(system, flow, step)
+                change = (halves - step.after)[..., system.moving]
+                lasts = lasting(flow, system.moving, step.t + self.h, step.after, change, begun)
+            except SimulationError:  # a function that fails at other times than those of the run
+                if np.ndim(step.t):
+                    left += [steps[k] for k in range(len(steps.numbers))]
+                continue
+            found.append((step.numbers, step.after, halves, lasts))
+        if not found:
+            return None
+        numbers, whole, halved, times = found[0] if len(found) == 1 else map(np.array, zip(*found, strict=True))
+        numbers, times = np.atleast_1d(numbers), np.atleast_1d(times)
+        whole, halved = whole.reshape(-1, system.size), halved.reshape(-1, system.size)
+        good = np.isfinite(halved).all(axis=1)
+        if not good.all():
+            numbers, whole, halved, times = numbers[good], whole[good], halved[good], times[good]
+        if not len(numbers):
+            return None
+        q, v = slice(0, system.nq), system.moving
+        places = _above_rounding(system.robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
+        speeds = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
+        off = places + np.minimum(spans, times[:, None]) * speeds
+        return numbers, off / (1.0 - 0.5**flow.order)
+
+    def _late(self, system: System, flow: Flow, spans: Array) -> Array:
+        """What it does that the first velocities of a lagging method are too late: they were given for the start itself."""
+        if not self.lagging:
+            return np.zeros(system.nv)
+        first, v = self._spread[0][0], system.moving
+        system.held = first.held
+        late = 0.5 * self.h * first.begun
+        return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
+
+    def _halves(self, _system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
+        """The state after two steps of half the length; the accelerations after the whole step are not known."""
+        half = 0.5 * self.h
+        return flow.after(step.t + half, flow.after(step.t, step.y, half), half), None
+
+    def _lagging(self, system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
+        """The same for a method whose velocities are those of h/2 before, and with half the step those of h/4 before.
+
+        Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
+        one time to the other before the halves, and back after them, by the accelerations over a half step. Those after the
+        whole step are known then. A velocity brought to another time violates constraints by as much as these turn: that is no
+        error, and is taken away.
+        """
+        v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
+        start[v] += 0.5 * half * step.begun
+        halves, _ = self._halves(system, flow, replace(step, y=start))
+        later, begun = flow.begun(step.t + self.h, end, half)
+        halves[v] -= 0.5 * (later[v] - end[v])
+        halves[v] = system.allowed_velocities(halves)
+        return halves, begun
+
+
+def lasting(flow: Accelerations, moving: slice, t: Any, y: Array, off: Array, begun: Array | None = None) -> Array:
+    """About how long differences of velocities (..., nv) last, by the accelerations they bring, (...) s; inf undamped.
+
+    ``begun`` are the accelerations at y, if they are known.
+    """
+    moved = y.copy()
+    moved[..., moving] += off
+    damped = -np.vecdot(off, flow.accelerations(t, moved) - (flow.accelerations(t, y) if begun is None else begun))
+    with np.errstate(all="ignore"):
+        return np.where(damped > 0.0, np.vecdot(off, off) / damped, np.inf)
+
+
+def _above_rounding(off: Array, of: Array) -> Array:
+    """The sizes of differences (m, nv) of numbers (m, k), those of rounding left out."""
+    return np.where(np.abs(off) > _ROUNDING * np.abs(of).max(axis=1, keepdims=True), np.abs(off), 0.0)
+
+
+def _integral(numbers: Array, off: Array, n: int) -> Array:
+    """The sum over steps 0 … n - 1 of what is known at some of them, straight between these; (m,), (m, k) → (k,)."""
+    edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])
+    return np.asarray(np.diff(edges) @ off)
+
+
+# ── Torques and wrenches that are functions, asked at more times within a step than the method asks them, along its motion
+
+Path = Callable[[Array], Array]
+"""From shares (m,) of a step to the states (m, size) then."""
+
+_Step = tuple[float, Array, Array, Array]
+"""Its time, the states before and after, and the torques held by a controller."""
+
+_MOST_KEPT = 100_000
+"""Steps that are kept until the run is over, so that nothing is asked before; of more, the first are looked at on the way."""
+
+
+_AT_ONCE = 256
+"""Steps that are looked at together."""
+
+
+class ForceProbes:
+    """The functions of a run, and the times at which they are asked: see :class:`~twistwrench.core.quadrature.ProbeRule`."""
+
+    def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
+        self.system, self.rule = system, ProbeRule(times, weights, spacing)
+
+    def impulse(self, t: float, h: float, path: Path) -> Array | None:
+        """What a step from t leaves out of the impulse of the functions, (nv,) [N m s or N s]; None if nothing.
+
+        Raises SimulationError where a function fails at one of the times.
+        """
+        if not self.system.functions or not self.rule.needed(h):
+            return None
+        shares, weights = self.rule.shares(h)
+        times, states = t + h * shares, path(shares)
+        missing = np.zeros(self.system.nv)
+        for _, forces in self.system.functions:
+            missing += left_out(weights, forces(times, states))
+        return h * missing if missing.any() else None
+
+    def impulses(self, t: Array, h: float, y: Array, after: Array) -> Array:
+        """The same of n steps from times (n,) along straight lines from states (n, size) to others, (n, nv)."""
+        missing = np.zeros((len(t), self.system.nv))
+        if not self.system.functions or not self.rule.needed(h):
+            return missing
+        shares, weights = self.rule.shares(h)
+        times = t[:, None] + h * shares
+        states = (y[:, None] + shares[:, None] * (after - y)[:, None]).reshape(-1, y.shape[1])
+        for _, forces in self.system.functions:
+            missing += left_out(weights, forces(times.ravel(), states).reshape(*times.shape, -1))
+        return h * missing
+
+    def change(self, q: Array, dq: Array, impulse: Array) -> Array:
+        """The changes of velocity (..., nv) that impulses (..., nv) make."""
+        forward = self.system.robot.forward_dynamics
+        return np.asarray(forward(q, dq, impulse) - forward(q, dq, np.zeros_like(impulse)))
+
+    def furthest(self, t: float, h: float, path: Path) -> tuple[str, float]:
+        """Which function is furthest from its usual value in a step from t, and when [s]."""
+        shares, _ = self.rule.shares(h)
+        states, found = path(shares), (-1.0, "", t)
+        for name, forces in self.system.functions:
+            values = forces(t + h * shares, states)
+            far = np.abs(values - np.median(values, axis=0)).max(axis=1)
+            found = max(found, (float(far.max()), name, t + h * float(shares[int(far.argmax())])))
+        return found[1:]
+
+
+class UnseenForces:
+    """What all steps of one length ``h`` leave out, added up; found out when the run is over, as by step doubling."""
+
+    def __init__(self, probes: ForceProbes, h: float) -> None:
+        self.probes, self.h = probes, h
+        self._sum = np.zeros(probes.system.nv)
+        self._steps: list[_Step] = []
+        self._worst: tuple[Array, _Step] | None = None
+
+    def note(self, t: float, y: Array, after: Array) -> None:
+        """Take note of a step from y at t to the state after it."""
+        if self.probes.system.functions:
+            self._steps.append((t, y, after, self.probes.system.held))
+            if len(self._steps) == _MOST_KEPT:
+                self._add_up()
+
+    def note_block(self, times: Array, states: Array, held: Array) -> None:
+        """Take note of n steps from times (n,) through states (n + 1, size) under torques (nv,) or (n, nv) of a controller."""
+        if self.probes.system.functions:
+            kept, torques = states.copy(), np.array(np.broadcast_to(held, (len(times), held.shape[-1])))
+            self._steps += zip(times.tolist(), kept[:-1], kept[1:], torques, strict=True)
+            if len(self._steps) >= _MOST_KEPT:
+                self._add_up()
+
+    def error(self, extent: Extent, end: float) -> Array | None:
+        """(nv,) rad or m, what a run to ``end`` [s] is off by for it.
+
+        Each change lasts as errors of velocity do in step doubling. A joint that does not move at all would keep it to
+        the end. None where nothing is left out.
+        """
+        self._add_up()
+        if self._worst is None:
+            return None
+        change, (t, _, after, held) = self._worst
+        system = self.probes.system
+        before, system.held = (system.held, system.applied, system.evaluations), held
+        try:
+            lasts = lasting(system, system.moving, t + self.h, after, change)
+        except SimulationError:
+            lasts = np.array(np.inf)
+        finally:
+            system.held, system.applied, system.evaluations = before
+        return np.asarray(np.minimum(np.where(extent.rests, end, extent.spans), lasts) * self._sum)
+
+    def remark(self) -> str:
+        """What to know of it, where the steps are too long for it."""
+        if self._worst is None:
+            return ""
+        t, y, after, _ = self._worst[1]
+        what, time = self.probes.furthest(t, self.h, _straight(y, after))
+        return (
+            f"{what} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all about "
+            f"t = {printed(time)} s: take a smaller dt"
+        )
+
+    def _add_up(self) -> None:
+        system, found = self.probes.system, []
+        for first in range(0, len(self._steps), _AT_ONCE):
+            some = self._steps[first : first + _AT_ONCE]
+            found += [
+                (missing, step) for missing, step in zip(self._impulses(some), some, strict=True) if missing.any()
+            ]
+        self._steps = []
+        if not found:
+            return
+        states = np.array([step[1] for _, step in found])
+        change = self.probes.change(states[:, : system.nq], states[:, system.moving], np.array([m for m, _ in found]))
+        self._sum += np.abs(change).sum(axis=0)
+        largest = int(np.abs(change).max(axis=1).argmax())
+        if self._worst is None or np.abs(change[largest]).max() > np.abs(self._worst[0]).max():
+            self._worst = change[largest], found[largest][1]
+
+    def _impulses(self, steps: list[_Step]) -> Array:
+        """What steps leave out, (n, nv); nothing where a function fails at other times than those of the run."""
+        t, y, after = (np.array(x) for x in list(zip(*steps, strict=True))[:3])
+        try:
+            return self.probes.impulses(t, self.h, y, after)
+        except SimulationError:
+            if len(steps) == 1:
+                return np.zeros((1, self.probes.system.nv))
+            return np.concatenate([self._impulses([step]) for step in steps])
+
+
+def _straight(y: Array, after: Array) -> Path:
+    return lambda shares: y + shares[:, None] * (after - y)

@@ -1,21 +1,87 @@
-"""Steps whose length follows from an estimate of their error. Hairer, Nørsett and Wanner, volume I, section II.4."""
+"""Stiffness: forces so steep that an explicit method must keep its steps short to be stable, whatever its tolerance.
+
+The last two stages of Dormand and Prince's method are at the end of the step, at two states z and y1. The difference of their
+rates over the difference of the states estimates the largest eigenvalue λ of the equations, and the method is stable up to
+h λ of about 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..core.printed_numbers import printed, residual
+from ..core.numbers import printed, residual
 from ..errors import SimulationError
 from ..typing import Array
-from .compiled_attempts import CompiledAttempts
-from .force_probes import ForceProbes
+from .accuracy import ForceProbes
+from .callback_steps import FASTEST
 from .forces import WORKS, System
-from .schemes import RungeKutta
-from .stiffness import Stiffness
-from .tableau import DORMAND_PRINCE
+from .schemes import DORMAND_PRINCE, RungeKutta
+from .trial_steps import ROWS, CompiledAttempts
+
+_EDGE = 3.25
+"""h λ above which a step is as long as stability allows."""
+_WINDOW = 3000
+"""Steps tried between two looks at how far they lead: some seconds."""
+_STIFF_SHARE = 0.1
+"""Share of the steps of a window at the edge of stability from which the equations are stiff there."""
+_MOST_TO_COME = 100_000
+"""Steps still to be taken from which a stiff run is ended: more than a minute."""
+
+
+class Stiffness:
+    """The steps tried since the last look, and how many of them were as long as stability allows."""
+
+    def __init__(self, system: System, scheme: RungeKutta, duration: float) -> None:
+        self.system, self.scheme, self.duration = system, scheme, duration
+        self._tried = self._at_edge = 0
+        self._begin = 0.0
+        self.stages: Callable[[], Array] = lambda: scheme.K
+        """The rates of the stages of the last step tried."""
+
+    def look(self, t: float, h: float, y: Array, y1: Array) -> None:
+        """Take note of a step from y at t that was tried. Raises SimulationError where the run would hardly end."""
+        K, moving = self.scheme.K, slice(0, self.system.size - len(WORKS))
+        z = y + h * np.dot(self.scheme.a[-2], K[:-2])
+        self.note(t, h, h * float(np.linalg.norm((K[-1] - K[-2])[moving])), float(np.linalg.norm((y1 - z)[moving])))
+
+    def note(self, t: float, h: float, steep: float, away: float) -> None:
+        """The same, of two states so far away from each other, whose rates differ by ``steep`` / h."""
+        self._tried += 1
+        self._at_edge += steep > _EDGE * away > 0.0
+        if self._tried < _WINDOW:
+            return
+        mean = (t - self._begin) / self._tried
+        if self._at_edge > _STIFF_SHARE * self._tried and self.duration - t > _MOST_TO_COME * mean:
+            K = self.stages()
+            raise SimulationError(self._words(t, h, mean, (K[-1] - K[-2])[self.system.moving]))
+        self._tried, self._at_edge, self._begin = 0, 0, t
+
+    def _words(self, t: float, h: float, mean: float, change: Array) -> str:
+        names, friction = self.system.robot.model.velocity_names, self.system.friction
+        worst = int(np.argmax(np.abs(change)))
+        often = f"some {printed((self.duration - t) / mean, 1)}" if mean > 0.0 else "endlessly many"
+        stiff = f"at t = {printed(t)} s the equations are stiff"
+        said = f"{stiff}: stability needs steps of {residual(h)} s, {often} more to the end"
+        if friction is not None and friction.dry[worst]:
+            return (
+                f"{said}. Dry friction of joint {names[worst]!r} is eased off below {printed(friction.creep[worst], 2)} "
+                "rad/s or m/s, "
+                'which is steep for so light a joint. Take method="semi_implicit", in whose steps friction stops joints and '
+                "holds them; or a larger creep=."
+            )
+        return (
+            f"{said}, most of all in joint {names[worst]!r}: a torque, a wrench or a contact there is steep for so light a "
+            'joint. Take less gain or stiffness, or method="semi_implicit", which takes viscous friction, and the kd of a '
+            "tw.control.PD given as tau=, at the end of its steps."
+        )
+
+
+# ── Steps whose length follows from an estimate of their error. Hairer, Nørsett and Wanner, volume I, section II.4
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
@@ -138,3 +204,199 @@ class Stepper:
 def _dense(share: Any, Q: Array) -> Array:
     """The mean rate (..., size) from the beginning of a step to a share (..., 1) of it, times the share."""
     return np.asarray(share ** np.arange(1, len(Q) + 1) @ Q)
+
+
+# ── The steps of an adaptive run that nothing looks at: the states between them are made many at once
+
+if TYPE_CHECKING:
+    from .run import Run
+    from .trial_steps import CompiledAttempts
+
+_NUMBERS = 2_000_000
+"""Numbers that the states made at once may be."""
+
+
+def take_freely(run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
+    """Take the steps of a run from its first state, which is kept, to its end, to a limit, or to where it fails."""
+    system, end = run.system, run.end
+    (t, y), rate = run.last, run.rate.copy()
+    waiting = _Waiting(run, stepper, attempts)
+    checks, flat = bool(system.robot.model.quaternions), system.manifold.flat
+    try:
+        while t < end:
+            t1, y1 = stepper.step(t, y, rate, end)
+            run.rejected = stepper.rejected
+            if checks or not stepper.speed < FASTEST**2:
+                y1 = run.checked(t, t1, y1)
+            if t == 0.0 and run.leaves_at_once(y, y1, t1):
+                return
+            waiting.add(t, stepper.last[1])
+            t, y, rate = t1, y1, stepper.rate_after
+            if not flat:
+                rate = rate.copy()
+                system.manifold.rates(*system.split(y), out=rate[: system.nq])
+            run.advance(t, y)
+            if attempts.count == ROWS or waiting.many:
+                if waiting.keep():
+                    return
+                attempts.restart()
+    except (SimulationError, KeyboardInterrupt) as problem:
+        if waiting.keep() and isinstance(problem, SimulationError):  # the run had ended before it failed
+            return
+        raise
+    if not waiting.keep():
+        run.keep_all(np.array([t]), y[None])
+
+
+class _Waiting:
+    """Steps whose states between are still to be kept, and looked at: their rows are the attempts'."""
+
+    def __init__(self, run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
+        self.run, self.attempts, self.dense, self.kept = run, attempts, stepper.scheme.dense, 1
+        """How many states are kept."""
+        self.steps: list[tuple[float, float, int, int]] = []
+        """When each begins and how long it is [s]; evaluations and steps rejected up to its end."""
+        self.first = run.last[1].copy()
+        """The state that the first of them begins in."""
+        self._most = max(1, _NUMBERS // (5 * run.system.size))
+        """States that are made at once."""
+
+    @property
+    def many(self) -> bool:
+        """Whether so many states are due that they should not wait."""
+        return self.run.last[0] > (self.kept + self._most) * self.run.h * self.run.every
+
+    def add(self, t: float, h: float) -> None:
+        """The step from t that was accepted last."""
+        self.steps.append((t, h, self.run.system.evaluations, self.run.rejected))
+
+    def keep(self) -> bool:
+        """Keep the states at all times that are due within the steps, by the dense output; whether the run ends there."""
+        run, system, n = self.run, self.run.system, len(self.steps)
+        if not n:
+            return False
+        spacing, near = run.h * run.every, 1e-12 * run.end
+        t0, lengths = np.array([step[:2] for step in self.steps]).T
+        t1 = np.append(t0[1:], run.last[0])
+        before = np.concatenate([self.first[None], self.attempts.states[: n - 1]])
+        Q = np.tensordot(self.dense.T, self.attempts.rates[:n], axes=(1, 1))
+        most = self._most if run.watch is None else run.n  # nothing is kept before all is looked at
+        while True:
+            due = np.arange(self.kept, min(self.kept + most, int(t1[-1] / spacing) + 2)) * spacing
+            due = due[(due < t1[-1] - near) & (due < run.end)]
+            if not len(due) and run.watch is None:
+                break
+            k = np.searchsorted(t1 - near, due, side="right")
+            since = due - t0[k]
+            since[np.abs(since) <= near] = 0.0
+            states = dense_states(before[k], lengths[k], since / lengths[k], (weights[k] for weights in Q[::-1]))
+            for mine in system.robot.model.quaternions:
+                states[:, mine] /= np.linalg.norm(states[:, mine], axis=1, keepdims=True)
+            if run.watch is not None and self._ends(before, k, since, states):
+                return True
+            run.keep_all(t0[k] + since, states)
+            self.kept += len(due)
+            if run.watch is not None:
+                break
+        self.steps, self.first = [], run.last[1].copy()
+        return False
+
+    def _ends(self, before: Array, k: NDArray[np.intp], since: Array, between: Array) -> bool:
+        """Whether a step ends the run: then the states up to there are kept, and what came after it is forgotten.
+
+        ``between`` (m, size) are the states kept in steps k (m,), so long after these begin.
+        """
+        run, attempts, n = self.run, self.attempts, len(self.steps)
+        assert run.watch is not None
+        first = np.searchsorted(k, np.arange(n + 1)).tolist()
+        owners = np.concatenate([k, np.arange(n)])
+        order = np.argsort(owners, kind="stable")  # those in a step, then the one after it
+        passed, gaps, margins = run.watch.passed(np.concatenate([between, attempts.states[:n]])[order])
+        evaluations = run.system.evaluations
+        for j in np.unique(owners[order][passed]).tolist():
+            (t, h, _, _), mine, after = self.steps[j], slice(first[j], first[j + 1]), attempts.states[j]
+            run.watch.stand(gaps[first[j] + j], margins[first[j] + j])
+            points = list(zip(since[mine].tolist(), between[mine], strict=True))
+            run.rate[:] = attempts.rates[j, 0]
+            at = run.along(t, before[j])
+            end = run.looked(t, [*points, (h, after)], at)
+            if end is None:
+                continue
+            looked = run.system.evaluations - evaluations
+            run.system.evaluations, run.rejected = self.steps[j][2] + looked, self.steps[j][3]
+            run.steps, run.last, attempts.count = run.steps - (n - j), (t, before[j].copy()), j + 1
+            kept = int(np.searchsorted(since[mine], end)) + first[j]
+            some = slice(0, kept)
+            times = np.array([step[0] for step in self.steps])[k[some]] + since[some]
+            run.keep_all(times, between[some])
+            run.finish(t, end, at)
+            return True
+        run.watch.stand(gaps[-1], margins[-1])
+        return False
+
+
+def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator[Array]) -> Array:
+    """y + h (θ w1 + θ² w2 + …), (m, size), at shares θ (m,) of steps of h (m,) from y (m, size).
+
+    The weights are those of the highest power first, (m, size) each.
+    """
+    found, shares = next(weights), shares[:, None]
+    for w in weights:
+        found *= shares
+        found += w
+    found *= shares * lengths[:, None]
+    found += before
+    return found
+
+
+# ── The steps of an adaptive run, from sample to sample of a controller, and the states between them one by one
+
+if TYPE_CHECKING:
+    from .run import Run
+
+
+def take_adaptively(run: Run, stepper: Stepper) -> None:
+    """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
+    run.stepper = stepper
+    y = run.begin()
+    t, k, spacing = 0.0, 0, run.h * run.every
+    end = run.end
+    run.sample(t, y)
+    run.system.rates(t, y, run.rate)
+    run.keep(t, y)
+    if stepper.attempts is not None and run.asks_nobody:
+        take_freely(run, stepper, stepper.attempts)
+        return
+    kept = 1
+    while t < end:
+        until = (k + 1) * run.h if run.controller is not None and k + 1 < run.n else end
+        t1, y1 = stepper.step(t, y, run.rate, until)
+        run.rejected, rate1 = stepper.rejected, stepper.rate_after
+        y1 = run.checked(t, t1, y1)
+        if t == 0.0 and run.leaves_at_once(y, y1, t1):
+            return
+        begin = kept
+        while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
+            kept += 1
+        times = np.arange(begin, kept) * spacing
+        between = stepper.between(times) if len(times) else np.zeros((0, len(y)))
+        points = list(zip((times - t).tolist(), between, strict=True))
+        if run.watch is not None and run.ended(t, y, [*points, (t1 - t, y1)], points):
+            return
+        run.keep_all(t + (times - t), between)
+        t, y = t1, y1
+        run.advance(t, y)
+        due = abs(kept * spacing - t) <= 1e-12 * end and t < end
+        kept += due
+        if run.controller is not None and t == until and t < end:
+            k += 1
+            run.sample(t, y)
+            run.system.rates(t, y, run.rate)
+            if due:
+                run.keep(t, y)
+            continue
+        run.rate[:] = rate1
+        run.system.manifold.rates(*run.system.split(y), out=run.rate[: run.system.nq])
+        if due:
+            run.keep_at(t, y)
+    run.keep_at(t, y)

@@ -1,36 +1,153 @@
-"""A robot with closed loops and what acts on it: its rates are those of constrained dynamics, its steps end on the constraints.
+"""One step of a closed robot as a program: constrained dynamics, the method, and back onto the constraints, traced together.
 
-    q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
-
-hold the acceleration only, so after each step q and dq are projected: see :mod:`twistwrench.algorithms.loop_projection`.
+Simulations and rollouts take the same steps. The state is q and dq, what steps left to be taken away so far, and, in
+simulations, the works done.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.constraints import kept, with_gaps
-from ..algorithms.loop_projection import LoopRows, projected
-from ..algorithms.weighted_svd import SAFE, doubtful
-from ..core.printed_numbers import printed
+from ..algorithms.constraints import Constraint, constrained_dynamics, kept, with_gaps
+from ..algorithms.friction import eased, largest, positive, smallest, torque_past_eased_friction
+from ..algorithms.kinematics import add, coordinate_rates
+from ..algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
+from ..core.numbers import printed
 from ..errors import SimulationError, ValueRangeError
-from ..kernels.ufunc import owner_of
-from ..program.trace import trace
-from ..robot import closed_robot_checks as checks
-from ..robot.constraint_sizes import CLOSED, gap_units
-from ..robot.model_kernels import compiled
+from ..ir.loops import Recurrence, Source
+from ..ir.tracer import trace
+from ..robot.closed import checks as checks
+from ..robot.closed.constraints import CLOSED, gap_units
+from ..robot.engine import compiled
+from ..runtime.gufunc import owner_of
 from ..typing import Array
 from .adaptive import Stepper
-from .closed_step import SMALL, ClosedStep, lost
+from .compiled_steps import SIMULATED, TABLEAUS, CompiledSteps, Plan, Ports, SimulatedStep, acts_by_itself
 from .forces import WORKS, System
 from .schemes import ADAPTIVE, Scheme
-from .step_program import Plan
+from .torque_laws import GivenTorque
 
 if TYPE_CHECKING:
-    from ..robot.closed_robot import ClosedRobot
+    from ..robot.closed.closed_robot import ClosedRobot
+
+WIDEST, FASTEST, OPEN, PIVOT, GOOD = range(5)
+"""What is passed on beside q and dq: the largest gap [rad or m] and rate of one that a step left before they were taken away,
+the largest gap after that, the smallest pivot of A M⁻¹ A' over its usual size, and 1 while all steps end on the constraints."""
+KEPT = 5
+SMALL, SHRUNK = 1e-2, 0.25
+"""Of its usual size: a pivot that is small; and where the smallest pivot is small and one step leaves less
+than this part of it, its root has halved: another step as long would be at the singular configuration, or beyond it."""
+
+
+@dataclass(frozen=True)
+class ClosedStep(SimulatedStep):
+    """What a step on constraints is made of."""
+
+    loops: LoopRows = field(default_factory=lambda: LoopRows((), ()))
+    usual: tuple[float, ...] = ()
+    """The usual size of each pivot of A M⁻¹ A'."""
+    allowed: tuple[float, ...] = ()
+    """How far each row that has a position may be open after a step, rad or m."""
+    works: bool = False
+    """Whether works and accelerations are asked for, as in simulations."""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Plans of one robot with one key are one program."""
+        return "closed step", super(SimulatedStep, self).key, self.loops, self.works
+
+    @property
+    def state_sizes(self) -> tuple[int, ...]:
+        """How many numbers each part of the state is."""
+        return self.model.nq, self.model.nv, KEPT, *[len(WORKS)] * self.works
+
+    @property
+    def eases(self) -> bool:
+        """Friction is eased by every method."""
+        return self.friction
+
+    @cached_property
+    def _held(self) -> tuple[Constraint, ...]:
+        return kept(self.loops.constraints, self.loops.independent)
+
+    def recurrence(self) -> Recurrence:
+        """The program, and where its inputs come from."""
+        parts = ["q", "dq", "kept", *["work"] * self.works]
+        state: Ports = [(name, (size,)) for name, size in zip(parts, self.state_sizes, strict=True)]
+        said = ["ddq"] * self.works + ["tau"] * self.says_torques
+        program = trace(self._step, [*state, *self.given], [*parts, *said])
+        fed = [Source("state", k) for k in range(len(parts))] + [Source("given")] * len(self.given)
+        return Recurrence(program, tuple(fed), visible=len(parts))
+
+    # ── on symbols ──
+
+    def _step(self, q: Array, dq: Array, passed: Array, *rest: Any) -> tuple[Array, ...]:
+        """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and back onto the constraints."""
+        count = 2 + self.works
+        start, (h, *given) = (q, dq, *rest[: self.works]), rest[self.works :]
+        first, tau = self._motion(q, dq, given)
+        if self.method in TABLEAUS:
+            a, b, _, _, _ = TABLEAUS[self.method].numbers
+            stages = [first]
+            for i in range(1, len(b)):
+                q_i, dq_i = _along(start[:2], h, a[i], stages)
+                stages.append(self._motion(q_i, dq_i, given)[0])
+            q1, dq1, *work = _along(start, h, b, [stage[:count] for stage in stages])
+        else:
+            _, ddq, powers = first
+            dq1, work = dq + h * ddq, [x + h * powers for x in start[2:]]
+            q1 = add(self.model, q, h * dq1)
+        _, plant, _ = self._models(given)
+        q1, dq1, *left = projected(plant, q1, dq1, self.loops.constraints, self.loops.independent)
+        said = (first[1],) * self.works + (tau,) * self.says_torques
+        return q1, dq1, self._passed_on(passed, *left), *work, *said
+
+    def _motion(self, q: Array, dq: Array, given: Sequence[Array]) -> tuple[tuple[Array, Array, Array], Array]:
+        """Rates of coordinates, velocities and works; and the torques."""
+        known, plant, rest = self._models(given)
+        tau = force = self._torques(known, q, q, dq, rest)
+        if self.friction:
+            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
+        ddq = constrained_dynamics(plant, q, dq, force, self._pushed(rest), self._held)[0]
+        powers = self._powers(plant, q, dq, tau, force - tau, rest)
+        return (coordinate_rates(self.model, q) @ dq, ddq, powers), tau
+
+    def _passed_on(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
+        """What is passed on to the next step; :func:`lost` says the same of numbers."""
+        pivot: Any = smallest(pivots / np.array(self.usual), np.inf)
+        beyond = after / np.array(self.allowed) if self.allowed else after
+        gone = (1.0 - positive(SMALL - pivot) * positive(SHRUNK * before[PIVOT] - pivot)) * (
+            1.0 - positive(SAFE - pivot)
+        )
+        good = before[GOOD] * gone * (1.0 - positive(largest(beyond, 0.0) - 1.0))
+        said = largest(gaps, before[WIDEST]), largest(rates, before[FASTEST]), largest(after, before[OPEN]), pivot, good
+        return np.array(said, object)
+
+
+def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[tuple[Array, ...]]) -> list[Array]:
+    """x + h Σ w_i k_i of each part of the state."""
+    return [
+        x + h * sum(float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w)
+        for part, x in enumerate(start)
+    ]
+
+
+def lost(pivot: Array, earlier: Array | float) -> Array:
+    """Whether the constraints lose rank after a step, or would in the next, by the smallest pivots after it and before."""
+    return ~(pivot >= SAFE) | ((pivot < SMALL) & (pivot < SHRUNK * earlier))
+
+
+# ── A robot with closed loops and what acts on it: its rates are those of constrained dynamics, its steps end on the
+# constraints
+
+# q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
+#
+# hold the acceleration only, so after each step q and dq are projected: see :mod:`twistwrench.algorithms.loop_closure`.
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
 """Those whose steps ask for nothing but rates; the variational ones know the open robot alone."""
@@ -212,3 +329,66 @@ class ClosedStepper(Stepper):
         for t, y in zip(times.tolist(), states, strict=True):
             self.loops.onto(t, y)
         return states
+
+
+# ── Steps of a closed robot under constant torques and wrenches, many in one call
+
+LARGEST = 30_000
+"""Operations of a step from which it is not compiled: that takes a second or two, more than most simulations without."""
+BLOCK = 2000
+"""Steps between two looks at whether the user wants to stop: some 10 ms."""
+
+
+class ClosedSteps(CompiledSteps):
+    """The steps of one method under the constant torques and wrenches of a closed system."""
+
+    loops: Loops
+
+    @classmethod
+    def of(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
+        """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
+        if not isinstance(system, ClosedSystem) or method not in SIMULATED:
+            return None
+        if system.functions or system.contacts or not acts_by_itself(system):
+            return None
+        loops, robot = system.loops, system.robot
+        acting = Plan(
+            robot.model, GivenTorque(), method, frames=tuple(system.wrenches), friction=system.friction is not None
+        )
+        plan = loops.step_of(acting, works=True)
+        if not (effort := loops.effort(plan.stages)) <= LARGEST:
+            return None
+        doc = f"Steps of {robot.name} on its constraints, compiled: {method}."
+        kernel = robot.engine.kept(plan.key, lambda: compiled(plan.recurrence(), "closed steps", doc))
+        found = cls(system, plan, order, h, kernel, effort)
+        found.most, found.loops = BLOCK, loops
+        return found
+
+    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
+        """As :meth:`.CompiledSteps.take`; states are no numbers from a step on that ends off the constraints."""
+        s, loops = self.system, self.loops
+        lengths = np.full(steps, self.h if h is None else h)
+        batch = (*y.shape[:-1], steps)
+        states, kept, ddq = (
+            np.empty((*y.shape[:-1], steps + 1, s.size)),
+            np.empty((*batch, KEPT)),
+            np.empty((*batch, s.nv)),
+        )
+        states[..., 0, :] = y
+        Y = states[..., 1:, :]
+        begun = np.zeros((*y.shape[:-1], KEPT))
+        begun[..., PIVOT], begun[..., GOOD] = loops.smallest(y), 1.0
+        q, dq, work = self.cuts
+        given = [np.broadcast_to(x, (steps, *x.shape)) for x in self.told()]
+        with np.errstate(all="ignore"):
+            self.kernel(
+                y[..., q], y[..., dq], begun, y[..., work], lengths, *given,
+                out=(Y[..., q], Y[..., dq], kept, Y[..., work], ddq),
+            )  # fmt: skip
+        good = kept[..., GOOD] > 0.5
+        Y[~good] = np.nan
+        if h is None and good.any():
+            last = kept[int(good.sum()) - 1]
+            loops.note(last[WIDEST], last[FASTEST])
+        s.evaluations += self.stages * steps
+        return states, ddq, np.empty((*batch, 0))

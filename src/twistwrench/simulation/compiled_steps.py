@@ -1,20 +1,380 @@
-"""Steps of a run in machine code, many in one call, where nothing that acts on the robot is a function in Python."""
+"""One step of a rollout as a program: torques, forward dynamics and the move along the manifold, traced together.
+
+Angles go in apart from the coordinates they are: the same numbers, as an array that is nothing but angles, whose size can be
+looked at once. That is what lets a whole step be one piece of machine code without a branch.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..kernels.interpreter import compiles
-from ..kernels.ufunc import owner_of
-from ..program.recurrence import Recurrence
-from ..robot.model_kernels import compiled
+from ..algorithms import kinematics as integration
+from ..algorithms.contact import largest, velocity_step
+from ..algorithms.forward_dynamics import forward_dynamics
+from ..algorithms.friction import eased, torque_past_eased_friction
+from ..algorithms.kinematics import coordinate_rates, wrench_torques
+from ..algorithms.operational_space import clipped
+from ..algorithms.recursion import zeros
+from ..errors import UnknownNameError
+from ..ir.loops import Recurrence, Source
+from ..ir.program import Program
+from ..ir.tracer import trace
+from ..model.model import Model
+from ..model.parameters import moves_joints, regrouped, varied
+from ..robot.engine import compiled
+from ..runtime.gufunc import owner_of
+from ..runtime.interpreter import compiles
 from ..typing import Array
-from .forces import System
-from .simulated_step import SIMULATED, SimulatedStep
-from .torque_laws import GivenTorque
+from .contact import RobotContact
+from .forces import WORKS, System
+from .schemes import EULER, RK4, Tableau
+from .torque_laws import GivenTorque, TorqueLaw
+
+ROLLOUT_METHODS = ("semi_implicit", "rk4")
+"""The methods of rollouts, by the names they have in simulations."""
+
+Ports = list[tuple[str, tuple[int, ...]]]
+
+
+def method_named(name: Any) -> str:
+    """The name; UnknownNameError lists those there are."""
+    if not isinstance(name, str) or name not in ROLLOUT_METHODS:
+        raise UnknownNameError.of("method", name, ROLLOUT_METHODS)
+    return name
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a step is made of; everything but numbers."""
+
+    model: Model
+    law: TorqueLaw
+    method: str
+    limited: bool = False
+    """Whether torques are clipped."""
+    frames: tuple[str, ...] = ()
+    """Where wrenches act on the robot."""
+    parameters: tuple[str, ...] = ()
+    friction: bool = False
+    says_torques: bool = False
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Plans of one robot with one key are one program."""
+        said = self.method, self.limited, self.frames, self.parameters, self.friction, self.says_torques
+        return ("rollout", *self.law.key, *said)
+
+    @property
+    def state_sizes(self) -> tuple[int, ...]:
+        """How many numbers each part of the state is: q, dq, and what else is passed on from step to step."""
+        return self.model.nq, self.model.nv
+
+    @property
+    def eases(self) -> bool:
+        """Whether dry friction is eased off at low speeds, and not an impulse that at most stops a joint."""
+        return self.friction and self.method != "semi_implicit"
+
+    @property
+    def given(self) -> Ports:
+        """Names and shapes of what is given for each step, in the kernel's order."""
+        nq, nv = self.model.nq, self.model.nv
+        ports: Ports = [("dt", ())]
+        ports += [(name, (nq,) if name == "q_des" else (nv,)) for name in self.law.names]
+        ports += [("torque limits", (nv,))] * self.limited
+        ports += [(f"wrench at {frame}", (6,)) for frame in self.frames]
+        ports += [("creep", (nv,))] * self.eases
+        return [*ports, *[("parameters", (len(self.parameters),))] * bool(self.parameters)]
+
+    def recurrence(self) -> Recurrence:
+        """The program, and where its inputs come from."""
+        nq, nv, given = self.model.nq, self.model.nv, self.given
+        state: Ports = [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,))]
+        fed = [Source("state", 0), Source("state", 0), Source("state", 1)]
+        sources = [Source("given")] * len(given)
+        said = ["tau"] * self.says_torques
+        if self.method == "semi_implicit":
+            program = trace(self._semi_implicit, [*state, *given], ["q", "dq", *said])
+            return Recurrence(program, (*fed, *sources), visible=2)
+        more: Ports = [
+            ("q at start", (nq,)),
+            ("dq at start", (nv,)),
+            ("q sum", (nq,)),
+            ("dq sum", (nv,)),
+            ("stage", (5,)),
+        ]
+        fed += [Source("start", 0), Source("start", 1), Source("state", 2), Source("state", 3), Source("stage")]
+        names = ["q", "dq", "q sum", "dq sum", *said]
+        program = trace(self._runge_kutta, [*state, *more, *given], names)
+        return Recurrence(program, (*fed, *sources), visible=2, hidden=2, table=stages(RK4))
+
+    # ── on symbols ──
+
+    def step(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
+        """The state after a step and the torques applied, if they are said: all stages of the step one after another."""
+        if self.method == "semi_implicit":
+            return self._semi_implicit(angles, q, dq, h, *given)
+        found: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
+        said: list[Array] = []
+        for row in stages(RK4):
+            found = self._runge_kutta(angles, *found[:2], q, dq, *found[2:4], np.array(row), h, *given)
+            angles, said = found[0], [*said, *found[4:]]
+        return (*found[:2], *said[:1])
+
+    def _semi_implicit(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
+        """dq1 by :func:`~twistwrench.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
+
+        With friction, dq1 is that of the middle, qm = q ⊕ ½ h dq, and then q1 = qm ⊕ ½ h dq1.
+        """
+        known, plant, rest = self._models(given)
+        wanted = [rest[name] for name in self.law.names]
+        if hasattr(self.law, "torques_of_step"):
+            tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *wanted)
+        else:  # a law of the caller's stays as it is
+            tau, gains = self.law.torques(known, angles, q, dq, *wanted), None
+        middle = integration.halfway(self.model, q, h * dq, angles) if self.friction else angles
+        dq1, tau, _ = velocity_step(
+            plant, middle, dq, h, tau, gains=gains, limits=rest["torque limits"] if self.limited else None,
+            friction=self.friction, wrenches=self._pushed(rest),
+        )  # fmt: skip
+        if self.friction:
+            q1 = integration.moved(self.model, middle, 0.5 * h * dq1, middle)
+        else:
+            q1 = integration.moved(self.model, q, h * dq1, angles)
+        found = q1, dq1
+        return (*found, tau) if self.says_torques else found
+
+    def _runge_kutta(
+        self, angles: Array, q: Array, dq: Array, q0: Array, dq0: Array, q_sum: Array, dq_sum: Array, row: Array, h: Any,
+        *given: Array,
+    ) -> tuple[Array, ...]:  # fmt: skip
+        """One stage, by its row of :func:`stages`."""
+        keep, weight, last, all_of_them, ends = row
+        tau, ddq = self._dynamics(angles, q, dq, given)
+        rates = coordinate_rates(self.model, angles) @ dq
+        q_sum, dq_sum = keep * q_sum + weight * rates, keep * dq_sum + weight * ddq
+        q1 = q0 + h * (last * rates + all_of_them * q_sum)
+        dq1 = dq0 + h * (last * ddq + all_of_them * dq_sum)
+        found = integration.normalised(self.model, q1, ends), dq1, q_sum, dq_sum
+        return (*found, tau) if self.says_torques else found
+
+    def _dynamics(self, angles: Array, q: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array]:
+        """Torques and accelerations."""
+        known, plant, rest = self._models(given)
+        tau = force = self._torques(known, angles, q, dq, rest)
+        if self.friction:
+            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
+        return tau, forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
+
+    def _torques(self, known: Model, angles: Array, q: Array, dq: Array, rest: dict[str, Array]) -> Array:
+        """Of the law, within the limits."""
+        tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
+        return clipped(tau, rest["torque limits"]) if self.limited else tau
+
+    def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:
+        """The robot as the law knows it and as it is, and what is given for the step, by name."""
+        rest = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
+        known = regrouped(self.model)
+        plant = known if not moves_joints(self.model, self.parameters) else self.model
+        if self.parameters:
+            plant = varied(plant, self.parameters, list(rest["parameters"]))
+        return known, plant, rest
+
+    def _pushed(self, rest: dict[str, Array]) -> dict[str, Array] | None:
+        """The wrenches that the robot applies."""
+        return {frame: -rest[f"wrench at {frame}"] for frame in self.frames} or None
+
+
+def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
+    """A row for each stage of a method whose stages need the one before alone.
+
+    Whether the sum of weighted rates is kept, the weight, what of this rate and what of the sum leads from the beginning of the
+    step to the next stage, and whether the step ends there.
+    """
+    a, b, _, _, _ = tableau.numbers
+    last = len(b) - 1
+    rows = [(float(i > 0), b[i], a[i + 1][i], 0.0, 0.0) for i in range(last)]
+    return (*(tuple(map(float, row)) for row in rows), (float(last > 0), float(b[last]), 0.0, 1.0, 1.0))
+
+
+# ── One step of a simulation as a program: that of a rollout, with the works done in it and the accelerations it begins with
+
+# The state is the y = (q, dq, W) of :mod:`.forces`, and the formulas are those of :mod:`.schemes`: works are integrated by the
+# method that moves the robot.
+
+TABLEAUS = {"euler": EULER, "rk4": RK4}
+"""The methods whose stages need the one before alone."""
+SIMULATED = ("semi_implicit", *TABLEAUS)
+"""The methods that have steps here, by their names in simulations."""
+
+FED = (*(Source("state", k) for k in (0, 0, 1, 2)),)
+"""Where the state of a program comes from: angles and coordinates are the same numbers."""
+_TRACE = 1e-30
+
+
+def ended(q: Array, dq: Array, work: Array) -> tuple[Array, Array, Array, Any]:
+    """A state, and its peak: the square of all velocities, with a trace of all else, so that it is no number if any is none."""
+    return q, dq, work, dq @ dq + _TRACE * (q @ q + work @ work)
+
+
+@dataclass(frozen=True)
+class SimulatedStep(Plan):
+    """What a step of a simulation is made of; its torques and wrenches are constant."""
+
+    contacts: tuple[RobotContact, ...] = ()
+    """What the robot runs into."""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Plans of one robot with one key are one program."""
+        touches = tuple(contact.key for contact in self.contacts)
+        return "simulated step", self.method, self.frames, self.friction, touches
+
+    @property
+    def given(self) -> Ports:
+        """Names and shapes of what is given for each step, in the kernel's order: those of contacts last."""
+        numbers = [
+            (f"{name} of contact {k}", x) for k, one in enumerate(self.contacts) for name, x in one.numbers.items()
+        ]
+        return [*super().given, *((name, x.shape) for name, x in numbers)]
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of forward dynamics in a step."""
+        return len(TABLEAUS[self.method].b) if self.method in TABLEAUS else 1
+
+    def recurrence(self) -> Recurrence:
+        """The program, and where its inputs come from: the state is q, dq, W and a peak, of a step its accelerations are said.
+
+        The peak is that of :func:`ended`. Nothing takes it; it goes in as any number.
+        """
+        if self.method == "semi_implicit":
+            names = ["q", "dq", "work", "peak", "ddq", *self._gaps]
+            program = trace(self._semi_implicit_step, [*self._state(), *self.given], names)
+            return Recurrence(program, (*FED, *[Source("given")] * len(self.given)), visible=4)
+        program, fed = self._staged()
+        return Recurrence(program, fed, visible=4, hidden=3, table=stages(TABLEAUS[self.method]))
+
+    def one_stage(self) -> Recurrence:
+        """The same for each stage of a Runge-Kutta method: sums are states, the beginning of the step and the row are given."""
+        program, fed = self._staged()
+        sources = [source if source.kind == "state" else Source("given") for source in fed]
+        return Recurrence(program, tuple(sources), visible=7)
+
+    @property
+    def _gaps(self) -> list[str]:
+        """What is said of contacts as a step begins: how far each is from touching."""
+        return ["gaps"] * bool(self.contacts)
+
+    def _state(self) -> Ports:
+        nq, nv = self.model.nq, self.model.nv
+        return [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,)), ("work", (len(WORKS),))]
+
+    def _staged(self) -> tuple[Program, tuple[Source, ...]]:
+        """The program of a stage, and where its inputs come from."""
+        state = self._state()
+        more: Ports = [(f"{name} {when}", shape) for when in ("at start", "sum") for name, shape in state[1:]]
+        fed = [
+            *FED,
+            *(Source("start", k) for k in range(3)),
+            *(Source("state", k) for k in range(4, 7)),
+            Source("stage"),
+        ]
+        names = ["q", "dq", "work", "peak", "q sum", "dq sum", "work sum", "ddq", *self._gaps]
+        program = trace(self._stage, [*state, *more, ("stage", (5,)), *self.given], names)
+        return program, (*fed, *[Source("given")] * len(self.given))
+
+    # ── on symbols ──
+
+    def _semi_implicit_step(
+        self, angles: Array, q: Array, dq: Array, work: Array, h: Any, *given: Array
+    ) -> tuple[Array, ...]:
+        """As :class:`~twistwrench.simulation.schemes.SemiImplicit`; with friction, works are by the mean velocities."""
+        _, plant, rest = self._models(given)
+        tau, (push, gaps) = rest["tau"], self._touched(plant, angles, dq, rest)
+        if not self.friction:
+            force = tau if push is None else tau + push
+            ddq = forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
+            dq1, powers = dq + h * ddq, self._powers(plant, angles, dq, tau, zeros(plant.nv), rest, push)
+            return *ended(integration.moved(self.model, q, h * dq1, angles), dq1, work + h * powers), ddq, *gaps
+        middle = integration.halfway(self.model, q, h * dq, angles)
+        dq1, tau, lost = velocity_step(
+            plant, middle, dq, h, tau, friction=True, push=push, wrenches=self._pushed(rest)
+        )  # fmt: skip
+        powers = self._powers(plant, middle, 0.5 * (dq + dq1), tau, lost, rest, push)
+        q1 = integration.moved(self.model, middle, 0.5 * h * dq1, middle)
+        return *ended(q1, dq1, work + h * powers), (dq1 - dq) / h, *gaps
+
+    def _stage(
+        self, angles: Array, _q: Array, dq: Array, _work: Array, q0: Array, dq0: Array, work0: Array, q_sum: Array,
+        dq_sum: Array, work_sum: Array, row: Array, h: Any, *given: Array,
+    ) -> tuple[Array, ...]:  # fmt: skip
+        """One stage of a Runge-Kutta method, by its row of :func:`.step_program.stages`."""
+        keep, weight, last, all_of_them, ends = row
+        rates, gaps = self._rates(angles, dq, given)
+        pairs = list(zip((q_sum, dq_sum, work_sum), rates, strict=True))
+        sums = [keep * total + weight * rate for total, rate in pairs]
+        ends_at = [
+            x0 + h * (last * rate + all_of_them * total)
+            for x0, rate, total in zip((q0, dq0, work0), rates, sums, strict=True)
+        ]
+        return *ended(integration.normalised(self.model, ends_at[0], ends), *ends_at[1:]), *sums, rates[1], *gaps
+
+    def rates(self, angles: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Of coordinates, velocities and works, dry friction eased off; ``given`` is what a step is given but its length."""
+        return self._rates(angles, dq, given)[0]
+
+    def _rates(
+        self, angles: Array, dq: Array, given: Sequence[Array]
+    ) -> tuple[tuple[Array, Array, Array], tuple[Array, ...]]:
+        """The same, and the gaps of contacts, if there are any."""
+        _, plant, rest = self._models(given)
+        tau, (push, gaps) = rest["tau"], self._touched(plant, angles, dq, rest)
+        force = tau
+        if self.friction:
+            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
+        total = force if push is None else force + push
+        ddq = forward_dynamics(plant, angles, dq, total, wrenches=self._pushed(rest))
+        powers = self._powers(plant, angles, dq, tau, force - tau, rest, push)
+        return (coordinate_rates(self.model, angles) @ dq, ddq, powers), gaps
+
+    def _touched(
+        self, plant: Model, angles: Array, dq: Array, rest: dict[str, Array]
+    ) -> tuple[Array | None, tuple[Array, ...]]:
+        """What all contacts do to the joints, (nv,), and how far each is from touching; nothing without contacts."""
+        if not self.contacts:
+            return None, ()
+        push, gaps = zeros(plant.nv), zeros(len(self.contacts))
+        for k, one in enumerate(self.contacts):
+            tau, depths = one.traced(plant, angles, dq, *(rest[f"{name} of contact {k}"] for name in one.numbers))
+            push, gaps[k] = push + tau, -largest(depths)
+        return push, (gaps,)
+
+    def _powers(
+        self,
+        plant: Model,
+        at: Array,
+        dq: Array,
+        tau: Array,
+        lost: Array,
+        rest: dict[str, Array],
+        push: Array | None = None,
+    ) -> Array:
+        """Of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
+        pushes: Sequence[Array] = [wrench_torques(plant, at, rest[f"wrench at {f}"], f) for f in self.frames]
+        found = zeros(len(WORKS))
+        found[0], found[1] = tau @ dq, lost @ dq
+        for one in pushes:
+            found[2] = found[2] + one @ dq
+        if push is not None:
+            found[3] = push @ dq
+        return np.asarray(found)
+
+
+# ── Steps of a run in machine code, many in one call, where nothing that acts on the robot is a function in Python
 
 _IN_ONE_CALL = 5e8
 """Operations between two looks at whether the user wants to stop: some hundredths of a second."""

@@ -14,14 +14,27 @@ damping in vibroimpact", J. Applied Mechanics 42, 1975; the equation for e is th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from ..algorithms.contact import plane_contact, stop_contact
 from ..core import arguments
 from ..core.arguments import positive
-from ..errors import ShapeError, ValueRangeError
+from ..core.numbers import printed
+from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..ir.tracer import trace
+from ..model.model import Model
+from ..robot.engine import compiled
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 
 @dataclass(frozen=True)
@@ -109,3 +122,241 @@ def _check_law(what: str, stiffness: float, exponent: float, dissipation: float)
     if not 1.0 <= positive(exponent, f"{what}: exponent") <= 5.0:
         raise ValueRangeError(f"{what}: exponent is {exponent}, and must be from 1 to 5; 1.5 is Hertz's.")
     positive(dissipation, f"{what}: dissipation", zero=True)
+
+
+# ── How many steps each contact of a run lasts: one that is shorter than a step is no more than guessed by any method
+
+_FEW = 2
+"""Ends of steps in a row at which a contact that is too short is closed, at most."""
+
+
+class Touches:
+    """The contacts of a run, step by step."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        self._closed = np.zeros(len(self.names), bool)
+        self._since = np.zeros(len(self.names), int)
+        """The end of a step at which each contact closed last, counted from the beginning."""
+        self._worked = False
+        self._steps = 0
+        self.short = 0
+        """How many contacts began and ended within three steps."""
+        self.first = ""
+        """The first of them, and when."""
+
+    def step(self, t: float, gaps: Sequence[float], *, worked: bool) -> bool:
+        """Take note of a step that ends at t: the gaps then, and whether contacts did work in it; whether that is new."""
+        return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
+
+    def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The same of m steps that end at times (m,), with gaps (m, contacts); (m,)."""
+        if not self.names:
+            return np.zeros(len(times), bool)
+        closed = np.concatenate([self._closed[None], gaps < 0.0])
+        works = np.concatenate([[self._worked], worked])
+        changed = (closed[1:] != closed[:-1]).any(axis=1) | (works[1:] != works[:-1])
+        for k in np.flatnonzero(changed).tolist():
+            t, before, now = float(times[k]), closed[k], closed[k + 1]
+            step = self._steps + k + 1
+            for j in np.flatnonzero(before & ~now).tolist():
+                if step - self._since[j] <= _FEW:
+                    self._short(self.names[j], t)
+            self._since[now & ~before] = step
+            if works[k + 1] and not works[k] and not before.any() and not now.any():
+                self._short("a contact", t)
+        self._closed, self._worked, self._steps = closed[-1], bool(works[-1]), self._steps + len(times)
+        return np.asarray(changed)
+
+    def remark(self, h: float) -> str:
+        """What to know of contacts that steps of h were too long for; empty if there are none."""
+        if not self.short:
+            return ""
+        times = "once" if self.short == 1 else f"{self.short} times"
+        return (
+            f"{times} a contact was over within three steps of {printed(h, 3)} s, which is too short to be computed; the "
+            f"first was {self.first}: take a smaller dt"
+        )
+
+    def _short(self, name: str, t: float) -> None:
+        self.short += 1
+        self.first = self.first or f"{name!r} before {printed(t)} s"
+
+
+# ── Contacts of a robot: their law as programs trace it, and the numbers that it is given
+
+_PRESSED = 3.0
+"""Times the robot's weight that presses a point in: more at the start is no robot that stands or lands there."""
+_NOTHING = 1e-9
+"""N: what is no force, for robots without weight."""
+
+
+class RobotContact(ABC):
+    """A robot and what it runs into."""
+
+    robot: Robot
+    name: str
+    """Of the event with which it begins."""
+
+    @property
+    @abstractmethod
+    def key(self) -> tuple[Any, ...]:
+        """Contacts of one robot with one key are one program."""
+
+    @cached_property
+    @abstractmethod
+    def numbers(self) -> dict[str, Array]:
+        """What its program is given besides the state, by name, (...) each."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """m, its points or joints."""
+
+    @abstractmethod
+    def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
+        """On symbols, what it does to the joints, (nv,), and how deep each of its points or joints is inside, (m,)."""
+
+    @cached_property
+    def parts(self) -> dict[str, Array]:
+        """The same in parts (m, ...) that are looked at side by side, and whose torques add up."""
+        return self.numbers
+
+    def touched(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """What it does to the joints, (..., nv), and how deep each of its points or joints is inside, (..., m)."""
+        if all(x.ndim == 1 for x in self.parts.values()):
+            tau, depths = self._kernel(q, dq, *self.parts.values())
+            return tau, depths
+        tau, depths = self._kernel(q[..., None, :], dq[..., None, :], *self.parts.values())
+        return tau.sum(axis=-2), depths[..., 0]
+
+    def gap(self, q: Array) -> float:
+        """How far the nearest point or joint is from touching, negative inside [m or rad]."""
+        return float(self.gaps(q))
+
+    def gaps(self, q: Array) -> Array:
+        """The same of configurations (..., nq), (...)."""
+        return np.asarray(-self.touched(q, np.zeros(self.robot.nv))[1].max(axis=-1))
+
+    def torques(self, q: Array, dq: Array) -> Array | None:
+        """What it does to the joints, (..., nv); None where nothing touches."""
+        tau, depths = self.touched(q, dq)
+        return tau if (depths > 0.0).any() else None
+
+    @cached_property
+    def _kernel(self) -> Any:
+        robot = self.robot
+
+        def made() -> Any:
+            rest = [(name, x.shape[-1:]) for name, x in self.parts.items()]
+            program = trace(
+                lambda *given: self.traced(robot.model, *given),
+                [("q", (robot.nq,)), ("dq", (robot.nv,)), *rest],
+                ["tau", "depths"],
+            )
+            return compiled(program, "contact", f"What a contact does to {robot.name}, compiled.")
+
+        return robot.engine.kept(("contact", *self.key), made)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneContact(RobotContact):
+    """A plane and the robot that runs into it."""
+
+    robot: Robot
+    plane: Plane
+    name: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.robot.model.frame(self.plane.frame)
+        object.__setattr__(self, "name", f"{self.plane.frame} touches the plane")
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Frame, number of points and exponent."""
+        return "plane", self.plane.frame, self.size, self.plane.exponent
+
+    @property
+    def size(self) -> int:
+        """The number of points."""
+        return len(np.asarray(self.plane.points))
+
+    @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """Points, normal, and the numbers of the law."""
+        plane = self.plane
+        law = (plane.height, plane.stiffness, plane.dissipation, plane.friction, plane.slip)
+        return {"points": np.ravel(plane.points), "normal": np.asarray(plane.normal), "law": np.array(law, float)}
+
+    @cached_property
+    def parts(self) -> dict[str, Array]:
+        """A part for each point."""
+        return {**self.numbers, "points": np.asarray(self.plane.points)}
+
+    def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
+        """By :func:`.plane_contact`."""
+        points, normal, law = numbers
+        return plane_contact(model, q, dq, self.plane.frame, self.plane.exponent, points.reshape(-1, 3), normal, law)
+
+    def buried(self, q: Array) -> str:
+        """What to say of a start with a point deeper inside than the robot's weight presses it; empty where none is."""
+        plane, model = self.plane, self.robot.model
+        depths = self.touched(q, np.zeros(self.robot.nv))[1]
+        worst, weight = int(depths.argmax()), sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
+        depth = max(float(depths[worst]), 0.0)
+        if not plane.stiffness * depth**plane.exponent > max(_PRESSED * float(weight), _NOTHING):
+            return ""
+        stored = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
+        x, y, z = np.asarray(plane.points)[worst]
+        return (
+            f"point ({printed(x)}, {printed(y)}, {printed(z)}) of {plane.frame!r} starts {printed(depth, 4)} m below the "
+            f"plane, which throws the robot out: {printed(stored, 3)} J are in that contact at the start. Start higher, or "
+            "with the plane lower"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StopContact(RobotContact):
+    """Joint stops and the robot that has them."""
+
+    robot: Robot
+    stops: JointStops
+    name: str = "a joint touches its stop"
+    places: tuple[tuple[int, int], ...] = field(init=False)
+    """In q and in dq, of the joints that have stops."""
+
+    def __post_init__(self) -> None:
+        limits, known = self.robot.limits, {b.joint.name: b for b in self.robot.model.leaders if b.joint.nv == 1}
+        asked = known if self.stops.joints is None else self.stops.joints
+        for name in asked:
+            if name not in known:
+                raise UnknownNameError.of("joint with one degree of freedom", name, known)
+        rows = [(known[n].q_index, known[n].v_index) for n in asked]
+        rows = [(i, k) for i, k in rows if np.isfinite(limits.lower[k]) or np.isfinite(limits.upper[k])]
+        if not rows:
+            raise ValueRangeError(
+                f"robot {self.robot.name!r} has no limits of position there, so JointStops has no stops."
+            )
+        object.__setattr__(self, "places", tuple(rows))
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Joints and exponent."""
+        return "stops", self.places, self.stops.exponent
+
+    @property
+    def size(self) -> int:
+        """The number of joints."""
+        return len(self.places)
+
+    @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """Limits, and the numbers of the law."""
+        limits, mine = self.robot.limits, [k for _, k in self.places]
+        law = np.array([self.stops.stiffness, self.stops.dissipation], float)
+        return {"lower": limits.lower[mine], "upper": limits.upper[mine], "law": law}
+
+    def traced(self, _model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
+        """By :func:`.stop_contact`."""
+        lower, upper, law = numbers
+        return stop_contact(q, dq, self.places, self.stops.exponent, lower, upper, law)

@@ -1,34 +1,352 @@
-"""All that acts on the robot, and the rates of its state that follow.
+"""Coordinates that are no vectors: how fast they change at given joint velocities, and how they are kept on their manifold.
 
-The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by the torques of the joints, by
-friction, by wrenches and by contacts. Works are integrated by the method that moves the robot, so that
-
-    drift = E(t) - E(0) - W(t)
-
-is the method's own error and nothing else.
+Steps of Runge–Kutta methods go through the numbers of q themselves, whose rates are N(q) dq, and quaternions are then put
+back to unit length. The flow keeps that length, so what is put back is of the size of the step's error, and every method has
+its full order. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, section IV.4.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
+from glob import escape
+from inspect import signature
+from math import isfinite
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..algorithms.contact import velocity_step
+from ..algorithms.friction import eased, torque_past_eased_friction
+from ..algorithms.kinematics import brackets
 from ..core import arguments
-from ..errors import ShapeError
-from ..robot.wrench_arguments import wrench_at
-from ..screws.wrench import Wrench
+from ..core.numbers import printed
+from ..errors import ShapeError, SimulationError, ValueRangeError
+from ..ir.program import Program
+from ..ir.tracer import trace
+from ..lie.twist_wrench import Wrench
+from ..model.model import Model
+from ..model.parameters import regrouped
+from ..robot.arguments import wrench_at
+from ..robot.engine import compiled
 from ..typing import Array
-from .braked_step import BrakedStep
-from .eased_friction import EasedFriction
-from .manifold import Manifold
-from .robot_contact import RobotContact
-from .user_functions import Law
+from .contact import RobotContact
 
 if TYPE_CHECKING:
     from ..robot import Robot
+
+
+class Manifold:
+    """The configurations of one robot, one state at a time."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.model = robot, robot.model
+        self.flat = all(body.joint.plain_rates for body in self.model.leaders)
+        """Whether the rates of all coordinates are the velocities themselves."""
+
+    @cached_property
+    def _rates(self) -> Any:
+        return self.robot.kernel("coordinate_rates")
+
+    @cached_property
+    def _add(self) -> Any:
+        return self.robot.kernel("add")
+
+    def rates(self, q: Array, dq: Array, out: Array) -> None:
+        """Write dq/dt of the coordinates, (nq,), at the joint velocities (nv,), into ``out``."""
+        if self.flat:
+            out[:] = dq
+        else:
+            self._rates(q, dq, out=out)
+
+    def move(self, q: Array, dv: Array) -> Array:
+        """q ⊕ dv, (nq,), (nv,) → (nq,)."""
+        return q + dv if self.flat else np.asarray(self._add(q, dv))
+
+    def normalise(self, q: Array) -> None:
+        """Bring the quaternions to unit length, in place."""
+        for mine in self.model.quaternions:
+            q[mine] /= np.linalg.norm(q[mine])
+
+    def errors(self, off: Array) -> Array:
+        """Errors of the joints (nv,) [rad or m] that errors of the coordinates (nq,) can make."""
+        found = np.zeros(self.model.nv)
+        for body in self.model.leaders:
+            place, mine = body.places
+            found[mine] = body.joint.bound(off[place])
+        return found
+
+    @cached_property
+    def groups(self) -> tuple[tuple[slice, Array, Array], ...]:
+        """Joints whose directions do not commute: their velocities, which of them turn, and c (n, n²) with ad(V) = V c."""
+        constants = brackets(self.model)
+        found = []
+        for body in self.model.leaders:
+            mine = body.places[1]
+            c = constants[mine, mine, mine]
+            if c.any():
+                turning = np.array(body.joint.turning, bool)
+                found.append((mine, turning, c.transpose(0, 2, 1).reshape(len(c), -1).copy()))
+        return tuple(found)
+
+
+# ── What a simulation is given, at its door: numbers, and functions of (t, q, dq) that are held to their shape at every call
+
+Function = Callable[[float, Array, Array], Any]
+"""Of the time [s], q (nq) and dq (nv)."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A function (t, q, dq) whose results are finite arrays of one shape; anything else is a SimulationError that says when."""
+
+    function: Function
+    what: str
+    shape: tuple[int, ...]
+    meaning: str = ""
+    varies: bool = True
+    """Whether it is the caller's function, and not a constant."""
+
+    @classmethod
+    def of(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> Law:
+        """The function, once it takes three arguments."""
+        require_three(function, what)
+        return cls(function, what, shape, meaning)
+
+    def __call__(self, t: float, q: Array, dq: Array) -> Array:
+        """What the function gives."""
+        try:
+            found = self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
+        return self.checked(t, found)
+
+    def number(self, t: float, q: Array, dq: Array) -> float:
+        """The same of a function of one number."""
+        try:
+            found = self.function(t, q.copy(), dq.copy())
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
+        return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
+
+    def failure(self, t: float, problem: Exception) -> SimulationError:
+        """What to say where the function raised an exception."""
+        return SimulationError(f"{self.what} failed at t = {printed(t, 9)} s with {type(problem).__name__}: {problem}")
+
+    def checked(self, t: float, given: Any) -> Array:
+        """What the function gave, as floats of its own; SimulationError where it is something else."""
+        try:
+            found = arguments.plain(given, self.what)  # a table would be read by position
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
+        if found.dtype.kind not in "biuf":
+            raise SimulationError(
+                f"{self.what} gave {found.tolist()!r} at t = {printed(t, 9)} s, expected real numbers of shape "
+                f"{self.shape}{self.meaning}."
+            )
+        if found.shape != self.shape:
+            raise SimulationError(
+                f"{self.what} gave an array of shape {found.shape} at t = {printed(t, 9)} s, expected "
+                f"{self.shape}{self.meaning}."
+            )
+        if not self.shape and found.dtype.kind == "b":
+            raise SimulationError(
+                f"{self.what} gave {bool(found)} at t = {printed(t, 9)} s, and takes a number whose sign changes where it "
+                "happens: q[0] - 0.5, not q[0] > 0.5."
+            )
+        if not np.isfinite(found).all():
+            where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
+            raise SimulationError(f"{self.what} gave {found} at t = {printed(t, 9)} s, not finite{where}.")
+        return found.astype(float)
+
+    def values(self, t: Array, q: Array, dq: Array) -> Array:
+        """What the function gives at times (m,) and states (m, nq), (m, nv), held to their shape together."""
+        rows = list(zip(t.tolist(), q, dq, strict=True))
+        try:
+            found = np.array([self.function(*row) for row in rows], float)
+        except Exception:  # said with its time below
+            found = np.zeros(0)
+        if found.shape == (len(rows), *self.shape) and np.isfinite(found).all():
+            return found
+        return np.array([self(*row) for row in rows])
+
+
+def require_three(function: Any, what: str) -> None:
+    """Refuse what is no function of (t, q, dq)."""
+    require_arguments(function, what, ("the time [s]", "q (nq)", "dq (nv)"), "t, q, dq")
+
+
+def require_arguments(function: Any, what: str, taken: Sequence[str], names: str = "share") -> None:
+    """Refuse what is no function of so many arguments, which are ``taken`` in words. Raises ValueRangeError."""
+    if not callable(function) or isinstance(function, type):
+        raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
+    code = function.__code__ if isinstance(function, FunctionType) else None
+    if (
+        code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount
+    ):  # a signature takes longer than many steps
+        return
+    try:
+        signed = signature(function)
+    except (TypeError, ValueError):  # some of C say nothing
+        return
+    try:
+        signed.bind(*[None] * len(taken))
+    except TypeError as problem:
+        listed = " and ".join(filter(None, [", ".join(taken[:-1]), taken[-1]]))
+        raise ValueRangeError(
+            f"{what} is a function of {signed}, and is called with {listed}: {problem}. Write lambda {names}: …"
+        ) from None
+
+
+# ── Dry friction eased off at low speeds, for methods that need forces without corners: how low, and what that leaves out
+
+CREEP = 1e-3
+"""rad/s or m/s, the least speed below which dry friction is eased off."""
+
+
+def creep_speeds(M: Array, dry: Array, h: float) -> Array:
+    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step h.
+
+    ``M`` are mass matrices (..., nv, nv), ``dry`` the most that dry friction takes (..., nv).
+    """
+    light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(CREEP, h * dry * light))
+
+
+def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
+    """The speeds below which dry friction is eased off, (..., nv), of samples with parameters of their own."""
+    inertia, inputs = robot.mass_matrix, [q0]
+    if parameters:
+        inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
+        inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
+    try:
+        with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
+            M = inertia(*(np.asarray(x, float) for x in inputs))
+            return creep_speeds(M, _dry_friction(robot, parameters), h)
+    except np.linalg.LinAlgError:
+        robot.engine.require_invertible()
+        raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
+
+
+def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
+    """The most that dry friction takes from each joint before its load counts, (..., nv)."""
+    friction = robot.model.friction
+    most = np.maximum(friction.static, friction.coulomb)
+    most = np.broadcast_to(most, (*np.broadcast_shapes(*(x.shape for x in parameters.values())), robot.nv)).copy()
+    for body in robot.model.leaders:
+        if body.joint.nv == 1:
+            k, laws = body.v_index, {"static": friction.static, "coulomb": friction.coulomb}
+            given = [parameters.get(f"{body.joint.name}.{law}", x[k]) for law, x in laws.items()]
+            most[..., k] = np.maximum(*given)
+    return most
+
+
+class EasedFriction:
+    """The laws of friction of a robot's joints, made continuous at rest.
+
+    The dry part is multiplied by tanh(|dq| / creep): a joint that would stick creeps, at up to a few times that speed, and
+    steps need not be as short as the time in which friction stops a joint.
+    """
+
+    def __init__(self, robot: Robot, creep: Array) -> None:
+        self.robot, self.creep, self.dry = robot, creep, rubs_dry(robot.model)
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return self.robot.engine.kept("eased friction", lambda: _eased(self.robot))
+
+    def left(self, dq: Array, tau: Array) -> Array:
+        """What friction leaves of the torques tau, (nv)."""
+        return np.asarray(self._kernel(dq, tau, eased(dq, self.creep)))
+
+
+def _eased(robot: Robot) -> Any:
+    def left(dq: Array, tau: Array, share: Array) -> tuple[Array]:
+        return (torque_past_eased_friction(robot.model, dq, tau, share),)
+
+    program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
+    return compiled(program, "eased friction", f"What eased friction of {robot.name} leaves of torques, compiled.")
+
+
+def rubs_dry(model: Model) -> Array:
+    """Whether each joint has dry friction, (nv,)."""
+    return np.asarray((model.friction.static > 0) | (model.friction.coulomb > 0) | (model.friction.load > 0))
+
+
+def easing_remark(model: Model, creep: Array) -> str | None:
+    """What the easing does to a motion, in words; None without dry friction."""
+    dry = rubs_dry(model)
+    if not dry.any():
+        return None
+    most = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
+    worst = int(np.argmax(most))
+    return (
+        "dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
+        f"{printed(most[worst], 2)} rad/s or m/s (most of all {model.velocity_names[worst]!r}), and one that moves as "
+        "slowly keeps three quarters of its friction; semi-implicit steps ease nothing"
+    )
+
+
+# ── The step of velocities that rollouts take, as a kernel of its own for simulations, whose forces come from Python
+
+
+class BrakedStep:
+    """:func:`~twistwrench.algorithms.contact.velocity_step` of one robot, compiled."""
+
+    def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
+        self.usual, self.friction, self.gained = usual, friction, gains is not None
+        """The length of a step [s], unless said otherwise; whether there is friction; whether there are gains."""
+        self.dry = rubs_dry(robot.model) & friction
+        """Joints with dry friction, (nv,)."""
+        self.gains = np.zeros(robot.nv) if gains is None else gains
+        self._robot = robot
+
+    @cached_property
+    def kernel(self) -> Any:
+        """(q, dq, h, tau, push, gains) to velocities, torques applied and those of friction; made where it is needed."""
+        robot = self._robot
+
+        def made() -> Any:
+            robot.engine.require_invertible()
+            doc = f"Velocities of {robot.name} after a step, compiled."
+            return compiled(_program(robot, self.friction, self.gained), "braked step", doc)
+
+        return robot.engine.kept(("braked step", self.friction, self.gained), made)
+
+    def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
+        """Where the velocities change, (nq,): halfway with friction, at the beginning without."""
+        return manifold.move(q, 0.5 * h * dq) if self.friction else q
+
+    def end(self, manifold: Manifold, middle: Array, v: Array, h: float) -> Array:
+        """Where the step ends, (nq,)."""
+        return manifold.move(middle, (0.5 * h if self.friction else h) * v)
+
+    def __call__(self, q: Array, dq: Array, h: float, tau: Array, push: Array) -> tuple[Array, Array, Array]:
+        """Velocities after the step, torques applied in it, and those of friction; ``push`` is what else acts on the joints."""
+        v, applied, lost = self.kernel(q, dq, h, tau, push, self.gains)
+        return v, applied, lost
+
+
+def _program(robot: Robot, friction: bool, gained: bool) -> Program:
+    model, nv = regrouped(robot.model), robot.nv
+
+    def step(q: Array, dq: Array, h: Any, tau: Array, push: Array, gains: Array) -> tuple[Array, Array, Array]:
+        return velocity_step(model, q, dq, h, tau, gains=gains if gained else None, friction=friction, push=push)
+
+    rest = [(name, (nv,)) for name in ("tau", "push", "gains")]
+    return trace(step, [("q", (robot.nq,)), ("dq", (nv,)), ("h", ()), *rest], ["v", "applied", "friction"])
+
+
+# ── All that acts on the robot, and the rates of its state that follow
+
+# The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by the torques of the joints, by
+# friction, by wrenches and by contacts. Works are integrated by the method that moves the robot, so that
+#
+#     drift = E(t) - E(0) - W(t)
+#
+# is the method's own error and nothing else.
 
 WORKS = ("torques", "friction", "wrenches", "contacts")
 """What does work, in the order of the last entries of a state."""

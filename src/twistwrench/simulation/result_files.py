@@ -13,14 +13,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..core.csv_writer import CsvWriter, meant_text
-from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes
-from ..core.foreign_errors import foreign_errors
+from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes, replacing
+from ..core.tables import CsvWriter, meant_text
+from ..core.third_party import foreign_errors
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
-from ..motion.column_names import time_column
-from ..motion.column_suffixes import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK
+from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
-from ..outputs import replacing
 from ..typing import Array
 from .events import Happening
 from .forces import WORKS

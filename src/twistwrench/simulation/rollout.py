@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
-from .rollout_gradient import RolloutGradient, gradient, kept_for_gradients, linearized
+from .callback_steps import FASTEST
+from .rollout_gradient import RolloutGradient, computed, gradient, kept_for_gradients, linearized, room_for
 from .rollout_inputs import Inputs, cleaned
-from .rollout_kernel import computed, room_for
-from .step_blocks import FASTEST
 
 if TYPE_CHECKING:
     from ..motion.motion import Motion
@@ -122,7 +121,7 @@ class Rollout:
         >>> many.to_xarray().q.isel(sample=1, time=-1).sel(coordinate="joint1").shape
         ()
         """
-        from ..motion.labelled_dataset import labelled_dataset
+        from ..motion.motion_io import labelled_dataset
 
         arrays = {"q": self.q, "dq": self.dq, **({} if self.tau is None else {"tau": self.tau})}
         return labelled_dataset(self._robot().model, self.times, arrays)

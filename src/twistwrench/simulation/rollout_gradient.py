@@ -1,12 +1,9 @@
-"""Gradients through rollouts: the adjoints of the steps, taken from the last to the first, for all samples in one kernel.
-
-Where every state is kept, one sweep takes all steps. Where one in some is, the states between two are computed once more, with
-the bits they had, from the last such piece to the first: memory for one piece, and time for the steps once more.
-"""
+"""The kernel of a rollout, room for its results, and the call: in parts of the batch."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +11,228 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..algorithms.friction import rubbing
+from ..algorithms.kinematics import velocity_map
 from ..core import arguments
+from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
-from ..kernels.results import room
-from ..robot.model_kernels import compiled
+from ..ir import autodiff
+from ..ir.loops import Recurrence, Source
+from ..ir.tracer import trace
+from ..lowering.target_machine import SINGLE
+from ..robot.engine import compiled
+from ..robot.programs import Chart
+from ..runtime import batch_threads as threads
+from ..runtime.batch_threads import Part
+from ..runtime.gufunc import owner_of
+from ..runtime.result_pool import room
 from ..typing import Array
+from .compiled_steps import Plan, Ports
 from .rollout_inputs import Inputs
-from .rollout_kernel import kernel_of, take
-from .step_adjoint import StepAdjoint
-from .step_program import Plan
 
 if TYPE_CHECKING:
     from ..robot import Robot
+
+IN_ONE_CALL = 5e9
+"""Operations between two looks at whether the user wants to stop: some 0.3 s."""
+ALONE = 3
+"""So many times slower are the operations of a few samples, which leave most lanes idle."""
+LANES = 16
+"""Samples are shared out in multiples of this: whole blocks on every processor."""
+
+
+def room_for(given: Inputs, out: Any) -> list[Array]:
+    """Arrays for the results: fresh ones, or the caller's. Raises ShapeError where they do not fit."""
+    return _fresh(given.shapes, given.dtype) if out is None else _lent(out, given.shapes, given.dtype)
+
+
+def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
+    """Take all steps, and write the states into the results."""
+    samples = math.prod(given.batch)
+    arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
+    states = len(given.plan.state_sizes)
+    flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
+    for x, start in zip(flat[:states], arrays, strict=False):
+        x[:, 0] = start
+    outputs = (*(x[:, 1:] for x in flat[:states]), *flat[states:])
+    take(kernel_of(robot, given.plan), arrays, given.ranks, outputs, given.steps)
+
+
+def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int) -> None:
+    """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs counts the samples."""
+    with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+        for some, places, count in _slices(kernel, arrays, ranks, outputs, steps):
+            threads.share(kernel, _parts(kernel, some, ranks, places, count))
+
+
+def _slices(
+    kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
+) -> Iterator[tuple[Sequence[Array], tuple[Array, ...], int]]:
+    """Of the steps: so that Ctrl-C is heard between two. Each begins with the states that the one before it ended with."""
+    owner = owner_of(kernel)
+    made = owner.given if owner is not None else None
+    samples, kept = outputs[0].shape[:2]
+    if not (owner is not None and isinstance(made, Recurrence) and samples and kept) or (
+        made.hidden and len(made.table) == 1
+    ):
+        yield arrays, outputs, steps
+        return
+    most = max(1, int(IN_ONE_CALL / (owner.effort * len(made.table) * LANES * ALONE)))
+    every, states, rest = steps // kept, list(arrays[: made.visible]), arrays[made.visible :]
+    rows = max(1, most // every)  # kept ones in a slice; a long way from one to the next is cut itself
+    for row in range(0, kept, rows):
+        begin, end = row * every, min(kept, row + rows) * every
+        places = tuple(x[:, row : row + rows] for x in outputs)
+        portion = end - begin if every <= most else most
+        for first in range(begin, end, portion):
+            last = min(end, first + portion)
+            given = (
+                x[(slice(None),) * (x.ndim - rank) + (slice(first, last),)]
+                for x, rank in zip(rest, ranks[made.visible :], strict=True)
+            )
+            said = places[made.visible :] if first == begin else tuple(map(np.empty_like, places[made.visible :]))
+            yield (*states, *given), (*places[: made.visible], *said), last - first
+            states = [x[:, -1].copy() for x in places[: made.visible]]
+
+
+def _parts(
+    kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
+) -> Iterator[Part]:
+    """Of the batch: for as many threads as there are, and so that Ctrl-C is heard between two."""
+    samples, owner = len(outputs[0]), owner_of(kernel)
+    rows = max(samples, 1)
+    if owner is not None:
+        if outputs[0].dtype == np.float32:
+            owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+        stages = len(owner.given.table) if isinstance(owner.given, Recurrence) else 1
+        rows = min(int(IN_ONE_CALL / (owner.effort * stages * steps)), -(-samples // threads.get_threads()))
+        rows = max(LANES, rows // LANES * LANES)
+    for first in range(0, samples, rows):
+        some = slice(first, first + rows)
+        inputs = (x if x.ndim == rank else x[some] for x, rank in zip(arrays, ranks, strict=True))
+        yield Part(tuple(inputs), tuple(x[some] for x in outputs))
+
+
+def kernel_of(robot: Robot, plan: Plan) -> Any:
+    """The compiled steps of a plan, made once for a robot."""
+
+    def made() -> Any:
+        robot.engine.require_invertible()
+        return compiled(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")
+
+    return robot.engine.kept(plan.key, made)
+
+
+def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
+    try:
+        return list(room(shapes, np.dtype(dtype)))
+    except (MemoryError, ValueError):
+        size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
+        raise ValueRangeError(
+            f"the states of this rollout take {printed(size / 1e9, 3)} GB, more than there is. Keep fewer with every=, or "
+            "take fewer samples at a time."
+        ) from None
+
+
+def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
+    """The caller's arrays, if the results fit in."""
+    wanted = ", ".join(f"{name} {shape}" for name, shape in zip(("q", "dq", "tau"), shapes, strict=False))
+    fit = (
+        isinstance(out, tuple)
+        and len(out) == len(shapes)
+        and all(
+            type(x) is np.ndarray
+            and x.shape == shape
+            and x.dtype == dtype
+            and x.flags.writeable
+            and x.flags.c_contiguous
+            for x, shape in zip(out, shapes, strict=True)
+        )
+    )
+    if not fit:
+        given = (
+            ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out)
+            if isinstance(out, tuple)
+            else f"of type {type(out).__name__}"
+        )
+        raise ShapeError(
+            f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays in C order that can be written to: {wanted}; "
+            "or leave it out."
+        )
+    if any(np.may_share_memory(x, y) for k, x in enumerate(out) for y in out[:k]):
+        raise ShapeError("out= has arrays that share memory.")
+    return list(out)
+
+
+# ── The adjoint of a step of a rollout, as a program: from the slopes of a cost by the state after the step to those before it
+
+# With x1 = f(x0, u) a step, τ the torques applied in it, and λ the slopes of a cost by a state, through all later ones,
+#
+#     (1)  λ0 = l + A' λ1 + C' m,       A = ∂x1/∂x0,  C = ∂τ/∂x0
+#     (2)  ∂cost/∂u = B' λ1 + D' m,     B = ∂x1/∂u,   D = ∂τ/∂u
+#
+# with l and m the cost's own slopes by x0 and by τ. All this is one sweep of reverse mode through the program of the step,
+# so no
+# matrix is made. Slopes by configurations are along robot.add: entries nv, not nq.
+#
+# Sources: Bryson and Ho, Applied Optimal Control (1975), section 2.2, and Griewank and Walther, Evaluating Derivatives (2008),
+# chapter 3.
+
+
+@dataclass(frozen=True)
+class StepAdjoint:
+    """The adjoint of the steps of one plan."""
+
+    plan: Plan
+
+    @property
+    def by(self) -> Ports:
+        """What is given for each step and has slopes, with the shapes of these: all but dt and limits."""
+        known = {"dt", "torque limits"}
+        return [
+            (name, (self.plan.model.nv,) if name == "q_des" else shape)
+            for name, shape in self.plan.given
+            if name not in known
+        ]
+
+    @property
+    def recurrence(self) -> Recurrence:
+        """(1) and (2), from the last step to the first: the states are λ, by q and by dq, and (2) is said of each step.
+
+        Given for each step: q twice (as angles and as coordinates), dq, all that the step was given, l by q and by dq, and
+        m where torques are said.
+        """
+        nq, nv = self.plan.model.nq, self.plan.model.nv
+        states: Ports = [("slope by q", (nv,)), ("slope by dq", (nv,))]
+        given: Ports = [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,)), *self.plan.given]
+        given += [("cost by q", (nv,)), ("cost by dq", (nv,)), *[("cost by tau", (nv,))] * self.plan.says_torques]
+        said = [f"slope by {name}" for name, _ in self.by]
+        program = trace(self._on_symbols, [*states, *given], [*(name for name, _ in states), *said])
+        return Recurrence(program, (Source("state", 0), Source("state", 1), *[Source("given")] * len(given)), visible=2)
+
+    def _on_symbols(
+        self, by_q1: Array, by_dq1: Array, angles: Array, q: Array, dq: Array, *given: Any
+    ) -> tuple[Array, ...]:
+        model, count = self.plan.model, len(self.plan.given)
+        step, cost = given[:count], given[count:]
+        q1, *rest = self.plan.step(angles, q, dq, *step)
+        weights = [*(by_q1 @ velocity_map(model, q1)), *by_dq1, *(e for m in cost[2:] for e in m)]
+        moved = Chart((model.nv,), {**Chart.of(angles, model).known, **Chart.of(q, model).known})
+        inputs = dict(zip([name for name, _ in self.plan.given], step, strict=True))
+        charts = [Chart.of(inputs[name], model if name == "q_des" else None) for name, _ in self.by]
+        chart = Chart.joined([moved, Chart.of(dq), *charts])
+        owner = dq[0].trace
+        results = [owner.lift(e) for part in (q1, *rest) for e in part]
+        slopes = autodiff.gradient(results, weights, chart.known, math.prod(chart.shape))
+        sizes = [model.nv, model.nv, *(math.prod(shape) for _, shape in self.by)]
+        before_q, before_dq, *by = np.split(slopes, np.cumsum(sizes)[:-1])
+        return before_q + cost[0], before_dq + cost[1], *by
+
+
+# ── Gradients through rollouts: the adjoints of the steps, taken from the last to the first, for all samples in one kernel
+
+# Where every state is kept, one sweep takes all steps. Where one in some is, the states between two are computed once
+# more, with
+# the bits they had, from the last such piece to the first: memory for one piece, and time for the steps once more.
 
 DRY = (
     "dry friction has corners: slopes are those of each joint as it was in each step, sliding its way or held, and say nothing "

@@ -1,4 +1,4 @@
-"""The engine: steps of one length or of any, events, samples of a controller, and nothing lost whatever happens."""
+"""What is said of a step that is unstable: which joint, how fast, and what to do."""
 
 from __future__ import annotations
 
@@ -8,28 +8,47 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.probe_rule import probe_spacing
+from ..core.numbers import printed
+from ..core.quadrature import probe_spacing
 from ..errors import SimulationError
-from ..kernels.row_calls import calls_rows
+from ..runtime.bound_calls import calls_rows
 from ..typing import Array
-from .accuracy import Accuracy, Extent
+from .accuracy import Accuracy, Extent, Flow, ForceProbes, StepDoubling, UnseenForces
 from .adaptive import Stepper
-from .asked_blocks import take_asked
+from .callback_steps import FASTEST, take_asked, take_blocks
 from .compiled_steps import CompiledSteps
-from .contact_steps import Touches
+from .contact import Touches
 from .events import Watch
-from .force_probes import ForceProbes, UnseenForces
-from .forces import WORKS, System
-from .instability import instability
-from .record import Record
-from .result import SimulationResult
-from .schemes import OneByOne, Scheme
-from .step_blocks import FASTEST, take_blocks
-from .step_doubling import Flow, StepDoubling
-from .user_functions import Law
+from .forces import WORKS, Law, System
+from .result import Record, SimulationResult
+from .schemes import ADAPTIVE, OneByOne, Scheme
 
 if TYPE_CHECKING:
     from ..robot import Robot
+
+if TYPE_CHECKING:
+    pass
+
+
+def instability(run: Run, t0: float, t1: float, y: Array) -> str:
+    """The step from t0 to t1 that led a run to the state y, in words."""
+    speeds = y[run.system.moving]
+    bad = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
+    advice = f"Take a smaller dt than {printed(run.h)} s, or method={ADAPTIVE!r}."
+    if run.method == ADAPTIVE:
+        advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
+        if run.controller is not None:  # held for h, a damping kd turns dq into (1 - kd h / M) dq
+            advice += (
+                f" The controller's torques are held for {printed(run.h)} s each, too long for a damping above twice the "
+                "inertia over that time: take a smaller dt, less damping, or tau= in place of controller=."
+            )
+    return (
+        f"the step from {printed(t0, 9)} s to {printed(t1, 9)} s is unstable: joint "
+        f"{run.robot.model.velocity_names[bad]!r} moves at {printed(speeds[bad], 3)} rad/s or m/s after it. {advice}"
+    )
+
+
+# ── The engine: steps of one length or of any, events, samples of a controller, and nothing lost whatever happens
 
 
 class Run:

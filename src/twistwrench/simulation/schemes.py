@@ -1,17 +1,408 @@
-"""One step of each method: from a state y at t, and its rate there, to the state a time h later."""
+"""Rooted trees: every one of them is a condition that the weights of a Runge–Kutta method have to meet.
+
+The expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has that of a step; they agree to
+order p when they agree on all trees of at most p nodes. Source: Butcher, Numerical Methods for Ordinary Differential
+Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.2.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache, cached_property
+from math import prod
 from typing import Protocol
 
 import numpy as np
 
-from ..errors import UnknownNameError
+from ..bodies.inertia import COMPOSITIONS
+from ..core.numbers import printed
+from ..errors import SimulationError, UnknownNameError, ValueRangeError
 from ..typing import Array
+from .events import LARGEST_TURN, adjoint, bernoulli, exponential, half_step
 from .forces import WORKS, System
-from .tableau import DORMAND_PRINCE, EULER, RK4, SEMI_IMPLICIT_EULER, Tableau
-from .variational import Variational
+
+Tree = tuple["Tree", ...]
+"""The subtrees of a root, sorted."""
+Row = tuple[Fraction, ...]
+
+
+@cache
+def trees(nodes: int) -> tuple[Tree, ...]:
+    """All rooted trees of that many nodes: there are 1, 1, 2, 4, 9, 20, 48 and so on.
+
+    >>> [len(trees(n)) for n in range(1, 7)]
+    [1, 1, 2, 4, 9, 20]
+    """
+    return tuple(sorted(_forests(nodes - 1, nodes - 1)))
+
+
+def _forests(nodes: int, largest: int) -> set[Tree]:
+    """Collections of trees with that many nodes in all, none with more than ``largest``."""
+    if nodes == 0:
+        return {()}
+    return {
+        tuple(sorted((first, *rest)))
+        for size in range(1, min(nodes, largest) + 1)
+        for first in trees(size)
+        for rest in _forests(nodes - size, size)
+    }
+
+
+def order(tree: Tree) -> int:
+    """The number of nodes."""
+    return 1 + sum(map(order, tree))
+
+
+def density(tree: Tree) -> int:
+    """γ: the product, over all nodes, of the size of what hangs on each; the exact solution has 1/γ where a step has Σ bφ."""
+    return order(tree) * prod(map(density, tree))
+
+
+def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
+    """φ of every stage: the product over the subtrees of Σ_j a_ij φ_j; (stages,)."""
+    found = [Fraction(1)] * len(matrix)
+    for branch in tree:
+        below = elementary_weights(branch, matrix)
+        along = [sum((a * w for a, w in zip(row, below, strict=True)), Fraction(0)) for row in matrix]
+        found = [x * y for x, y in zip(found, along, strict=True)]
+    return tuple(found)
+
+
+# ── Runge–Kutta methods as data: a table of fractions that proves its own order when it is made
+
+# k_i = f(t + c_i h, y + h Σ a_ij k_j),        y(t + h) = y + h Σ b_i k_i
+#
+# A table is refused unless it meets the condition of every rooted tree up to its order, exactly, and misses one of the next
+# order: it can claim neither too much nor too little.
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Butcher tableau of a Runge-Kutta method, checked to have the order claimed.
+
+    Raises
+    ------
+    ValueRangeError
+        a, b, c do not have it; the tree that fails is named.
+
+    Examples
+    --------
+    >>> Tableau("Heun", 2, a=((0, 0), (1, 0)), b=(Fraction(1, 2), Fraction(1, 2))).c
+    (Fraction(0, 1), Fraction(1, 1))
+    >>> Tableau("wrong", 2, a=((0,),), b=(1,))
+    Traceback (most recent call last):
+    twistwrench.errors.ValueRangeError: tableau 'wrong' is not of order 2: tree ((),) gives 0, wanted 1/2.
+    """
+
+    name: str
+    """Of the method."""
+    order: int
+    """Order of consistency."""
+    a: tuple[Row, ...]
+    """(stages, stages)."""
+    b: Row
+    """(stages,), the weights of the step."""
+    embedded: Row = ()
+    """(stages,), weights of a second step whose distance from the first is the estimate of its error."""
+    embedded_order: int = 0
+    """Order of the second step."""
+    dense: tuple[Row, ...] = ()
+    """(stages, degree): the weights within the step, b_i(θ) = Σ_j dense[i][j] θ^(j+1) for 0 ≤ θ ≤ 1."""
+    dense_order: int = 0
+    """Order within the step."""
+
+    def __post_init__(self) -> None:
+        for part in ("a", "dense"):
+            object.__setattr__(self, part, tuple(tuple(map(Fraction, row)) for row in getattr(self, part)))
+        for part in ("b", "embedded"):
+            object.__setattr__(self, part, tuple(map(Fraction, getattr(self, part))))
+        if len(self.b) != len(self.a) or any(len(row) != len(self.a) for row in self.a):
+            raise ValueRangeError(f"tableau {self.name!r}: a must be square, with a row for each entry of b.")
+        self._require(self.b, self.order, "is not")
+        if self.embedded:
+            self._require(self.embedded, self.embedded_order, "has no embedded step")
+        if self.dense:
+            self._require_dense()
+
+    @cached_property
+    def c(self) -> Row:
+        """(stages,), the times of the stages: the sums of the rows of a."""
+        return tuple(sum(row, Fraction(0)) for row in self.a)
+
+    @property
+    def explicit(self) -> bool:
+        """Whether each stage needs only earlier ones."""
+        return not any(x for i, row in enumerate(self.a) for x in row[i:])
+
+    @property
+    def first_same_as_last(self) -> bool:
+        """Whether the last stage is taken at the end of the step, and so is the first of the next one."""
+        return self.explicit and len(self.b) > 1 and self.a[-1] == self.b
+
+    @property
+    def symplectic(self) -> bool:
+        """Whether b_i a_ij + b_j a_ji = b_i b_j: quadratic invariants are kept, and volumes with them."""
+        return _keeps(self.b, self.a, self.b, self.a)
+
+    @cached_property
+    def numbers(self) -> tuple[tuple[Array, ...], Array, Array, Array, Array]:
+        """The rows of a up to the diagonal, b, c, b - embedded, dense, as float64."""
+        rows = tuple(np.array(row[:i], float) for i, row in enumerate(self.a))
+        b, c = np.array(self.b, float), np.array(self.c, float)
+        error = b - np.array(self.embedded, float) if self.embedded else np.zeros(0)
+        return rows, b, c, error, np.array(self.dense, float)
+
+    def _require(self, weights: Row, order: int, claim: str) -> None:
+        for tree, found, wanted in self._conditions(weights, order):
+            if found != wanted:
+                raise ValueRangeError(
+                    f"tableau {self.name!r} {claim} of order {order}: tree {tree} gives {found}, wanted {wanted}."
+                )
+        if all(found == wanted for _, found, wanted in self._conditions(weights, order + 1, order + 1)):
+            raise ValueRangeError(f"tableau {self.name!r} claims order {order} and has order {order + 1}.")
+
+    def _conditions(self, weights: Row, last: int, first: int = 1) -> Iterator[tuple[Tree, Fraction, Fraction]]:
+        """Tree, Σ b_i φ_i and 1/γ, for the trees of ``first`` to ``last`` nodes."""
+        for nodes in range(first, last + 1):
+            for tree in trees(nodes):
+                yield tree, _dot(weights, elementary_weights(tree, self.a)), Fraction(1, density(tree))
+
+    def _require_dense(self) -> None:
+        """Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; and at θ = 1 the step itself."""
+        if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
+            raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
+        for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
+            for nodes in range(1, self.dense_order + 1):
+                for tree in trees(nodes):
+                    found = _dot(weights, elementary_weights(tree, self.a))
+                    if found != (Fraction(1, density(tree)) if nodes == power else 0):
+                        raise ValueRangeError(
+                            f"tableau {self.name!r} has no dense output of order {self.dense_order}: at θ^{power} tree "
+                            f"{tree} gives {found}."
+                        )
+
+
+@dataclass(frozen=True)
+class Partitioned:
+    """Partitioned Runge-Kutta method: two tables for two halves of a state, such as velocities and positions.
+
+    Each half steps by its own.
+
+    Raises
+    ------
+    ValueRangeError
+        The two have not the order claimed together, on trees whose nodes have two colours.
+    """
+
+    name: str
+    """Of the method."""
+    order: int
+    """Order of consistency."""
+    velocities: Tableau
+    """Table of the velocities."""
+    positions: Tableau
+    """Table of the positions."""
+
+    def __post_init__(self) -> None:
+        v, p = self.velocities, self.positions
+        ends = all(sum(t.b) == 1 for t in (v, p))
+        # Trees of two nodes, by the colours of root and leaf: Σ b_i a_ij = ½ with b and a of either half.
+        pairs = [_dot(s.b, t.c) == Fraction(1, 2) for s in (v, p) for t in (v, p)]
+        found = 0 if not ends else 2 if all(pairs) else 1
+        if min(found, 2) != self.order:
+            raise ValueRangeError(f"partitioned tableau {self.name!r} claims order {self.order} and has order {found}.")
+
+    @property
+    def symplectic(self) -> bool:
+        """Whether b_i â_ij + b̂_j a_ji = b_i b̂_j: the map keeps the symplectic form of H(q, p)."""
+        return _keeps(self.velocities.b, self.velocities.a, self.positions.b, self.positions.a)
+
+
+def _dot(weights: Sequence[Fraction], values: Sequence[Fraction]) -> Fraction:
+    return sum((w * x for w, x in zip(weights, values, strict=True)), Fraction(0))
+
+
+def _keeps(b: Row, a: tuple[Row, ...], b_hat: Row, a_hat: tuple[Row, ...]) -> bool:
+    stages = range(len(b))
+    return all(b[i] * a_hat[i][j] + b_hat[j] * a[j][i] == b[i] * b_hat[j] for i in stages for j in stages)
+
+
+def _fractions(*rows: str) -> tuple[Row, ...]:
+    return tuple(tuple(map(Fraction, row.split())) for row in rows)
+
+
+EULER = Tableau("Euler", 1, a=_fractions("0"), b=(Fraction(1),))
+IMPLICIT_EULER = Tableau("implicit Euler", 1, a=_fractions("1"), b=(Fraction(1),))
+MIDPOINT = Tableau("implicit midpoint", 2, a=_fractions("1/2"), b=(Fraction(1),))
+SEMI_IMPLICIT_EULER = Partitioned("semi-implicit Euler", 1, velocities=EULER, positions=IMPLICIT_EULER)
+RK4 = Tableau(
+    "Runge–Kutta 4",
+    4,
+    a=_fractions("0 0 0 0", "1/2 0 0 0", "0 1/2 0 0", "0 0 1 0"),
+    b=_fractions("1/6 1/3 1/3 1/6")[0],
+)
+DORMAND_PRINCE = Tableau(
+    "Dormand–Prince 5(4)",
+    5,
+    a=_fractions(
+        "0 0 0 0 0 0 0",
+        "1/5 0 0 0 0 0 0",
+        "3/40 9/40 0 0 0 0 0",
+        "44/45 -56/15 32/9 0 0 0 0",
+        "19372/6561 -25360/2187 64448/6561 -212/729 0 0 0",
+        "9017/3168 -355/33 46732/5247 49/176 -5103/18656 0 0",
+        "35/384 0 500/1113 125/192 -2187/6784 11/84 0",
+    ),
+    b=_fractions("35/384 0 500/1113 125/192 -2187/6784 11/84 0")[0],
+    embedded=_fractions("5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40")[0],
+    embedded_order=4,
+    dense=_fractions(
+        "1 -8048581381/2820520608 8663915743/2820520608 -12715105075/11282082432",
+        "0 0 0 0",
+        "0 131558114200/32700410799 -68118460800/10900136933 87487479700/32700410799",
+        "0 -1754552775/470086768 14199869525/1410260304 -10690763975/1880347072",
+        "0 127303824393/49829197408 -318862633887/49829197408 701980252875/199316789632",
+        "0 -282668133/205662961 2019193451/616988883 -1453857185/822651844",
+        "0 40617522/29380423 -110615467/29380423 69997945/29380423",
+    ),
+    dense_order=4,
+)
+"""Dormand and Prince, "A family of embedded Runge–Kutta formulae", J. Comp. Appl. Math. 6(1), 1980; the dense output is that
+of Shampine, "Some practical Runge–Kutta formulas", Math. Comp. 46, 1986."""
+
+
+# ── Variational integrators: steps that follow from Hamilton's principle themselves, and so keep what it keeps
+
+# The action of one step of length h from q to q exp(η), with ξ = η/h, is taken at its middle,
+#
+#     L_d = h L(q exp(η/2), ξ),        L = ½ ξᵀ M ξ - U
+#
+# and made stationary. With the momenta p = M dq, a = ad(η) and E = exp(a/2) = Ad(exp(η/2)), joint by joint, this is
+#
+#     (a / (e^a - 1))ᵀ M ξ = p0 + h (1 + E)⁻ᵀ G        to be solved for ξ,
+#     p1 = Eᵀ (Eᵀ p0 + h G),        q1 = q0 exp(h ξ),
+#
+# where G = ∂L/∂q + f, at the middle; for joints of one degree of freedom E = 1 and a = 0, and it is the midpoint rule of
+# Hamilton's equations. The map is symplectic and symmetric, and what no force changes, such as the spatial momentum of a robot
+# that floats freely, stays to rounding. Symmetric compositions raise its order and keep all that. Forces act as d'Alembert's
+# principle has it, at the middle.
+#
+# Sources: Marsden and West, "Discrete mechanics and variational integrators", Acta Numerica 10, 2001; Bou-Rabee and Marsden,
+# "Hamilton–Pontryagin integrators on Lie groups", Found. Comput. Math. 9, 2009; the compositions are those of
+# :mod:`twistwrench.bodies.inertia`.
+
+_MOST = 100
+"""Iterations. Each gains as many digits as a step is short against the motion: three or four are usual."""
+_SLOW = 0.3
+"""Part of a change that the next one may be: more is rounding if it is tiny, and else is sought by secants."""
+
+
+class _Secant:
+    """Broyden's method: changes learn from how the last ones turned out. For what a plain iteration does not settle.
+
+    Source: Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19, 1965.
+    """
+
+    def __init__(self, change: Array) -> None:
+        self.inverse, self.asked, self.made = np.eye(len(change)), change, change
+
+    def changed(self, asked: Array) -> Array:
+        """The change to make where the plain iteration would make the one that is asked for."""
+        less = self.inverse @ (self.asked - asked)  # what the change would have been by the inverse so far
+        along = float(self.made @ less)
+        if along:
+            self.inverse = self.inverse + np.outer(self.made - less, self.made @ self.inverse) / along
+        self.asked, self.made = asked, self.inverse @ asked
+        return self.made
+
+
+class Variational:
+    """The midpoint rule from Hamilton's principle, composed to an order of :data:`COMPOSITIONS`."""
+
+    lagging = False
+
+    def __init__(self, system: System, order: int) -> None:
+        self.system, self.order, self.fractions = system, order, COMPOSITIONS[order]
+        parts = np.array(self.fractions)
+        self.asked = np.cumsum(parts) - 0.5 * parts, parts
+        robot = system.robot
+        self.terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
+        self.groups = system.manifold.groups
+
+    def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
+        """The state a time ``h`` later, where ``rate`` is f(t, y)."""
+        system = self.system
+        q, dq = system.split(y)
+        p = system.robot.mass_matrix(q) @ dq
+        works, ddq, xi, gone = y[-len(WORKS) :].copy(), rate[system.moving], dq, 0.0
+        for c in self.fractions:
+            xi = xi + (0.5 * c * h - gone) * ddq  # a guess: the velocity in the middle
+            q, p, xi, powers = self._step(t, q, p, xi, c * h)
+            t, gone = t + c * h, -0.5 * c * h
+            works += c * h * powers
+        return np.concatenate([q, np.linalg.solve(system.robot.mass_matrix(q), p), works])
+
+    def _step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
+        """One midpoint step; the state after it, ξ, and the powers of the forces in the middle (4,)."""
+        system, before, powers = self.system, np.inf, np.zeros(len(WORKS))
+        secant: _Secant | None = None
+        usual = float(np.abs(xi).max()) or 1e-300  # a step may come to rest
+        for _ in range(_MOST):
+            middle = system.manifold.move(q0, 0.5 * h * xi)
+            M, C, bias = self.terms(middle, xi)
+            powers[:] = 0.0
+            # ∂L/∂q = Cᵀ ξ - g, for dM/dt = C + Cᵀ and p' = M ddq + (dM/dt) ξ; less ad(ξ)ᵀ p where joints are groups.
+            G = (C + C.T) @ xi - bias + system.forces(t + 0.5 * h, middle, xi, powers)
+            system.evaluations += 1
+            p = M @ xi
+            left, half = self._brought(xi, h, p, G) if self.groups else (p, 0.5 * G)
+            missing = p0 + h * half - left
+            change = system.robot.forward_dynamics(middle, xi, missing + bias)  # M⁻¹ of it
+            if secant is not None:
+                change = secant.changed(change)
+            xi = xi + change
+            size, scale = float(np.abs(change).max()), max(float(np.abs(xi).max()), usual)
+            if not size < np.inf:
+                raise self._lost(t, "the step is unstable", change)
+            if any(np.linalg.norm(h * xi[k][turning]) > LARGEST_TURN for k, turning, _ in self.groups):
+                raise self._lost(t, f"the step turns a body by more than {printed(LARGEST_TURN)} rad", change)
+            # The next change would be as much smaller again, this one may be rounding already.
+            settled = size * min(size / before, 1.0) if before < np.inf else size
+            if settled <= 1e-16 * scale or _SLOW * before < size <= 1e-11 * scale:
+                p1 = self._carried(h * xi, p0, h * G)
+                return system.manifold.move(q0, h * xi), p1, xi, powers
+            if secant is None and size > _SLOW * before:  # a force that is stiff against the step, as in a contact
+                secant = _Secant(change)
+            before = size
+        raise self._lost(t, f"{_MOST} iterations found no balance", change)
+
+    def _brought(self, xi: Array, h: float, p: Array, G: Array) -> tuple[Array, Array]:
+        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G; G loses ad(ξ)ᵀ p first."""
+        brackets = [(k, adjoint(xi[k], c).T) for k, _, c in self.groups]
+        for k, ad in brackets:
+            G[k] -= ad @ p[k]
+        left, half = p.copy(), 0.5 * G
+        for k, ad in brackets:
+            left[k], half[k] = bernoulli(h * ad, p[k]), half_step(h * ad, G[k])
+        return left, half
+
+    def _carried(self, eta: Array, p0: Array, impulse: Array) -> Array:
+        """Eᵀ (Eᵀ p0 + h G)."""
+        p1 = p0 + impulse
+        for k, _, c in self.groups:
+            half = 0.5 * adjoint(eta[k], c).T
+            p1[k] = exponential(half, exponential(half, p0[k]) + impulse[k])
+        return p1
+
+    def _lost(self, t: float, what: str, change: Array) -> SimulationError:
+        bad = int(np.argmax(np.where(np.isfinite(change), np.abs(change), np.inf)))
+        name = self.system.robot.model.velocity_names[bad]
+        return SimulationError(f"at t = {printed(t, 9)} s {what}, first of all in joint {name!r}. Take a smaller dt.")
+
+
+# ── One step of each method: from a state y at t, and its rate there, to the state a time h later
 
 
 class Scheme(Protocol):

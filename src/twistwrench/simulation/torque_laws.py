@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.control_laws import computed_torque, proportional_derivative, undriven
 from ..algorithms.inverse_dynamics import holding_torques
+from ..algorithms.operational_space import computed_torque, proportional_derivative, undriven
 from ..algorithms.recursion import zeros
 from ..core import arguments
 from ..errors import ValueRangeError

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from .contacts import Contact
-from .ellipsoid import WrenchEllipsoid, wrench_ellipsoid
-from .equilibrium import Equilibrium, body_equilibrium, robot_equilibrium
-from .force_directions import LargestWrench, largest_wrench, weakest_direction
-from .holding_torques import TorqueWrench, wrench_from_torques
-from .payload import LargestPayload, RegionPayload, largest_payload, payload_in_region, torques_per_kilogram
-from .payload_map import PayloadMap, payload_map
-from .polytope import WrenchPolytope, wrench_polytope
+from .equilibrium import Equilibrium, TorqueWrench, body_equilibrium, robot_equilibrium, wrench_from_torques
+from .force_capability import (
+    LargestWrench,
+    WrenchEllipsoid,
+    WrenchPolytope,
+    largest_wrench,
+    weakest_direction,
+    wrench_ellipsoid,
+    wrench_polytope,
+)
+from .payload import (
+    LargestPayload,
+    PayloadMap,
+    RegionPayload,
+    largest_payload,
+    payload_in_region,
+    payload_map,
+    torques_per_kilogram,
+)
 
 __all__ = [
     "Contact",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import printed, vector
+from ..core.numbers import printed, vector
 from ..errors import ValueRangeError
 from ..typing import Array
 
@@ -131,3 +132,120 @@ def _across(n: Array) -> Array:
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     t = axis - (axis @ n) * n
     return t / np.linalg.norm(t)
+
+
+# ── Linear programmes of contact forces: a balance within the cones, or a motion that none resists
+
+_TOLERANCE = 1e-7
+"""Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""
+
+_BALANCED = 1e-6
+"""What may be left of the load by forces that balance it, forces beside forces; checked before a yes is given."""
+
+_ROUNDING = 1e-14
+"""The same beside the sum of all that presses, which may be much more than the load where levers are short."""
+
+
+def force_balance(
+    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, turning: Array, edges: int
+) -> tuple[Array, float | None] | None:
+    """Forces (contacts, 3) that balance at the least share of the limits, then with the least sum; None if none do.
+
+    The share is None where no torque has a limit above zero to be a share of.
+    """
+    from scipy.optimize import linprog
+
+    cones = [np.vstack([c.normal, c.edges(edges)]) for c in contacts]  # the normal alone, lest forces lean without need
+    size = _size(load)
+    E = np.column_stack([np.zeros((len(load), 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
+    k, fixed, driven = E.shape[1], limits == 0, (limits > 0) & np.isfinite(limits)
+    L = (limits[driven] / size)[:, None]
+    constraints: dict[str, Any] = {
+        "A_ub": np.block([[E[driven], -L], [-E[driven], -L]]),
+        "b_ub": np.concatenate([-load[driven], load[driven]]) / size,
+        "A_eq": np.column_stack([E[fixed], np.zeros(fixed.sum())]),
+        "b_eq": -load[fixed] / size,
+        "method": "highs",
+    }
+    share = 0.0
+    if driven.any():
+        least = linprog([0.0] * k + [1.0], bounds=[(0, None)] * k + [(0, 1)], **constraints)
+        if least.status != 0:
+            return None
+        share = float(least.fun)
+    pressing = np.concatenate([np.zeros(0), *(np.linalg.norm(D, axis=1) for D in cones), [0.0]])
+    found = linprog(pressing, bounds=[(0, None)] * k + [(0, min(1.0, share * (1 + 1e-9) + 1e-9))], **constraints)
+    if found.status != 0 or found.x is None:
+        return None
+    x = _balanced(E, size * found.x[:-1], load, limits, turning)
+    if x is None:
+        return None
+    weights = np.split(x, np.cumsum([len(D) for D in cones])[:-1]) if cones else []
+    forces = np.array([w @ D for w, D in zip(weights, cones, strict=True)]).reshape(-1, 3)
+    return forces, share if driven.any() else None
+
+
+def _balanced(E: Array, x: Array, load: Array, limits: Array, turning: Array) -> Array | None:
+    """Shares of the edges near ``x``, 0 at least, that balance the load to :data:`_BALANCED` of it; None where none do.
+
+    The solver keeps to its tolerance beside the largest number, which may be far above the load.
+    """
+    fixed = limits == 0
+    for _ in range(3):
+        if (used := x > 0).any():
+            x[used] -= np.linalg.lstsq(E[np.ix_(fixed, used)], (load + E @ x)[fixed], rcond=None)[0]
+            x = np.maximum(x, 0.0)
+    left = np.abs(load + E @ x)
+    whole = float(np.abs(load[fixed]).max(initial=0.0))
+    pushes = float(np.abs(load[fixed & ~turning]).max(initial=0.0)) or whole
+    allowed = np.where(fixed, _BALANCED * np.where(turning, whole, pushes), (1.0 + _BALANCED) * limits)
+    return x if (left <= allowed + _ROUNDING * (np.abs(E) @ x + np.abs(load))).all() else None
+
+
+def unresisted_motion(
+    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
+) -> tuple[Array | None, float]:
+    """A motion that the load drives against all torques, and no force of cones around the true ones resists."""
+    from scipy.optimize import linprog
+
+    n, size = len(load), _size(load)
+    cones = [c.edges(edges, around=True) for c in contacts]
+    E = np.column_stack([np.zeros((n, 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
+    motors = np.where(np.isfinite(limits), limits, 0.0) / size
+    moves = np.isfinite(limits)  # an unlimited joint resists any motion of its own
+    one = np.eye(n)
+    resisted = np.block([[-E.T, np.zeros((E.shape[1], n))], [one, -one], [-one, -one]])
+    drive = np.concatenate([-load / size, motors])  # times (V, abs(V)): less than nothing for a motion that is driven
+    bounds: Any = [(-1, 1) if m else (0, 0) for m in moves] + [(0, 1)] * n
+    most = linprog(
+        drive,
+        A_ub=resisted,
+        b_ub=np.zeros(len(resisted)),
+        bounds=bounds,
+        method="highs",
+    )
+    if most.status != 0 or most.x is None or (power := float(-drive @ most.x)) <= _TOLERANCE:
+        return None, 0.0
+    # Of all motions that take as much, the one with the least sum of entries: it has few, and is read more easily.
+    bounds = [(None, None) if m else (0, 0) for m in moves] + [(0, None)] * n
+    plain = linprog(
+        [0.0] * n + [1.0] * n,
+        A_ub=np.vstack([resisted, drive]),
+        b_ub=np.append(np.zeros(len(resisted)), -power),
+        bounds=bounds,
+        method="highs",
+    )
+    for found in (plain, most):
+        if (
+            found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5
+        ):  # 1 at least, but for rounding
+            continue
+        motion = found.x[:n] / peak + 0.0  # no minus zeros
+        power = float(load @ motion - size * motors @ np.abs(motion))
+        if power > 0:
+            return motion, power
+    return None, 0.0
+
+
+def _size(load: Array) -> float:
+    return float(np.abs(load).max(initial=0.0)) or 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number, printed
+from ..core.numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.limits import margin
 from ..typing import Array
 
 if TYPE_CHECKING:
+    from ..model.limits import Limits
     from ..robot import Robot
 
 _NO_LEVER = 1e-12
@@ -157,3 +159,94 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     side = np.take_along_axis(np.where(step > 0, 1, -1), joint[..., None], axis=-1)[..., 0]
     free = ~np.isfinite(bound)
     return Growth(least.max(axis=-1), bound, most, np.where(free, -1, joint), np.where(free, 0, side))
+
+
+# ── Argument checks of ``statics``: poses and directions as they have to be, or an error that says what is wrong with them
+
+
+def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
+    """``q`` (nq,) of finite numbers, for ``what`` takes one pose only, for the reason ``why``.
+
+    Raises ShapeError, ValueRangeError.
+    """
+    array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
+    if array.ndim != 1:
+        raise ShapeError(
+            f"{what} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}: {why}. "
+            f"Call it pose by pose: [{what}(robot, x, …) for x in q.reshape(-1, {robot.nq})]."
+        )
+    if not np.isfinite(array).all():
+        k = int(np.argmin(np.isfinite(array)))
+        raise ValueRangeError(f"{what}: {robot.coordinate_names[k]!r} is {printed(array[k])}. Give finite coordinates.")
+    return array
+
+
+def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
+    """``direction`` (..., n) made of unit length, with n one of ``sizes``. Raises ShapeError, ValueRangeError."""
+    try:
+        given = np.shape(direction)[-1:]
+    except ValueError:  # ragged, which is refused below
+        given = ()
+    n = given[0] if given and given[0] in sizes else sizes[0]
+    try:
+        d = np.asarray(arguments.real(direction, "direction", n), float)
+    except ShapeError as problem:
+        more = "".join(f" Or give {k} numbers." for k in sizes[1:])
+        raise ShapeError(f"{problem}{more}") from None
+    length = np.linalg.norm(d, axis=-1, keepdims=True)
+    if not (np.isfinite(length).all() and (length > 0).all()):
+        raise ValueRangeError("a direction of zero or not finite length points nowhere. Give one with a finite length.")
+    return d / length
+
+
+def same_batch(**arrays: Array) -> None:
+    """Refuse batches that do not broadcast, the last axis of each left out. Raises ShapeError."""
+    try:
+        np.broadcast_shapes(*(x.shape[:-1] for x in arrays.values()))
+    except ValueError:
+        raise arguments.mismatch(**arrays) from None
+
+
+# ── Numbers that look like another unit's: millimetres for metres, degrees for radians
+
+_FAR = 1.0
+"""m: few hands carry anything so far out, and few slides pass their stops by as much."""
+
+
+def unit_slips(
+    robot: Robot, q: Array, limits: Limits, places: Mapping[str, Array], *, degrees: bool = False
+) -> Iterator[str]:
+    """Sentences about what is too far off to be meant: ``places`` (3,) [m] by name, and the joints of q (nq,).
+
+    A place is more than 1 m out; a joint that turns more than a turn beyond its limits, or a turn beyond a whole one where it
+    has none, unless angles are in ``degrees`` anyway; a joint that slides more than 1 m beyond.
+
+    >>> import twistwrench as tw
+    >>> ur5 = tw.robots.ur5()
+    >>> for slip in unit_slips(ur5, np.array([0, 0, 90.0, 0, 0, 0]), ur5.limits, {"--com": np.array([0, 0, 80.0])}):
+    ...     print(slip)
+    --com is 80 m from its frame: lengths are in metres. If those are mm, write 0,0,0.08.
+    elbow_joint at 90 rad is more than a turn beyond its limits: angles are in radians. If those are degrees, add --degrees.
+    """
+    for name, place in places.items():
+        if (far := float(np.linalg.norm(place))) > _FAR:
+            metres = ",".join(f"{printed(x / 1000)}" for x in place)
+            yield f"{name} is {printed(far)} m from its frame: lengths are in metres. If those are mm, write {metres}."
+    for b in robot.model.leaders:
+        if b.joint.nq != 1:
+            continue
+        name, value = b.joint.name, float(q[b.q_index])
+        turns = bool(b.joint.axes[0][:3].any())
+        whole = 2 * math.pi if turns else math.inf
+        low, high = max(float(limits.lower[b.v_index]), -whole), min(float(limits.upper[b.v_index]), whole)
+        beyond = max(low - value, value - high)
+        if turns and not degrees and beyond > 2 * math.pi:
+            yield (
+                f"{name} at {printed(value)} rad is more than a turn beyond its limits: angles are in radians. If those "
+                "are degrees, add --degrees."
+            )
+        elif not turns and beyond > _FAR:
+            yield (
+                f"{name} at {printed(value)} m is more than 1 m beyond its limits: lengths are in metres. If those are mm, "
+                f"write {printed(value / 1000)}."
+            )

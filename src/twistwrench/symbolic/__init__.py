@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from .check import DerivationCheck
-from .derivation import Derivation, derive
+from .derivation import Derivation, DerivationCheck, derive
 from .equations import Equations, Step
-from .lagrangian import lagrange
-from .symbols import Parameter
+from .lagrange import lagrange
+from .names import Parameter
 
 __all__ = ["Derivation", "DerivationCheck", "Equations", "Parameter", "Step", "derive", "lagrange"]

@@ -1,34 +1,292 @@
-"""Lagrange's equations of a robot, derived. Modern Robotics section 8.1."""
+"""Derivations as a web page that needs nothing else: no network, no scripts; formulas are MathML."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from html import escape
 from typing import TYPE_CHECKING, Any
 
-from ..errors import MissingExtraError, ShapeError, ValueRangeError
-from ..listing import listed
-from . import derivation_size as size
-from .check import DerivationCheck, checked
-from .equation_assembly import assembled
-from .equations import Equations, Label, Line, Step
+import numpy as np
+
+from ..core.numbers import printed, residual
+from ..core.text import listed
+from ..errors import KernelError, MissingExtraError, ShapeError, ValueRangeError
+from ..typing import Array
+from .documents import MathML, heading, remarks_of, sentence
+from .equations import Equations, Label, Line, Step, assembled
 from .expanded_form import (
     RingArithmetic,
     SymbolicMotion,
     Terms,
     chain_angles,
+    coordinates_of,
     drive_energies,
     energies,
     motion_of,
     ring_of,
     spring_energies,
+    to_robot,
 )
 from .factored_form import EquationWriter
-from .generalized_coordinates import coordinates_of
-from .symbol_choice import model_entries
+from .names import ModelEntries, model_entries
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from .equations import Equations, Step
+
+_STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.6rem; margin-bottom: .4rem; } h2 { font-size: 1.15rem; margin: 1.8rem 0 .2rem; }
+p.remark, p.check { margin: 0 0 .6rem; opacity: .75; }
+nav a { margin-right: .9rem; white-space: nowrap; }
+table.symbols { border-collapse: collapse; font-size: .92rem; margin: 1rem 0; }
+table.symbols td { padding: .15rem 1rem .15rem 0; border-bottom: 1px solid #8883; vertical-align: baseline; }
+table.symbols td:last-child { text-align: right; font-variant-numeric: tabular-nums; }
+.line { margin: .45rem 0 .45rem 2.5rem; text-indent: -2.5rem; line-height: 1.9; }
+math { text-indent: 0; font-size: 1.06rem; }
+mtable.matrix { border: solid currentColor; border-width: 0 1.5px; padding: .1em .25em; margin: 0 .15em;
+  background: linear-gradient(currentColor 0 0) 0 0, linear-gradient(currentColor 0 0) 100% 0,
+    linear-gradient(currentColor 0 0) 0 100%, linear-gradient(currentColor 0 0) 100% 100%;
+  background-size: .35em 1.5px; background-repeat: no-repeat; }
+"""
+
+
+def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
+    """The page. Sums are cut at their terms, so that browsers break lines there."""
+    notation = MathML()
+    title = f"Equations of motion of {escape(equations.name)}"
+    parts = [
+        "<!doctype html>",
+        '<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{title}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>{title}</h1>",
+        *(f'<p class="check">{escape(text)}</p>' for text in remarks_of(equations)),
+        "<nav>" + " ".join(f'<a href="#{s.name}">{escape(heading(s))}</a>' for s in steps) + "</nav>",
+        _symbols_of_derivation_page(equations, notation),
+    ]
+    for step in steps:
+        parts.append(
+            f'<section id="{step.name}"><h2>{escape(heading(step))}</h2><p class="remark">{escape(sentence(step.remark))}</p>'
+        )
+        parts.extend(_line(label.write(notation), expr, notation) for label, expr in step.lines)
+        parts.append("</section>")
+    parts.append("</body></html>")
+    return "\n".join(p for p in parts if p) + "\n"
+
+
+def _symbols_of_derivation_page(equations: Equations, notation: MathML) -> str:
+    rows = [(name, meaning, "") for name, meaning in equations.meanings]
+    rows += [(p.name, p.meaning, f"{printed(p.value)}") for p in equations.parameters]
+    cells = "".join(
+        f"<tr><td><math>{notation.symbol(name)}</math></td><td>{escape(meaning)}</td><td>{value}</td></tr>"
+        for name, meaning, value in rows
+    )
+    return f'<table class="symbols">{cells}</table>' if rows else ""
+
+
+def _line(left: str, expr: Any, notation: MathML) -> str:
+    if not getattr(expr, "is_Add", False):
+        return f'<div class="line"><math>{left}<mo>=</mo>{notation.write(expr)}</math></div>'
+    first, *rest = notation.terms(expr)
+    pieces = [f"<math>{left}<mo>=</mo>{notation.minus(first[1]) if first[0] == '-' else first[1]}</math>"]
+    pieces += [f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>' for sign, term in rest]
+    return f'<div class="line">{" ".join(pieces)}</div>'
+
+
+# ── How large a derivation will be: counted before it is begun
+
+LARGEST_POSITION = 1500
+"""Terms of a coordinate of a centre of mass, beyond which nothing is expanded."""
+LARGEST_ROTATION = 100
+"""Terms of an entry of a rotation, likewise."""
+COMFORTABLE = 30_000
+"""Products of two terms in the kinetic energy, up to which equations are written out unless asked otherwise."""
+LARGEST_EXPANDED = 1_000_000
+"""Products times coordinates, each of which differentiates them, beyond which even that is refused: hundreds of pages."""
+MOST_EXPANDED = 4
+"""Coordinates up to which equations are written out unless asked otherwise: beyond, nobody reads them."""
+LARGEST_NAMED = 8_000
+"""Lines of named intermediate results beyond which a derivation is refused."""
+
+
+def expanded_products(entries: ModelEntries, motion: SymbolicMotion | None) -> float:
+    """How many products of terms K takes; infinite where a position alone has too many."""
+    if motion is None:
+        return float("inf")
+    return motion.products(tuple([[e.value for e in row] for row in b.inertia] for b in entries.bodies))
+
+
+def check_expanded(name: str, products: float, coordinates: int) -> None:
+    """ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
+    if products * coordinates > LARGEST_EXPANDED:
+        count = (
+            f"more than {LARGEST_POSITION:,} terms in a coordinate of a position, or {LARGEST_ROTATION} in a rotation"
+            if products == float("inf")
+            else f"{int(products):,} products of terms in its kinetic energy, to be differentiated by {coordinates} "
+            f"coordinates; allowed are {LARGEST_EXPANDED // coordinates:,}"
+        )
+        raise ValueRangeError(
+            f"{name!r} is too large to write out: {count}. Leave form='expanded' out and intermediate results get names; or "
+            "lock joints (robot.lock), or keep numbers instead of symbols, symbols='none'."
+        )
+
+
+def named_lines(robot: Robot) -> int:
+    """About how many lines a derivation with named intermediate results has: columns of Jacobians and their derivatives."""
+    model = robot.model
+    depth: list[int] = []
+    lines = 0
+    for body in model.bodies:
+        before = depth[body.parent] if body.parent >= 0 else 0
+        n = before + body.joint.nv
+        depth.append(n)
+        lines += 9 * n + 9 * n * (n - 1) // 2
+    n = model.nv
+    return lines + n * n * (n + 1) // 4
+
+
+def check_named(robot: Robot) -> None:
+    """ValueRangeError beyond :data:`LARGEST_NAMED` lines."""
+    lines = named_lines(robot)
+    if lines > LARGEST_NAMED:
+        raise ValueRangeError(
+            f"{robot.name!r} is too large to derive: its {robot.nv} coordinates would take about {lines:,} lines of named "
+            f"intermediate results; allowed are {LARGEST_NAMED:,}. Lock joints (robot.lock), derive a leg or an arm by itself, "
+            "or use the compiled kernels (robot.inverse_dynamics), which have no such limit."
+        )
+
+
+# ── Numbers from expressions: a walk over the tree, each distinct node once, on arrays of samples
+
+
+class Evaluator:
+    """Values of expressions, given those of their symbols; definitions are worked off first, in order."""
+
+    def __init__(self, values: Mapping[Any, Any]) -> None:
+        self._known: dict[Any, Any] = dict(values)
+
+    @classmethod
+    def at(cls, equations: Equations, q: Array, dq: Array, ddq: Array) -> Evaluator:
+        """At states (..., n), the parameters at their own values."""
+        values: dict[Any, Any] = dict(equations.values)
+        for symbols, array in ((equations.q, q), (equations.dq, dq), (equations.ddq, ddq)):
+            values |= {symbol: array[..., k] for k, symbol in enumerate(symbols)}
+        found = cls(values)
+        for symbol, expr in equations.definitions:
+            found._known[symbol] = found(expr)
+        return found
+
+    def __call__(self, expr: Any) -> Any:
+        """The value of one expression."""
+        known = self._known.get(expr)
+        if known is None:
+            known = self._known[expr] = self._value(expr)
+        return known
+
+    def array(self, exprs: Any, batch: tuple[int, ...]) -> Array:
+        """Values of a matrix or array of expressions, (*batch, *its shape)."""
+        shape = tuple(int(n) for n in exprs.shape)
+        rows = [np.broadcast_to(self(exprs[place]), batch) for place in np.ndindex(shape)]
+        return np.stack(rows, axis=-1).reshape(*batch, *shape)
+
+    def _value(self, expr: Any) -> Any:
+        if expr.is_Number:
+            return float(expr)
+        if expr.is_Add:
+            return sum(map(self, expr.args))
+        if expr.is_Mul:
+            total = 1.0
+            for factor in expr.args:
+                total = total * self(factor)
+            return total
+        if expr.is_Pow and expr.exp.is_Integer:
+            return self(expr.base) ** int(expr.exp)
+        if expr.is_Pow:
+            return np.power(self(expr.base), self(expr.exp))
+        return getattr(np, expr.func.__name__)(*map(self, expr.args))
+
+
+# ── Every derivation against Newton and Euler, whose recursions it does not use, at random states
+
+TOLERANCE = 1e-12
+"""Of the largest torque, mass or force at the states. Both sides round some hundred sums of order-one terms."""
+
+_STATES, _SEED = 16, 8100
+
+
+@dataclass(frozen=True)
+class DerivationCheck:
+    """Check of a derivation: how far it is from the compiled kernels, relative to the largest entry of each quantity."""
+
+    inverse_dynamics: float
+    """Residual of τ."""
+    mass_matrix: float
+    """Residual of M."""
+    coriolis_forces: float
+    """Residual of c."""
+    gravity_forces: float
+    """Residual of g."""
+    states: int
+    """How many random states were compared."""
+
+    @property
+    def worst(self) -> float:
+        """The largest of the residuals."""
+        return max(self.inverse_dynamics, self.mass_matrix, self.coriolis_forces, self.gravity_forces)
+
+    def __str__(self) -> str:
+        return (
+            f"checked against Newton–Euler at {self.states} random states: τ to {residual(self.inverse_dynamics)}, "
+            f"M to {residual(self.mass_matrix)}, c to {residual(self.coriolis_forces)}, g to "
+            f"{residual(self.gravity_forces)} of the largest entry"
+        )
+
+
+def checked(equations: Equations, robot: Robot) -> DerivationCheck:
+    """Compare; :class:`~twistwrench.KernelError` if the two sides disagree, for then one of them is wrong."""
+    n, rng = robot.nv, np.random.default_rng(_SEED)
+    u, du, ddu = (
+        rng.uniform(-1.5, 1.5, (_STATES, n)),
+        rng.standard_normal((_STATES, n)),
+        rng.standard_normal((_STATES, n)),
+    )
+    found = Evaluator.at(equations, u, du, ddu)
+    wanted: dict[str, list[Array]] = {
+        name: [] for name in ("inverse_dynamics", "mass_matrix", "coriolis_forces", "gravity_forces")
+    }
+    at_rest = np.zeros(n)
+
+    def still(q: Array) -> Array:  # springs hold against what gravity alone does not
+        return robot.bias_forces(q, at_rest) if robot.model.springs else robot.gravity_forces(q)
+
+    for x, dx, ddx in zip(u, du, ddu, strict=True):
+        q, dq, ddq, N = to_robot(robot.model, x, dx, ddx)
+        bias = ddq - N @ ddx  # dN/dt du: what the coordinates alone put into c
+        M = robot.mass_matrix(q)
+        wanted["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
+        wanted["mass_matrix"].append(N.T @ M @ N)
+        wanted["coriolis_forces"].append(N.T @ (robot.coriolis_forces(q, dq) + M @ bias))
+        wanted["gravity_forces"].append(N.T @ still(q))
+    torque = np.abs(wanted["inverse_dynamics"]).max()
+    gaps = {}
+    for name, rows in wanted.items():
+        exprs = equations.tau if name == "inverse_dynamics" else getattr(equations, name)
+        mine = found.array(exprs, (_STATES,)).reshape(np.shape(rows))
+        scale = np.abs(rows).max() if name == "mass_matrix" else torque
+        gaps[name] = float(np.abs(mine - rows).max() / scale) if scale else float(np.abs(mine).max())
+    check = DerivationCheck(**gaps, states=_STATES)
+    if not check.worst <= TOLERANCE:
+        raise KernelError(
+            f"the derivation of {robot.name!r} disagrees with Newton–Euler by {residual(check.worst)} "
+            f"(allowed {printed(TOLERANCE)}): {gaps}. "
+            "Please report this robot with its file."
+        )
+    return check
+
+
+# ── Lagrange's equations of a robot, derived. Modern Robotics section 8.1
 
 FORMS = ("auto", "expanded", "named")
 """``expanded``: every term written out. ``named``: intermediate results get names. ``auto``: expanded where it is short."""
@@ -110,17 +368,17 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     entries, coordinates = model_entries(model, symbols), coordinates_of(model)
     ring = ring_of(entries, coordinates)
     motion = None
-    if form == "expanded" or (form == "auto" and model.nv <= size.MOST_EXPANDED):
-        motion = motion_of(model, entries, coordinates, ring, size.LARGEST_POSITION, size.LARGEST_ROTATION)
-        work = size.expanded_products(entries, motion)
+    if form == "expanded" or (form == "auto" and model.nv <= MOST_EXPANDED):
+        motion = motion_of(model, entries, coordinates, ring, LARGEST_POSITION, LARGEST_ROTATION)
+        work = expanded_products(entries, motion)
         if form == "expanded":
-            size.check_expanded(robot.name, work, model.nv)
-        elif work > size.COMFORTABLE:
+            check_expanded(robot.name, work, model.nv)
+        elif work > COMFORTABLE:
             motion = None
     if motion is None:
         from .intermediate_names import named_derivation
 
-        size.check_named(robot)
+        check_named(robot)
         found = named_derivation(model, entries, coordinates)
     else:
         arithmetic = RingArithmetic(ring, coordinates)

@@ -1,20 +1,291 @@
-"""Derivations as LaTeX and as Markdown."""
+"""Expressions in LaTeX."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import unicodedata
+from bisect import bisect_right
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
 
 from ..core.arguments import visible
-from ..core.printed_numbers import printed
-from .latex import Latex
-from .line_breaks import TEXT_WIDTH, broken, latex_width
-from .notation import Notation
+from ..core.numbers import printed
+from .names import GREEK, Notation, name_parts
 
 if TYPE_CHECKING:
     from .equations import Equations, Line, Step
+
+
+class Latex(Notation):
+    """LaTeX for amsmath."""
+
+    def symbol(self, name: str) -> str:
+        """A symbol: Greek letters, dots for rates, indices."""
+        stem, mark, index = name_parts(name)
+        letter = f"\\{stem}" if stem in GREEK else stem if len(stem) == 1 else f"\\mathit{{{stem}}}"
+        letter = f"\\{mark}{{{letter}}}" if mark else letter
+        return f"{letter}_{{{index.replace('_', ',')}}}" if index else letter
+
+    def figure(self, digits: str) -> str:
+        """A number without a sign."""
+        mantissa, _, power = digits.partition("e")
+        return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else digits
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        """A sine or cosine, or a power of it."""
+        raised = f"^{{{power}}}" if power else ""
+        return (
+            f"\\{name}{raised}{{{argument}}}"
+            if re.fullmatch(r"\\?\w+(_\{\w+\})?", argument)
+            else (f"\\{name}{raised}({argument})")
+        )
+
+    def raised(self, base: str, power: str) -> str:
+        """A power."""
+        return f"{base}^{{{power}}}"
+
+    def above(self, inner: str) -> str:
+        """A sum that something divides: the bar holds it together."""
+        return inner
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+        return f"\\frac{{{top}}}{{{bottom}}}" if (top, bottom) != ("1", "2") else "\\tfrac{1}{2}"
+
+    def times(self, factors: list[str]) -> str:
+        """A product."""
+        return " \\, ".join(factors)
+
+    def minus(self, inner: str) -> str:
+        """The negative."""
+        return f"-{inner}"
+
+    def operator(self, sign: str) -> str:
+        """Plus or minus between terms."""
+        return sign
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        """A matrix."""
+        return "\\begin{bmatrix} " + " \\\\ ".join(" & ".join(row) for row in rows) + " \\end{bmatrix}"
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        """∂top/∂variable, or its rate."""
+        return ("\\frac{d}{dt} " if rate else "") + f"\\frac{{\\partial {top}}}{{\\partial {variable}}}"
+
+    def partial(self, variable: str, inner: str) -> str:
+        """∂/∂variable of what follows."""
+        return f"\\frac{{\\partial}}{{\\partial {variable}}} {inner}"
+
+    def other(self, expr: Any) -> str:
+        """What there is no rule for."""
+        import sympy
+
+        return str(sympy.latex(expr))
+
+
+# ── Expressions in MathML
+
+
+class MathML(Notation):
+    """Presentation MathML, which browsers show without any script."""
+
+    def symbol(self, name: str) -> str:
+        """A symbol: Greek letters, dots for rates, indices."""
+        stem, mark, index = name_parts(name)
+        letter = f"<mi>{escape(GREEK.get(stem, stem))}</mi>"
+        if mark:
+            letter = f'<mover accent="true">{letter}<mo>{"˙" if mark == "dot" else "¨"}</mo></mover>'
+        return f"<msub>{letter}<mi>{escape(index.replace('_', ','))}</mi></msub>" if index else letter
+
+    def figure(self, digits: str) -> str:
+        """A number without a sign."""
+        mantissa, _, power = digits.partition("e")
+        if not power:
+            return f"<mn>{digits}</mn>"
+        return f"<mn>{mantissa}</mn><mo>·</mo><msup><mn>10</mn><mn>{str(int(power)).replace('-', '−')}</mn></msup>"
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        """A sine or cosine, or a power of it."""
+        head = f"<msup><mi>{name}</mi><mn>{power}</mn></msup>" if power else f"<mi>{name}</mi>"
+        return f"<mrow>{head}{self.bracket(argument)}</mrow>"
+
+    def raised(self, base: str, power: str) -> str:
+        """A power."""
+        return f"<msup><mrow>{base}</mrow><mn>{power.replace('-', '−')}</mn></msup>"
+
+    def bracket(self, inner: str) -> str:
+        """Parentheses."""
+        return f'<mo stretchy="false">(</mo>{inner}<mo stretchy="false">)</mo>'
+
+    def above(self, inner: str) -> str:
+        """A sum that something divides: the bar holds it together."""
+        return inner
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+        top, bottom = (x if x.startswith("<") else f"<mn>{x}</mn>" for x in (top, bottom))
+        return f"<mfrac><mrow>{top}</mrow><mrow>{bottom}</mrow></mfrac>"
+
+    def times(self, factors: list[str]) -> str:
+        """A product."""
+        return '<mspace width="0.15em"/>'.join(factors)
+
+    def minus(self, inner: str) -> str:
+        """The negative."""
+        return f'<mo form="prefix">−</mo>{inner}'
+
+    def between(self, sign: str) -> str:
+        """Plus or minus with what is around it."""
+        return f"<mo>{self.operator(sign)}</mo>"
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        """A matrix."""
+        inner = "".join("<mtr>" + "".join(f"<mtd>{x}</mtd>" for x in row) + "</mtr>" for row in rows)
+        # Drawn brackets, by the page's style: stretched ones need a font with mathematical tables, which many systems lack.
+        return f'<mtable class="matrix">{inner}</mtable>'
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        """∂top/∂variable, or its rate."""
+        head = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>" if rate else ""
+        return f"{head}<mfrac><mrow><mo>∂</mo>{top}</mrow><mrow><mo>∂</mo>{variable}</mrow></mfrac>"
+
+    def partial(self, variable: str, inner: str) -> str:
+        """∂/∂variable of what follows."""
+        return f"<mfrac><mo>∂</mo><mrow><mo>∂</mo>{variable}</mrow></mfrac>{inner}"
+
+    def other(self, expr: Any) -> str:
+        """What there is no rule for."""
+        from sympy.printing.mathml import MathMLPresentationPrinter
+
+        return str(MathMLPresentationPrinter().doprint(expr))
+
+
+# ── Long sums over several lines: broken before + and −, those outside brackets first, never inside a function or a fraction
+
+# Parentheses need no partner in their line, in plain text as in LaTeX, so a line may end inside a bracket.
+
+TEXT_WIDTH = 460.0
+"""Points that a line of LaTeX may take: 95 % of the text width of A4 with margins of 20 mm."""
+
+_EARLIEST = 0.35  # share of a line before which no break is better than a later one inside brackets
+
+
+def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
+    """The lines of a formula, each at most ``width`` by ``measure`` where there are places to break it."""
+    places = _places(text)
+    cuts = [0, *(at for at, _ in places), len(text)]
+    ends = [0.0, *accumulate(measure(text[a:b]) for a, b in pairwise(cuts))]
+    lines, first = [], 0
+    while ends[-1] - ends[first] > width and first < len(places):
+        most = ends[first] + width
+        fitting = [k for k in range(first + 1, bisect_right(ends, most)) if k <= len(places)]
+        late = [k for k in fitting if ends[k] - ends[first] >= _EARLIEST * width]
+        if late:
+            last = min(late, key=lambda k: (places[k - 1][1], -k))
+        else:
+            last = fitting[-1] if fitting else first + 1
+        lines.append(text[cuts[first] : cuts[last]].strip())
+        first = last
+    return [*lines, text[cuts[first] :].strip()]
+
+
+def _places(text: str) -> list[tuple[int, int]]:
+    """Where a line may end, before plus and minus, and how many brackets are open there."""
+    found, brackets, braces = [], [], 0
+    for k, character in enumerate(text):
+        if character == "{":
+            braces += 1
+        elif character == "}":
+            braces -= 1
+        elif character == "(":
+            brackets.append(
+                re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", text[max(0, k - 24) : k]) is not None
+            )
+        elif character == ")" and brackets:
+            brackets.pop()
+        elif character == " " and not braces and not any(brackets) and text[k + 1 : k + 3] in ("+ ", "− ", "- "):
+            found.append((k, len(brackets)))
+    return found
+
+
+def text_width(text: str) -> float:
+    """Columns of a terminal: dots over letters take none."""
+    return sum(not unicodedata.combining(character) for character in text)
+
+
+_TOKEN = re.compile(
+    r"(?P<fraction>\\t?frac)|(?P<accent>\\d?dot)|(?P<script>[_^])|(?P<space>\\[,;]|\\quad)|(?P<name>\\(?:sin|cos|tan))"
+    r"|(?P<big>\\(?:mathit|mathrm))|(?P<command>\\[A-Za-z]+)|(?P<operator> [+-] )|(?P<group>[{}])|(?P<blank>\s)|(?P<other>.)",
+    re.DOTALL,
+)
+_SPACES = {"\\,": 1.7, "\\;": 2.8, "\\quad": 10.0}
+_GREEK = {"omega": 6.6, "Omega": 7.3, "Gamma": 6.3, "tau": 5.1, "partial": 5.9, "cdot": 7.3}
+
+
+def latex_width(latex: str) -> float:
+    """About how wide a formula is in points, in Computer Modern at 10 pt; rather too much than too little."""
+    return _measured(latex, 0, 1.0)[0]
+
+
+def _measured(latex: str, at: int, size: float) -> tuple[float, int]:
+    """Width up to the end of the group, and where that is."""
+    total = 0.0
+    while at < len(latex):
+        if latex[at] == "}":
+            return total, at + 1
+        width, at = _atom(latex, at, size)
+        total += width
+    return total, at
+
+
+def _atom(latex: str, at: int, size: float) -> tuple[float, int]:
+    found = _TOKEN.match(latex, at)
+    assert found is not None  # the last alternative is any character
+    kind, token, at = found.lastgroup, found.group(), found.end()
+    if token == "{":
+        return _measured(latex, at, size)
+    if kind == "fraction":
+        small = size * (0.7 if token == "\\tfrac" else 1.0)
+        (top, at), (bottom, at) = _argument(latex, at, small), (0.0, at)
+        bottom, at = _argument(latex, at, small)
+        return max(top, bottom) + 2.4, at
+    if kind == "script":
+        width, at = _argument(latex, at, 0.7 * size)
+        return width + 0.5, at
+    if kind in ("accent", "big"):
+        return _argument(latex, at, size)
+    if kind == "space":
+        return _SPACES[token] * size, at
+    if kind == "name":
+        return 15.5 * size, at  # and a thin space
+    if kind == "command":
+        return _GREEK.get(token[1:], 5.8) * size, at
+    if kind == "operator":
+        return (12.3 if size == 1.0 else 7.8) * size, at
+    return (0.0 if kind == "blank" else _letter(token)) * size, at
+
+
+def _argument(latex: str, at: int, size: float) -> tuple[float, int]:
+    """Of the one group or character that a command takes."""
+    while at < len(latex) and latex[at] == " ":
+        at += 1
+    return _atom(latex, at, size) if at < len(latex) else (0.0, at)
+
+
+def _letter(character: str) -> float:
+    if character in "-=+":
+        return 7.8
+    if character in "().,|!":
+        return 3.9
+    if character in "mwMW":
+        return 9.7 if character in "MW" else 8.8
+    return 5.1 if character.isdigit() or character in "ijlrst" else 7.9 if character.isupper() else 5.9
+
+
+# ── Derivations as LaTeX and as Markdown
 
 _MARGIN = 24.0  # points: the equals sign, and how far a line that goes on is moved in
 _AXES = "xyz"

@@ -1,7 +1,6 @@
-"""Lagrange's equations written out: positions, velocities, energies, and their derivatives as sums of products.
+"""Where bodies are, from the model's numbers: the one place where joints become rotations and places.
 
-Nothing of the recursions is used: positions come from the joints' placements and axes, velocities are their derivatives,
-K = Σ ½ m v'v + ½ ω'I ω, and everything after that is differentiation. Modern Robotics section 8.1.
+Works over any arithmetic: sums of products in :mod:`.trig_sum`, SymPy expressions, floats.
 """
 
 from __future__ import annotations
@@ -10,16 +9,152 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from ..model.model import BASE, Model
+from ..joints.joint import CosineSine, exact, exact_rodrigues
+from ..model.model import BASE, Body, Model
 from ..typing import Array
-from .generalized_coordinates import Coordinate, Variable
-from .screw_kinematics import joint_motion, numbers_of
-from .symbols import Entry, ModelEntries
-from .trig_sum import Ring, TrigSum
+from .names import BodyEntries, Entry, ModelEntries
+from .trig_polynomial import Ring, TrigSum
+
+
+class Arithmetic(Protocol):
+    """What kinematics needs of the things it calculates with."""
+
+    def number(self, entry: Entry) -> Any:
+        """A number of the model, or its symbol."""
+
+    def coordinate(self, k: int) -> Any:
+        """The k-th coordinate itself."""
+
+    def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
+        """Of ``rate`` times the k-th coordinate plus ``offset``."""
+
+
+def numbers_of(arithmetic: Arithmetic, entries: Any) -> Array:
+    """An array of entries in this arithmetic."""
+    array = np.empty(np.shape(entries), object)
+    for place in np.ndindex(array.shape):
+        entry = entries
+        for k in place:
+            entry = entry[k]
+        array[place] = arithmetic.number(entry)
+    return array
+
+
+def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
+    """R (3, 3) and p (3,), pose of a body's frame in its parent's; MR eq. 3.51 and 3.88."""
+    R0, p0 = exact(body.placement[:3, :3]), numbers_of(arithmetic, entries.place)
+    joint, first = body.joint, body.v_index
+    if not joint.moves_body:
+        R, p = exact(np.eye(3)), numbers_of(arithmetic, (Entry(0.0),) * 3)
+    elif joint.nv == 1:
+        R, p = _screw(arithmetic, body, entries)
+    else:
+        R, p = joint.chart_pose(chart_waves(arithmetic, body), lambda k: arithmetic.coordinate(first + k))
+    return R0 @ R, p0 + R0 @ p
+
+
+def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
+    """Cosine and sine of the entries of a joint's chart."""
+    return lambda k: arithmetic.cosine_sine(body.v_index + k, 1.0, 0.0)
+
+
+def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
+    w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
+    k, rate = body.v_index, float(np.linalg.norm(w))
+    rate = 1.0 if abs(rate - 1.0) < 1e-15 else rate
+    x = exact(body.ratio) * arithmetic.coordinate(k) + exact(body.offset)
+    if rate == 0.0:
+        return exact(np.eye(3)), exact(v) * x
+    w = w / rate
+    R = exact_rodrigues(w, *arithmetic.cosine_sine(k, rate * body.ratio, rate * body.offset))
+    at, pitch = numbers_of(arithmetic, entries.point), arithmetic.number(entries.pitch)
+    return R, at - R @ at + exact(w) * (pitch * (exact(rate) * x))
+
+
+# ── Generalized coordinates of a robot: independent ones, so that Lagrange's equations hold for them, and their names
+
+# Joints with one coordinate keep it. A planar joint has x, y and an angle; a floating one x, y, z and the ZYX Euler angles
+# of Modern Robotics appendix B.1.1, in place of a quaternion, whose four numbers are not independent.
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What sums are differentiated with respect to: a coordinate, its rate and acceleration, by their symbols."""
+
+    name: str
+    rate: str
+    acceleration: str
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One coordinate: its symbol, whether it is an angle, and what it stands for."""
+
+    name: str
+    angle: bool
+    meaning: str
+
+    @property
+    def rate(self) -> str:
+        """The symbol of its rate."""
+        return dotted(self.name)
+
+    @property
+    def acceleration(self) -> str:
+        """The symbol of its second derivative."""
+        return dotted(self.name, "ddot")
+
+
+def dotted(name: str, mark: str = "dot") -> str:
+    """The naming rule of rates: theta_1 → thetadot_1, x → xdot.
+
+    >>> dotted("theta_1"), dotted("x", "ddot")
+    ('thetadot_1', 'xddot')
+    """
+    stem, line, index = name.partition("_")
+    return f"{stem}{mark}{line}{index}"
+
+
+def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
+    """The coordinates, in the order of q; numbered by the joints that have coordinates of their own."""
+    return tuple(c for n, body in enumerate(model.leaders, 1) for c in _of_joint(body, n))
+
+
+def _of_joint(body: Body, n: int) -> list[Coordinate]:
+    return [
+        Coordinate(
+            f"{entry.letter}_{n}",
+            entry.angle,
+            f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]",
+        )
+        for entry in body.joint.chart
+    ]
+
+
+def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
+    """One state in these coordinates, (nv,) each, as the robot's q (nq,), dq and ddq (nv,), and N (nv, nv) with dq = N du.
+
+    Torques go the other way: those that belong to the coordinates are N' tau.
+    """
+    q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
+    N = np.zeros((model.nv, model.nv))
+    for body in model.leaders:
+        place, mine = body.places
+        dx, ddx = du[mine], ddu[mine]
+        q[place], B, dB = body.joint.from_chart(u[mine], dx)
+        N[mine, mine] = B
+        dq[mine], ddq[mine] = B @ dx, B @ ddx + dB @ dx
+    return q, dq, ddq, N
+
+
+# ── Lagrange's equations written out: positions, velocities, energies, and their derivatives as sums of products
+
+# Nothing of the recursions is used: positions come from the joints' placements and axes, velocities are their derivatives,
+# K = Σ ½ m v'v + ½ ω'I ω, and everything after that is differentiation. Modern Robotics section 8.1.
 
 _DUST = 1e-14
 """Share of the largest coefficient of an energy under which a term is round-off of terms that cancelled."""

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..typing import Array
-from .decimals import shortest
-from .trig_sum import Basis, Ring, TrigSum
-from .wave_products import ShortestForms, Waves
+from .names import shortest
+from .trig_polynomial import Basis, Ring, ShortestForms, TrigSum, Waves
 
 Row = tuple[Any, int, Waves]
 """Coefficient, monomial, sines and cosines."""

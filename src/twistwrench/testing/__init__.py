@@ -5,10 +5,8 @@ The laws of mechanics hold for every robot, so a test that draws its robots find
 
 from __future__ import annotations
 
-from .closeness import assert_close, relative_gap
-from .differences import derivative, derivative_along
-from .robots import KINDS, random_builder, random_inertia, random_pose, random_robot
-from .states import State, random_state
+from .comparison import assert_close, derivative, derivative_along, relative_gap
+from .robots import KINDS, State, random_builder, random_inertia, random_pose, random_robot, random_state
 
 __all__ = [
     "KINDS",

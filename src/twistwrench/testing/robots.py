@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..bodies.second_moments import rotational_inertia
+from ..bodies.solids import rotational_inertia
 from ..errors import ModelWarning, ValueRangeError
 from ..joints import JOINT_TYPES
 from ..joints.screw_joint import ScrewJoint
@@ -179,3 +179,42 @@ def random_pose(rng: np.random.Generator | int | None = None) -> Array:
     rng = np.random.default_rng(rng)
     w = rng.standard_normal(3)
     return np.asarray(se3.pose(so3.exp(w / np.linalg.norm(w) * rng.uniform(0.0, np.pi)), rng.uniform(-0.5, 0.5, 3)))
+
+
+# ── Random states of motion
+
+
+class State(NamedTuple):
+    """Where a robot is and how it moves: q (..., nq), dq and ddq (..., nv)."""
+
+    q: Array
+    """Configuration (..., nq)."""
+    dq: Array
+    """Velocities (..., nv), rad/s or m/s."""
+    ddq: Array
+    """Accelerations (..., nv), rad/s² or m/s²."""
+
+
+def random_state(robot: Robot, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()) -> State:
+    """Random state: a configuration inside the limits, velocities and accelerations of order 1.
+
+    Parameters
+    ----------
+    robot : Robot
+    rng : numpy Generator or seed
+    size : int or tuple of int, batch shape
+
+    Returns
+    -------
+    state : State, q (*size, nq), dq and ddq (*size, nv)
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> random_state(tw.robots.ur5(), 0, size=4).dq.shape
+    (4, 6)
+    """
+    rng = np.random.default_rng(rng)
+    shape = (size,) if isinstance(size, int) else tuple(size)
+    q = robot.random_configuration(rng, shape)
+    return State(q, rng.standard_normal((*shape, robot.nv)), rng.standard_normal((*shape, robot.nv)))

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from ..algorithms.pose_paths import PosePath, screw_path, straight_path
-from ..algorithms.time_scalings import cubic, quintic, trapezoid, uniform
-from ..motion.bounds import Bounds, bounds_of
-from ..motion.violations import Violation
-from .cartesian import follow_poses
+from ..algorithms.time_scalings import PosePath, cubic, quintic, screw_path, straight_path, trapezoid, uniform
+from ..motion.bounds import Bounds, Violation, bounds_of
 from .fastest import Fastest, fastest
-from .limit_checks import violations
-from .paths import JointPath, joint_line, spline
-from .trajectory import Trajectory, fitted, move
+from .paths import JointPath, follow_poses, joint_line, spline
+from .trajectory import Trajectory, fitted, move, violations
 
 __all__ = [
     "Bounds",

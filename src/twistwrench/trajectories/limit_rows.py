@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
 from ..errors import PathError, ValueRangeError
 from ..typing import Array
 

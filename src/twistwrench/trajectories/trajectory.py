@@ -1,4 +1,4 @@
-"""A motion: a path and how the time goes along it. Modern Robotics section 9.1."""
+"""The limits that a trajectory passes."""
 
 from __future__ import annotations
 
@@ -11,18 +11,82 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
-from ..core.printed_numbers import printed
+from ..core.numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..motion.bounds import Bounds, bounds_or_own
+from ..motion.bounds import Bounds, LimitCheck, Violation, bounds_or_own
 from ..motion.motion import Motion
-from ..motion.violations import Violation
-from ..robot.robot_argument import require_robot
+from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .limit_checks import violations
 from .paths import JointPath, joint_line, require_path, spline
 
 if TYPE_CHECKING:
     from ..robot import Robot
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+
+def violations(
+    robot: Robot,
+    trajectory: Trajectory | Motion,
+    bounds: Bounds | None = None,
+    *,
+    friction: bool = False,
+    samples: int = 2001,
+) -> tuple[Violation, ...]:
+    """Limits that a motion passes, worst first.
+
+    Parameters
+    ----------
+    robot : Robot
+    trajectory : Trajectory or Motion, at its own samples
+    bounds : Bounds, optional; None: the robot's own
+    friction : bool, count the friction of the joints
+    samples : int, instants at which a trajectory is looked at
+
+    Returns
+    -------
+    found : tuple of Violation
+
+    Raises
+    ------
+    ValueRangeError, ShapeError
+        The motion is not of the robot.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> from twistwrench import trajectories
+    >>> arm = tw.robots.ur5()
+    >>> hasty = trajectories.move(arm, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0], trajectories.cubic(0.3))
+    >>> print(violations(arm, hasty)[0])
+    shoulder_pan_joint: velocity 5 beyond 3.1416 at 0.15 s
+    """
+    require_robot(robot, "violations")
+    if not hasattr(trajectory, "sample") or isinstance(trajectory, type):
+        motion = getattr(trajectory, "motion", trajectory)  # a simulation's result has one
+        if not isinstance(motion, Motion):
+            raise ValueRangeError(
+                f"violations: the motion is {arguments.shown(trajectory)}: give a Trajectory, a tw.Motion, or a simulation."
+            )
+        return motion.of(robot).violations(bounds, friction=friction)
+    samples, friction = arguments.whole(samples, "samples"), arguments.flag(friction, "friction")
+    t = np.linspace(0.0, trajectory.duration, samples)
+    q, dq, ddq = trajectory(t)
+    check = LimitCheck(robot.model, bounds_or_own(robot, bounds))
+    check.add(t, q, dq, ddq, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    check.add_dynamics(robot, t, q, dq, ddq)
+    return check.violations()
+
+
+def positions_passed(robot: Robot, s: Array, q: Array, bounds: Bounds) -> tuple[Violation, ...]:
+    """The limits of position that configurations (n, nq) pass; ``s`` (n,) stands for the time."""
+    check = LimitCheck(robot.model, bounds)
+    check.add(s, q, np.zeros((len(s), robot.nv)))
+    return check.violations()
+
+
+# ── A motion: a path and how the time goes along it. Modern Robotics section 9.1
 
 _FIT = 2001
 """Instants at which a motion is looked at; then between those that bind."""
@@ -198,7 +262,7 @@ class Trajectory:
         ...     moving.plot(f"{folder}/move.svg").name
         'move.svg'
         """
-        from ..plotting.trajectory import plot_trajectory
+        from ..plotting.simulation import plot_trajectory
 
         return plot_trajectory(self, path, bounds, friction=friction)
 

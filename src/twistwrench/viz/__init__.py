@@ -5,9 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from .camera import Camera
 from .drawn_motion import DrawnMotion, motion_of, read_motion
-from .movie import film, movie
+from .movie import Camera, film, movie
 from .page import write_page
 from .scene import Scene, Shape, scene_of
 

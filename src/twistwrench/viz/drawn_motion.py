@@ -10,20 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number, percent, printed, seconds
+from ..core.numbers import number, percent, printed, seconds
+from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
-from ..motion.bounds import bounds_of
-from ..motion.column_extremes import Extreme
-from ..motion.complete_states import States
+from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import Differentiation
+from ..motion.differentiation import Differentiation, States
 from ..motion.motion import Motion
-from ..motion.spline import FEWEST, between, continuous, spline_rates
-from ..motion.violations import LimitCheck, Violation
-from ..report.loaded_robot import LoadedRobot
+from ..motion.noise import Extreme
+from ..motion.smoothing import FEWEST, between, continuous, spline_rates
+from ..reports.load_case import LoadedRobot
 from ..typing import Array
-from ..verdict import Verdict, Word
-from .thinning import Thinned
+from .surface import Thinned
 
 if TYPE_CHECKING:
     from ..motion.motion_log import MotionLog
@@ -66,7 +64,7 @@ class DrawnMotion:
 
     @property
     def states(self) -> States:
-        """The same as the functions of :class:`~twistwrench.report.loaded_robot.LoadedRobot` take it."""
+        """The same as the functions of :class:`~twistwrench.reports.load_case.LoadedRobot` take it."""
         none = np.zeros((len(self.time), 0))
         return States(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
 

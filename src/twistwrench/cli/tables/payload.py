@@ -12,20 +12,19 @@ from numpy.typing import ArrayLike
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...core.csv_writer import CsvWriter
-from ...core.printed_numbers import number, percent_of_limit, quantity, torque, without_noise
+from ...core.files import replacing
+from ...core.numbers import number, percent_of_limit, quantity, torque, without_noise
+from ...core.tables import CsvWriter
+from ...core.verdict import Word
 from ...errors import ValueRangeError
 from ...joints.units import heading_unit, unit_of
 from ...model.limits import over_limit
 from ...motion.coordinates import Coordinates
-from ...outputs import replacing
-from ...report.loaded_robot import Payload
-from ...statics.force_directions import largest_wrench, weakest_direction
-from ...statics.joint_stops import BeyondStop
-from ...statics.payload import LargestPayload
-from ...statics.payload_map import PayloadMap
+from ...reports.load_case import Payload
+from ...statics.equilibrium import BeyondStop
+from ...statics.force_capability import largest_wrench, weakest_direction
+from ...statics.payload import LargestPayload, PayloadMap
 from ...typing import Array
-from ...verdict import Word
 from .plain_table import PlainTable, share_bar, verdict_word
 
 if TYPE_CHECKING:

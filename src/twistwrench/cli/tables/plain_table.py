@@ -14,10 +14,10 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from ...core.printed_numbers import MISSING, number, percent_of_limit
+from ...core.numbers import MISSING, number, percent_of_limit
+from ...core.verdict import Word
 from ...model.limits import over_limit
 from ...model.model import Model
-from ...verdict import Word
 
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
@@ -60,7 +60,7 @@ class PlainTable(Table):
             self._folding.append([])
 
     def row(self, *cells: Any, style: str = "") -> None:
-        """Words as they are, numbers as :func:`~twistwrench.core.printed_numbers.number` has them, whole ones in full."""
+        """Words as they are, numbers as :func:`~twistwrench.core.numbers.number` has them, whole ones in full."""
         texts = [_cell(cell) for cell in cells]
         for column, whole, folding, text in zip(self.columns, self._whole, self._folding, texts, strict=False):
             text.no_wrap = whole or None

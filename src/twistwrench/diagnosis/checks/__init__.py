@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 
 from ..described import DescribedRobot
+from ..entry_errors import Options
 from ..findings import Finding
 from .inertia import check_impossible, check_too_large, check_too_small
 from .joints import (
@@ -18,16 +19,16 @@ from .joints import (
 )
 from .masses import (
     check_assumed,
+    check_com,
     check_density,
     check_light,
     check_massless,
+    check_mirror,
     check_no_inertia,
     check_no_mass,
     check_placeholder,
+    check_units,
 )  # fmt: skip
-from .mirror import check_mirror
-from .options import Options
-from .places import check_com, check_units
 
 __all__ = ["CHECKS", "Options"]
 

@@ -6,15 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.printed_numbers import number, percent
+from ...core.numbers import number, percent
 from ...model.inertia_checks import reasons
 from ...model.model import BASE
 from ...typing import Array
 from ..described import DescribedLink, DescribedRobot, WrittenInertia
+from ..entry_errors import Options, Slip, explain, slips_of_impossible, slips_of_too_large, slips_of_too_small
 from ..findings import FileRepair, Finding, Severity
-from ..nearest import METRICS, nearest
-from ..slips import Slip, explain, slips_of_impossible, slips_of_too_large, slips_of_too_small
-from .options import Options
+from ..shapes import METRICS, nearest
 
 _ABSORBED = 1.0
 """% of M from which an impossible link within a possible body matters."""

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.printed_numbers import in_file, number, printed
-from ...listing import listed
+from ...core.numbers import in_file, number, printed
+from ...core.text import listed
 from ...model.limits import margin
-from ...report.limit_doubts import arm_entries, placeholder_limits
+from ...reports.load_case import arm_entries, placeholder_limits
 from ...robot import Robot
 from ..described import DescribedJoint, DescribedRobot
+from ..entry_errors import Options
 from ..findings import Edit, FileRepair, Finding, Severity
-from .options import Options
 
 _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0

@@ -7,15 +7,17 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
-from ...core.printed_numbers import number, printed
-from ...listing import listed
-from ...model.massless import massless_links
-from ...report.loaded_robot import reach
-from ..described import DescribedLink, DescribedRobot, WrittenInertia
-from ..findings import Effect, FileRepair, Finding, Severity
+from ...core.numbers import number, percent, printed
+from ...core.text import listed
+from ...model.inertia_checks import massless_links, reasons
+from ...model.model import BASE
+from ...reports.load_case import reach
+from ...typing import Array
+from ..described import DescribedLink, DescribedRobot, Pair, WrittenInertia, about_com, pairs_of
+from ..entry_errors import UNITS, Options
+from ..findings import Edit, Effect, FileRepair, Finding, Severity
 from ..shapes import hull_solid
-from .inertia import MATTERS, no_tensor, placeholder, shape_repair
-from .options import Options
+from .inertia import MATTERS, identified, no_tensor, placeholder, shape_repair
 
 _POINT = 10.0
 """% of M from which a mass without inertia matters: below it is a point mass as models in books have it."""
@@ -149,3 +151,210 @@ def check_density(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
             "robots have "
             f"{printed(least)} to {printed(most)}", {"density": density, "volume": volume}, file=written.file,
         )  # fmt: skip
+
+
+# ── Left against right: inertias that are not each other's mirror image where the parts are
+
+_MASS, _COM, _TENSOR = 1e-3, 2e-3, 0.05
+"""Share of the mass, metres, share of the trace: less is no difference."""
+_HEAVY = 1e-3
+"""Share of the robot's mass that one of the two has at least."""
+_MATTERS, _TORQUE = 0.5, 0.2
+"""% of M and of the effort from which a difference matters."""
+
+
+def check_mirror(robot: DescribedRobot, options: Options) -> Iterator[Finding]:
+    """Pairs whose frames mirror each other at zero, and whose masses, centres of mass or tensors do not."""
+    for pair in pairs_of(robot):
+        a, b = pair.left.written, pair.right.written
+        if a is None or b is None or not (a.mass > 0 and b.mass > 0):
+            continue
+        image = mirrored(a.inertia, pair.D)
+        said, numbers = _differences(b.inertia, image)
+        if not said or _same_part(pair):
+            continue
+        copies = {"left": (pair.right, image), "right": (pair.left, mirrored(b.inertia, pair.D.T))}
+        effects = {side: robot.effects.of({link.name: G}) for side, (link, G) in copies.items()}
+        side = options.mirror_from or max(effects, key=lambda s: effects[s].inertia_percent + effects[s].effort_percent)
+        link, wanted = copies[side]
+        parts = _parts_mirrored(pair)
+        heavy = robot.heavy(pair.left, _HEAVY) or robot.heavy(pair.right, _HEAVY)
+        matters = parts and heavy and effects[side].reaches(_MATTERS, _TORQUE)
+        more = "" if parts else "; one mesh serves both, or their shapes do not tell"
+        edits: tuple[Edit, ...] = ()
+        if options.mirror_from and reasons(wanted):
+            sentence = f"the {side} one, which cannot exist itself: repair it first"
+        elif options.mirror_from:
+            sentence = f"the {side} one, mirrored"
+            edits = link.written.edits_to(wanted) if link.written is not None and parts else ()
+        else:
+            sentence = f"copy one side to the other, mirrored; {_evidence(pair)}"
+        yield Finding(
+            "mirror", Severity.WARNING if matters else Severity.NOTE,
+            f"links {pair.left.name!r} and {pair.right.name!r}", a.line,
+            f"they mirror each other, and their inertias do not: {'; '.join(said)}{more}", numbers, effects[side],
+            FileRepair("mirror", sentence, {link.name: wanted}, edits), a.file,
+        )  # fmt: skip
+
+
+def _evidence(pair: Pair) -> str:
+    """For which side the shapes speak: where the centre of mass is much nearer to that of the shapes."""
+    unknown = "the file does not tell which is meant"
+    away = []
+    for link in (pair.left, pair.right):
+        if link.written is None or not link.shapes.complete or link.shapes.uniform is None:
+            return unknown
+        away.append(float(np.linalg.norm(link.written.com - link.shapes.uniform.com)))
+    if min(away) > 0.5 * max(away) or max(away) - min(away) < _COM:
+        return unknown
+    side, near, far = ("left" if away[0] < away[1] else "right"), 1e3 * min(away), 1e3 * max(away)
+    return (
+        f"the shapes speak for the {side} one, whose centre of mass is {number(near, 2)} mm from theirs, not "
+        f"{number(far, 2)}"
+    )
+
+
+def mirrored(inertia: SpatialInertia, D: Array) -> SpatialInertia:
+    """The inertia of the body's mirror image; D (3, 3) is what its points are multiplied by."""
+    return about_com(inertia.mass, D @ inertia.com, D @ inertia.moment_about_com @ D.T)
+
+
+def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str], dict[str, float]]:
+    mass = abs(given.mass - image.mass) / max(given.mass, image.mass)
+    com = float(np.linalg.norm(given.com - image.com))
+    I, J = given.moment_about_com, image.moment_about_com
+    tensor = float(np.linalg.norm(I - J) / max(I.trace(), J.trace(), 1e-300))
+    said = [f"masses {number(image.mass)} and {number(given.mass)} kg"] if mass > _MASS else []
+    said += [f"centres of mass {number(1e3 * com, 3)} mm apart"] if com > _COM else []
+    said += [f"tensors {percent(tensor, 2)} of their trace apart"] if tensor > _TENSOR else []
+    return said, {"mass_share": mass, "com_distance": com, "tensor_share": tensor}
+
+
+def _same_part(pair: Pair) -> bool:
+    """Whether the same part is mounted twice: the same shapes at the same places, and the same numbers."""
+    a, b = pair.left.written, pair.right.written
+    if a is None or b is None:
+        return False
+    same = np.allclose(a.inertia.parameters, b.inertia.parameters, rtol=1e-3, atol=1e-9)
+    return bool(same and _shapes(pair.left) == _shapes(pair.right))
+
+
+def _parts_mirrored(pair: Pair) -> bool:
+    """Whether the parts themselves are mirror images: another mesh file on each side, or a mesh scaled by a negative number.
+
+    Where all shapes were read, their boxes must mirror each other too.
+    """
+    a, b = pair.left, pair.right
+    files = [{spec.file for spec in link.shapes.specs if spec.kind == "mesh"} for link in (a, b)]
+    signs = [{np.prod(np.sign(spec.sizes)) for spec in link.shapes.specs if spec.kind == "mesh"} for link in (a, b)]
+    if not files[0] or not files[1] or (files[0] == files[1] and signs[0] == signs[1]):
+        return False
+    if not (a.shapes.complete and b.shapes.complete):
+        return True
+    image, points = a.shapes.points @ pair.D.T, b.shapes.points
+    allowed = 0.05 * a.shapes.diagonal + 2e-3
+    low, high = np.abs(image.min(axis=0) - points.min(axis=0)), np.abs(image.max(axis=0) - points.max(axis=0))
+    return bool(max(low.max(), high.max()) <= allowed)
+
+
+def _shapes(link: DescribedLink) -> list[tuple[str, tuple[float, ...], str]]:
+    return sorted((spec.kind, spec.sizes, spec.file) for spec in link.shapes.specs)
+
+
+# ── Centres of mass outside the shapes, and parts that are drawn in another unit of length
+
+_MARGIN = 0.1, 0.01
+"""Of the diagonal of the shapes, and metres: how far outside a centre of mass may be."""
+_REGROUPED = 0.25
+"""Of the robot's span: how far outside that of an identified set may be."""
+_SMALLEST = 0.005
+"""m, the gyration radius of a part that is worth a mass."""
+_LARGEST, _LEAST = 20.0, 1e-3
+"""m, the diagonal of the shapes of one link."""
+
+
+def check_com(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """A centre of mass outside the box of the link's shapes."""
+    for link in robot.links.values():
+        written = link.written
+        if written is None or not robot.heavy(link) or not link.shapes.complete:
+            continue
+        low, high = link.shapes.points.min(axis=0), link.shapes.points.max(axis=0)
+        inside = np.clip(written.com, low, high)
+        away = float(np.linalg.norm(written.com - inside))
+        if away <= _MARGIN[0] * link.shapes.diagonal + _MARGIN[1]:
+            continue
+        moved = about_com(written.mass, inside, written.inertia.moment_about_com)
+        effect = robot.effects.of({link.name: moved})
+        regrouped = identified(written) and away <= _REGROUPED * robot.span
+        matters = effect.reaches(MATTERS) and not regrouped and not reasons(written.inertia)
+        listed = " ".join(number(x) for x in written.com)
+        fitting = _fitting(robot, link, written.com, low, high)
+        hint = f"; read in the frame of {fitting!r} it would be inside" if fitting else ""
+        yield Finding(
+            "com-outside", Severity.WARNING if matters else Severity.NOTE, f"link {link.name!r}", written.line,
+            f"its centre of mass, {listed} m, is {number(away, 3)} m outside its shapes{hint}; the effect is that of moving "
+            "it to "
+            "their edge", {"distance": away, "diagonal": link.shapes.diagonal}, effect,
+            FileRepair("advice", "measure the centre of mass in the frame of the link"), written.file,
+        )  # fmt: skip
+
+
+def _fitting(robot: DescribedRobot, link: DescribedLink, com: Array, low: Array, high: Array) -> str:
+    """The other link in whose frame, all joints at zero, the same numbers would be inside the shapes."""
+    frames, bodies = robot.model.frames, robot.model.bodies
+    if link.name not in frames:
+        return ""
+    own = frames[link.name].body
+    above = {own} if own == BASE else {own, bodies[own].parent}
+    poses = robot.neutral_poses
+    for name, frame in frames.items():
+        if frame.body not in above and (frame.body == BASE or bodies[frame.body].parent != own):
+            continue  # neither the same body, nor what carries it or what it carries
+        T = np.linalg.solve(poses[link.name], poses[name])
+        place = T[:3, :3] @ com + T[:3, 3]
+        if np.abs(T - np.eye(4)).max() > 1e-6 and (place >= low).all() and (place <= high).all():
+            return name
+    return ""
+
+
+def check_units(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Shapes of tens of metres or below a millimetre, and tensors of bodies larger than the whole robot."""
+    span = robot.span
+    for link in robot.links.values():
+        written = link.written
+        if written is None or written.mass <= 0 or reasons(written.inertia):
+            continue
+        if robot.heavy(link) and link.shapes.complete and not _LEAST <= link.shapes.diagonal <= _LARGEST:
+            factor = "millimetres" if link.shapes.diagonal > _LARGEST else "metres written as millimetres"
+            yield Finding(
+                "units", Severity.WARNING, f"link {link.name!r}", link.line,
+                f"its shapes are {number(link.shapes.diagonal, 3)} m long: are they in {factor}?",
+                {"diagonal": link.shapes.diagonal},
+                repair=FileRepair("advice", "scale its shapes to metres"), file=link.file,
+            )  # fmt: skip
+        yield from _giant(robot, link, written, span)
+
+
+def _giant(robot: DescribedRobot, link: DescribedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
+    """A gyration radius of more than a metre, and than the robot: moments in kg mm²."""
+    radius = float(np.sqrt(max(np.linalg.eigvalsh(written.tensor)[-1], 0.0) / written.mass))
+    if radius <= max(1.0, span) or link.shapes.complete:
+        return
+    # Several units may be plausible; then nothing is written, and the effect is that of the largest.
+    units = [k for k in UNITS if _SMALLEST <= radius * 10.0 ** (-k / 2) <= 0.5 * max(span, 1e-9)]
+    tensor = written.tensor * 10.0 ** -(units[0] if units else 6)
+    edits, tensor = written.edits(tensor)
+    wanted = {link.name: written.with_tensor(tensor)}
+    if len(units) == 1:
+        said = f"all entries are 1e{units[0]} times too large, as {UNITS[units[0]]} for kg m²"
+        repair = FileRepair("slip", said, wanted, edits)
+    else:
+        repair = FileRepair("advice", "give it the tensor of its shape at its mass, in kg m²", wanted)
+    effect = robot.effects.of(repair.inertias)
+    yield Finding(
+        "units", Severity.WARNING if effect.reaches(MATTERS) and robot.heavy(link) else Severity.NOTE,
+        f"link {link.name!r}", written.line,
+        f"its gyration radius is {number(radius, 3)} m, more than the whole robot's span of {number(span, 3)} m",
+        {"gyration_radius": radius, "span": span}, effect, repair, written.file,
+    )  # fmt: skip

@@ -1,16 +1,98 @@
-"""The bodies of an MJCF file in MuJoCo's order, each with what lies directly in it; frames are multiplied out on the way."""
+"""Where things are: positions, and orientations in the five ways that MJCF writes them."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
+
+from ...bodies.inertia import SpatialInertia
+from ...core.numbers import printed
 from ...errors import RobotFileError
-from ...lie.identity import IDENTITY, product
+from ...lie import quaternion, se3, so3
+from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 from ...typing import Array
 from ..element import Element
-from .defaults import Defaults
-from .placement import placement
-from .settings import Settings
+from ..known_elements import LEFT_OUT
+from ..urdf import IN_MJCF, tensor_of
+from .preprocess import Defaults, Meshes, Settings
+
+_TURNED = frozenset(("quat", "axisangle", "xyaxes", "zaxis", "euler"))
+_PLACED = _TURNED | {"pos"}
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def placement(element: Element, settings: Settings) -> Array:
+    """The pose (4, 4) that an element gives by ``pos`` and an orientation, the identity where it gives none."""
+    said = element.attributes
+    if _PLACED.isdisjoint(said):
+        return IDENTITY
+    R = UPRIGHT if _TURNED.isdisjoint(said) else rotation(element, settings).tolist()
+    return pose_rows(R, element.floats("pos", (0.0, 0.0, 0.0)))
+
+
+def rotation(element: Element, settings: Settings) -> Array:
+    """The orientation (3, 3) that an element gives by quat, axisangle, xyaxes, zaxis or euler."""
+    said = element.attributes
+    ways = [way for way in ("axisangle", "xyaxes", "zaxis", "euler") if way in said]
+    if len(ways) > 1:
+        raise RobotFileError(f"{element} says its orientation in {len(ways)} ways: {', '.join(ways)}. Keep one.")
+    if not ways:
+        return _by_quaternion(element) if "quat" in said else np.eye(3)
+    if ways[0] == "axisangle":
+        *axis, angle = element.numbers("axisangle", 4).tolist()
+        return _turned(direction(element, "axisangle", axis), angle * settings.angle)
+    if ways[0] == "xyaxes":
+        values = element.numbers("xyaxes", 6)
+        x = direction(element, "xyaxes", values[:3])
+        y = direction(element, "xyaxes", values[3:] - (x @ values[3:]) * x)
+        return np.column_stack([x, y, so3.cross(x, y)])
+    if ways[0] == "zaxis":
+        return onto(direction(element, "zaxis", element.numbers("zaxis", 3)))
+    R = np.eye(3)
+    angles = element.numbers("euler", 3) * settings.angle
+    for letter, angle in zip(settings.euler_sequence, angles, strict=True):
+        turn = _turned(np.array(_AXES[letter.lower()]), float(angle))
+        R = R @ turn if letter.islower() else turn @ R  # about axes that turn along, or that stand still
+    return R
+
+
+def onto(z: Array) -> Array:
+    """The smallest rotation that takes the z axis to a unit vector; half a turn about x where they are opposite."""
+    axis = np.array([-z[1], z[0], 0.0])
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-10:
+        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return _turned(axis / sine, math.atan2(sine, float(z[2])))
+
+
+def direction(element: Element, attribute: str, vector: object) -> Array:
+    """A vector at unit length; an error where it has none."""
+    found = np.asarray(vector, float)
+    length = float(np.linalg.norm(found))
+    if not length > 1e-14:
+        raise RobotFileError(
+            f"{element} has {attribute}={element.attributes.get(attribute, '')!r}, which is no direction."
+        )
+    return found / length
+
+
+def _by_quaternion(element: Element) -> Array:
+    values = element.floats("quat", (1.0, 0.0, 0.0, 0.0))
+    if not any(values):
+        raise RobotFileError(f"{element} has a quaternion of zeros, which is no rotation. The identity is 1 0 0 0.")
+    return quaternion.rotation(values)
+
+
+def _turned(axis: Array, angle: float) -> Array:
+    """About a unit vector."""
+    return np.asarray(so3.exp(axis * angle))
+
+
+# ── The bodies of an MJCF file in MuJoCo's order, each with what lies directly in it; frames are multiplied out on the way
 
 WORLD = "world"
 """The link that stands for the worldbody."""
@@ -130,3 +212,299 @@ def unused(name: str, taken: set[str]) -> str:
         name += "_"
     taken.add(name)
     return name
+
+
+# ── Joints of a body: what each one is called, how it moves, and the numbers that go with it
+
+KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "floating"}
+"""MJCF's types, and ours."""
+COORDINATES = {"revolute": 1, "prismatic": 1, "ball": 4, "floating": 7}
+
+
+@dataclass(eq=False)
+class MjcfJoint:
+    """One joint, in SI units and radians, in the frame of its body."""
+
+    element: Element
+    name: str
+    kind: str
+    point: Array
+    axis: Array
+    reference: float
+    """The coordinate at which the body is where the file puts it."""
+    rest: float
+    """Of its spring."""
+    stiffness: float
+    options: dict[str, Any] = field(default_factory=dict)
+    """Of :meth:`ModelBuilder.add_joint`: limits, damping, friction, armature."""
+    remarks: list[str] = field(default_factory=list)
+    """What it says that is left out."""
+
+    @property
+    def single(self) -> bool:
+        """Whether it has one degree of freedom."""
+        return COORDINATES[self.kind] == 1
+
+
+def names_given(bodies: list[MjcfBody]) -> set[str]:
+    """The names that joints have in the file."""
+    found = (part.element.attributes.get("name", "").strip() for body in bodies for part in body.joints)
+    return {name for name in found if name}
+
+
+def joints_of(body: MjcfBody, settings: Settings, taken: set[str]) -> list[MjcfJoint]:
+    """The joints of a body in the file's order; ``taken`` are names that unnamed ones must not get."""
+    joints = [_joint(body, k, part, settings, taken) for k, part in enumerate(body.joints)]
+    free = [joint for joint in joints if joint.kind == "floating"]
+    if free and body.parent != 0:
+        raise RobotFileError(
+            f"{free[0].element} is free, and its body {body.name!r} does not stand in the worldbody. Move it there."
+        )
+    if free and len(joints) > 1:
+        raise RobotFileError(
+            f"{free[0].element} is free and has other joints beside it in body {body.name!r}. Keep one."
+        )
+    return joints
+
+
+def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, taken: set[str]) -> MjcfJoint:
+    e = part.element
+    said = "free" if e.tag == "freejoint" else e.word("type", tuple(KINDS), "hinge")
+    kind = KINDS[said]
+    given = e.attributes.get("name", "").strip()
+    name = given or unused(f"{body.name}.{said}" + (str(k) if len(body.joints) > 1 else ""), taken)
+    unit = settings.angle if kind in ("revolute", "ball") else 1.0
+    joint = MjcfJoint(
+        element=e,
+        name=name,
+        kind=kind,
+        point=part.moved(np.array(e.floats("pos", (0.0, 0.0, 0.0)))),
+        axis=part.turned(direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0)))),
+        reference=unit * e.floats("ref", (0.0,))[0],
+        rest=unit * e.floats("springref", (0.0,))[0],
+        stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0],
+    )
+    if e.tag == "freejoint":
+        if e.word("align", ("true", "false", "auto"), "auto") == "true" or settings.align_free:
+            joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")
+        return joint
+    for attribute in ("stiffness", "damping"):
+        if any(e.floats(attribute, (0.0, 0.0, 0.0))[1:]):
+            joint.remarks.append(LEFT_OUT[f"joint/{attribute}"])
+    if e.floats("springyield", (0.0,))[0]:
+        joint.remarks.append(LEFT_OUT["joint/springyield"])
+    joint.options = {
+        "damping": e.floats("damping", (0.0, 0.0, 0.0))[0],
+        "friction": e.floats("frictionloss", (0.0,))[0],
+        "armature": e.floats("armature", (0.0,))[0],
+    }
+    if joint.single:
+        lower, upper = (unit * x for x in e.floats("range", (0.0, 0.0)))
+        if limited(e, "limited", "range", settings):
+            joint.options |= {"lower": lower, "upper": upper}
+    elif kind == "ball" and limited(e, "limited", "range", settings):
+        joint.remarks.append(LEFT_OUT["ball/range"])
+    if not joint.single and joint.stiffness:
+        joint.remarks.append(LEFT_OUT["ball/stiffness"])
+    if any(e.floats("springdamper", (0.0, 0.0))):
+        joint.remarks.append("has a springdamper, which is left out. Give its stiffness and damping")
+    return joint
+
+
+def limited(element: Element, flag: str, values: str, settings: Settings) -> bool:
+    """Whether a range counts: where the flag says so, or, left to itself, where there is a range."""
+    said = element.word(flag, ("true", "false", "auto"), "auto")
+    return said == "true" or (said == "auto" and settings.auto_limits and values in element.attributes)
+
+
+def screw(joint: MjcfJoint) -> Array:
+    """The screw axis (6,) of a joint of one degree in its body's frame: (ω, -ω × p) or (0, v)."""
+    if joint.kind == "prismatic":
+        return np.concatenate([np.zeros(3), joint.axis])
+    return np.concatenate([joint.axis, so3.cross(joint.point, joint.axis) + 0.0])
+
+
+# ── Inertia of geoms: uniform solids of a shape, mass before density
+
+_WATER = 1000.0
+"""kg/m³, the format's density."""
+WITHOUT_SHAPE = ("plane", "hfield")
+"""Types without a shape of their own; a plane has no mass either."""
+_TYPES = (*WITHOUT_SHAPE, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+_LENGTHS = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+_ALONG = ("capsule", "cylinder", "ellipsoid", "box")
+"""Shapes that may be given by the ends of their axis."""
+
+
+def weighs(geom: Element, settings: Settings) -> bool:
+    """Whether a geom has inertia: by its group, its mass or density, and its shape."""
+    first, last = settings.groups
+    if not first <= geom.floats("group", (0.0,))[0] <= last:
+        return False
+    if geom.word("type", _TYPES, "sphere") == "plane":
+        return False
+    return any(_mass_or_density(geom).values())
+
+
+def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> SpatialInertia:
+    """About the body's origin, in its axes."""
+    geom = part.element
+    kind, given = geom.word("type", _TYPES, "sphere"), _mass_or_density(geom)
+    if kind == "sdf":
+        raise RobotFileError(
+            f"{geom} is a signed distance field, whose mass is not computed. Give its body an <inertial>."
+        )
+    if geom.flag("shellinertia", default=False):
+        raise RobotFileError(
+            f"{geom} is a shell (shellinertia), whose inertia is not computed. Give its body an <inertial>."
+        )
+    if kind == "mesh" or "mesh" in geom.attributes:
+        G = meshes.inertia(geom, **given) if kind == "mesh" else _fitted(geom)
+        return G.in_frame(product(part.frame, placement(geom, settings)))
+    T, size = shape_of(geom, kind, settings)
+    if kind == "hfield":
+        kind, size = "box", meshes.half_sizes_of_hfield(geom)
+    if min(size) <= 0:
+        raise RobotFileError(
+            f"{geom} is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero."
+        )
+    return _solid(kind, size, given).in_frame(product(part.frame, T))
+
+
+def shape_of(element: Element, kind: str, settings: Settings) -> tuple[Array, list[float]]:
+    """Pose (4, 4) and half sizes of a shape, by ``pos`` and an orientation, or by ``fromto``, the ends of its axis."""
+    size = element.floats("size", (0.0, 0.0, 0.0))
+    if "fromto" not in element.attributes or kind not in _ALONG:
+        return placement(element, settings), size[: _LENGTHS.get(kind, 3)]
+    ends = element.numbers("fromto", 6)
+    along = ends[:3] - ends[3:]
+    half = float(np.linalg.norm(along)) / 2.0
+    T = se3.pose(onto(direction(element, "fromto", along)), (ends[:3] + ends[3:]) / 2.0)
+    return T, [size[0], half] if _LENGTHS[kind] == 2 else [size[0], size[0], half]
+
+
+def _mass_or_density(geom: Element) -> dict[str, float]:
+    if "mass" in geom.attributes:
+        given = {"mass": geom.number("mass")}
+    else:
+        given = {"density": geom.floats("density", (_WATER,))[0]}
+    for what, value in given.items():
+        if value < 0:
+            raise RobotFileError(f"{geom} has a negative {what}, {printed(value)}.")
+    return given
+
+
+def _solid(kind: str, size: list[float], given: dict[str, float]) -> SpatialInertia:
+    if kind == "sphere":
+        return SpatialInertia.sphere(size[0], **given)
+    if kind == "ellipsoid":
+        return SpatialInertia.ellipsoid(size, **given)
+    if kind == "box":
+        return SpatialInertia.box([2.0 * x for x in size], **given)
+    make = SpatialInertia.capsule if kind == "capsule" else SpatialInertia.cylinder
+    return make(size[0], 2.0 * size[1], **given)
+
+
+def _fitted(geom: Element) -> SpatialInertia:
+    raise RobotFileError(
+        f"{geom} is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
+    )
+
+
+# ── The inertia of bodies: as given, or of their geoms, then corrected as ``<compiler>`` says, in MuJoCo's order
+
+
+@dataclass(frozen=True)
+class Inertias:
+    """Of each body, about its frame's origin, in the order of the bodies; and what was done to them."""
+
+    each: list[SpatialInertia]
+    remarks: list[str]
+
+
+def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) -> Inertias:
+    """The world has none."""
+    remarks: list[str] = []
+    given = ((body, _inertia(body, settings, meshes, remarks)) for body in bodies[1:])
+    found = [SpatialInertia.zero(), *(_corrected(G, body, settings, remarks) for body, G in given)]
+    if settings.total_mass > 0:
+        total = sum(G.mass for G in found)
+        if total > 0:
+            factor = settings.total_mass / total
+            found = [SpatialInertia.from_parameters(factor * G.parameters) for G in found]
+            remarks.append(
+                f"settotalmass={printed(settings.total_mass)}: all masses and inertias are multiplied by {printed(factor)}"
+            )
+    return Inertias(found, remarks)
+
+
+def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[str]) -> SpatialInertia:
+    from_geoms = settings.from_geoms == "true" or (settings.from_geoms == "auto" and body.inertial is None)
+    counted = [part for part in body.geoms if from_geoms and weighs(part.element, settings)]
+    if body.inertial is not None and not (from_geoms and _selected(body, settings)):
+        return _given(body.inertial, settings)
+    total = SpatialInertia.zero()
+    for part in counted:
+        try:
+            total = total + inertia_of_geom(part, settings, meshes)
+        except RobotFileError as error:
+            if body.moves:
+                raise
+            remarks.append(f"body {body.name!r} does not move, and its inertia is not complete: {error}")
+    return total
+
+
+def _selected(body: MjcfBody, settings: Settings) -> bool:
+    """Whether any geom is of the groups that count: where none is, what is given stays."""
+    first, last = settings.groups
+    return any(first <= part.element.floats("group", (0.0,))[0] <= last for part in body.geoms)
+
+
+def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
+    """About the body's origin, in its axes."""
+    inertial = given.element
+    T = placement(inertial, settings)
+    mass = inertial.number("mass")
+    said = [name for name in ("diaginertia", "fullinertia") if name in inertial.attributes]
+    if len(said) > 1:
+        raise RobotFileError(f"{inertial} has both diaginertia and fullinertia. Keep one.")
+    if not said:
+        moments = np.zeros((3, 3))
+    elif said[0] == "diaginertia":
+        moments = np.diag(inertial.numbers("diaginertia", 3))
+    else:
+        moments = full_inertia(inertial)
+        if set(inertial.attributes) & {"quat", "axisangle", "xyaxes", "zaxis", "euler"}:
+            raise RobotFileError(
+                f"{inertial} has fullinertia, which is along the body's axes, and an orientation. Keep one."
+            )
+    R = T[:3, :3]
+    G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
+    return G if is_identity(given.frame) else G.in_frame(given.frame)
+
+
+def full_inertia(inertial: Element) -> Array:
+    """The tensor (3, 3) of a ``fullinertia``."""
+    return tensor_of(dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True)).__getitem__)
+
+
+def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
+    """With the least mass and moments of ``<compiler>``, and balanced if it says so."""
+    if not (settings.least_mass > 0 or settings.least_moment > 0 or settings.balanced):
+        return G
+    mass = max(G.mass, settings.least_mass)
+    moments, axes = np.linalg.eigh(G.moment_about_com)
+    wanted = np.maximum(moments, settings.least_moment)
+    said = [f"boundmass={printed(settings.least_mass)}"] if mass > G.mass else []
+    said += [f"boundinertia={printed(settings.least_moment)}"] if (wanted > moments).any() else []
+    if settings.balanced and wanted[0] + wanted[1] < wanted[2]:
+        wanted = np.full(3, wanted.mean())
+        said.append("balanceinertia")
+    if not said:
+        return G
+    remarks.append(
+        f"{' and '.join(said)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
+        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {wanted.round(12).tolist()} kg m²"
+    )
+    com = G.com if G.mass else np.zeros(3)
+    return SpatialInertia.from_com(mass, com, (axes * wanted) @ axes.T)

@@ -1,31 +1,131 @@
-"""From the elements of an MJCF file to the builder's links and joints."""
+"""The joints of one body, one after the other: n joints make n bodies, all but the last hidden between them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...errors import RobotFileError, UnknownNameError
-from ...lie.identity import IDENTITY, product
+from ...joints.screw_joint import screw_motion
+from ...lie import se3
+from ...lie.identity import IDENTITY, UPRIGHT, product
 from ...model.builder import ModelBuilder
 from ...model.description import Mimic
-from ...model.remark import Remark
+from ...model.notes import Remark
 from ...typing import Array
 from ..element import Element
 from ..known_elements import LEFT_OUT
-from .actuators import Drives, drives_of
-from .bodies import WORLD, MjcfBody, survey, unused
-from .chain import chain
-from .defaults import Defaults
-from .equality import add_closures, constraints_of, mimics
-from .geoms import shape_of
-from .includes import Folders, expand
-from .inertial import inertias_of
-from .joints import MjcfJoint, joints_of, names_given, screw
-from .keyframes import add_configurations
-from .meshes import Meshes
-from .settings import Settings, disabled_by, fluid_of, gravity_of
-from .tendons import add_tendons
+from .bodies import (
+    COORDINATES,
+    WORLD,
+    MjcfBody,
+    MjcfJoint,
+    inertias_of,
+    joints_of,
+    names_given,
+    screw,
+    shape_of,
+    survey,
+    unused,
+)
+from .drives import Drives, add_closures, add_tendons, constraints_of, drives_of, mimics
+from .preprocess import Defaults, Folders, Meshes, Settings, disabled_by, expand, fluid_of, gravity_of
+
+
+@dataclass(frozen=True, eq=False)
+class ChainLink:
+    """A joint, or None for one that is fixed, from a link to the next."""
+
+    joint: MjcfJoint | None
+    parent: str
+    child: str
+    placement: Array
+    """(4, 4) of the child in the parent, the coordinate at zero."""
+
+
+def chain(joints: Sequence[MjcfJoint], parent: str, body: str, T: Array) -> Iterator[ChainLink]:
+    """The joints from the parent's link to the body's, whose pose there is T (4, 4) with every joint at its reference.
+
+    T_parent,body = T Π exp([S_i] (q_i - ref_i)) with screw axes S_i in the body's frame; a free joint says where the body is.
+    """
+    if joints and joints[0].kind == "floating":
+        T = IDENTITY
+    for n, joint in enumerate(joints):
+        last = n == len(joints) - 1
+        before, after = IDENTITY, IDENTITY
+        if joint.kind == "ball" and joint.point.any():  # turns about its point, and the body's frame goes with it
+            before, after = (se3.pose(np.eye(3), sign * joint.point) for sign in (1.0, -1.0))
+            last = False
+        elif joint.single and joint.reference:
+            before = np.asarray(screw_motion(screw(joint), -joint.reference), float)
+        child = body if last else f"{body}:{joint.name}"
+        yield ChainLink(joint, parent, child, product(T, before))
+        parent, T = child, after
+    if parent != body:
+        yield ChainLink(None, parent, body, T)
+
+
+# ── Keyframes: configurations by name, and the one that the file's bodies stand in
+
+REFERENCE = "qpos0"
+"""What MuJoCo calls the configuration in which the file describes the bodies."""
+
+
+def add_configurations(
+    builder: ModelBuilder, root: Element, joints: Sequence[tuple[MjcfJoint, Array]], kept: set[str]
+) -> None:
+    """``qpos0`` and the keyframes; ``joints`` are those of the file in order, each with the pose of its body."""
+    start = np.concatenate([np.zeros(0), *(_reference(joint, T) for joint, T in joints)])
+    _add(builder, REFERENCE, start, joints, kept)
+    keys = [key for section in root.all("keyframe") for key in section.all("key")]
+    for k, key in enumerate(keys):
+        name = key.attributes.get("name", "").strip() or f"key{k}"
+        if "qpos" not in key.attributes:
+            continue
+        q = key.numbers("qpos", len(key.text("qpos").split()))
+        if len(q) != len(start):
+            raise RobotFileError(f"{key} has {len(q)} numbers in qpos; the model has {len(start)} coordinates.")
+        _add(builder, name, q, joints, kept)
+
+
+def _reference(joint: MjcfJoint, T: Array) -> Array:
+    if joint.single:
+        return np.array([joint.reference])
+    if joint.kind == "ball":
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    return np.concatenate([T[:3, 3], quaternion_of(T[:3, :3])])
+
+
+def quaternion_of(R: Array) -> Array:
+    """(w, x, y, z) of a rotation, w not negative."""
+    if R.tolist() == UPRIGHT:  # most are, and SciPy takes long to import
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(R).as_quat()
+    Q = np.array([w, x, y, z])
+    return -Q if w < 0 else Q
+
+
+def _add(builder: ModelBuilder, name: str, q: Array, joints: Sequence[tuple[MjcfJoint, Array]], kept: set[str]) -> None:
+    positions: dict[str, Array] = {}
+    at = 0
+    for joint, _ in joints:
+        mine = q[at : at + COORDINATES[joint.kind]]
+        at += len(mine)
+        if joint.name in kept:
+            if joint.kind == "floating":
+                mine = np.concatenate([mine[3:], mine[:3]])
+            if not joint.single and not mine[:4].any():
+                mine = np.concatenate([[1.0], mine[1:]])
+            positions[joint.name] = mine
+    builder.add_configuration(name, positions)
+
+
+# ── From the elements of an MJCF file to the builder's links and joints
 
 SECTIONS = (
     "compiler", "option", "size", "visual", "statistic", "default", "extension", "custom", "asset", "worldbody", "deformable",

@@ -10,7 +10,7 @@ from ...bodies.inertia import SpatialInertia
 from ...errors import MissingExtraError
 from ...joints import Joint
 from ...model.model import BASE, Body, Model
-from ...model.outline import outline
+from ...model.parts import outline
 from ...typing import Array
 from .written import Losses, configurations_of, drive_of, moved, screw_of
 

@@ -13,13 +13,12 @@ from ...lie import se3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry
 from ...model.model import Model
-from ...model.outline import Outline, outline
-from ...model.remark import Remark
+from ...model.notes import Remark
+from ...model.parts import Outline, outline
 from ...typing import Array
 from ..element import Element
-from ..inertia_entries import entries_of
-from ..urdf import rpy_of_rotation
-from ..xml_text import figures, new, xml_text
+from ..urdf import entries_of, rpy_of_rotation
+from ..xml import figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
 
 WORLD = "world"

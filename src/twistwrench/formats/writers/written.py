@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.printed_numbers import printed
+from ...core.numbers import printed
 from ...errors import ModelError
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry
 from ...model.friction import Friction
-from ...model.outline import Outline
-from ...model.remark import Remark
+from ...model.notes import Remark
+from ...model.parts import Outline
 from ...typing import Array
-from ..mjcf.keyframes import REFERENCE
+from ..mjcf.reader import REFERENCE
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,0 @@
-"""The traced programs of a robot as functions of other packages: JAX, PyTorch, CasADi, JavaScript."""

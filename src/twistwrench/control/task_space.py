@@ -1,0 +1,378 @@
+"""Control of a frame's motion, with a posture in what the task leaves free. Modern Robotics section 11.4.3.
+
+The law F = Λ a + η, τ = J'F of section 8.6 leaves the motions that J does not see to themselves. Here they follow a posture:
+of all accelerations of the joints that give the frame the acceleration a, the one nearest to that of the posture, ddq_0, in the
+metric of M. With P = 1 - J'Λ J M⁻¹, the projector of section 8.7,
+
+    τ = J'(Λ a + η) + P (M ddq_0 + h)  =  M ddq_0 + h + J'Λ (a - J ddq_0 - dJ/dt dq),
+
+and the posture does not disturb the task. Source: Khatib, "A unified approach for motion and force control of robot
+manipulators: the operational space formulation", IEEE J. Robotics and Automation 3(1), 1987. Where J loses rank, Λ is the
+pseudo-inverse, and the lost directions follow the posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.operational_space import row_numbers
+from ..core import arguments
+from ..core.numbers import printed
+from ..errors import UnknownNameError, ValueRangeError
+from ..lie.labelled import TWIST
+from ..robot import Robot
+from ..robot.closed.closed_robot import ClosedRobot
+from ..robot.derivatives import Kind, Rows
+from ..typing import Array
+from .references import Motion, Reference, gain, in_body, in_world, joint_motion, one_state, pose_motion, require_driven
+
+KINDS = ("world_aligned", "body")
+
+
+class TaskState(NamedTuple):
+    """Task-space state: how a frame does at one state, on the chosen rows."""
+
+    error: Array
+    """X_e (r,): where it shall be, seen from where it is [rad, m]."""
+    error_rate: Array
+    """V_e (r,)."""
+    feedforward: Array
+    """Of the reference (r,): its acceleration."""
+    J: Array
+    """(r, nv)."""
+    drift: Array
+    """dJ/dt dq (r,)."""
+    Lambda: Array
+    """(r, r)."""
+    T: Array
+    """(4, 4)."""
+
+
+_TOGETHER = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), (1, 3, 5), (2, 3, 4))))
+"""Rows of a twist that make a group of motions: an error on them is made up for by motions on them."""
+
+
+@dataclass(frozen=True, eq=False)
+class TaskLaw:
+    """What task-space laws have in common: a robot as the law knows it, a reference of a frame, rows of it, and a posture.
+
+    ``kind="world_aligned"``: turning and moving each by itself along the axes of {s}, X_e = (log(R_d R'), p_d - p), so that
+    any rows can be chosen. ``kind="body"``: the book's [X_e] = log(X⁻¹ X_d) along the frame's axes, for all rows, those of
+    turning, or those of a plane; ValueRangeError for others.
+    """
+
+    robot: Robot
+    """The robot as the law knows it."""
+    reference: Reference
+    """T_d (4, 4), or a function of the time [s] that gives (T_d, V_d, dV_d), body twists, such as :class:`PoseMotion`; or one
+    that gives (q, dq, ddq) of the joints, such as a trajectory, whose frame is meant."""
+    frame: str | None = field(default=None, kw_only=True)
+    """None: the tip."""
+    kind: Kind = field(default="world_aligned", kw_only=True)
+    """"world_aligned" or "body", as above."""
+    rows: Rows = field(default=None, kw_only=True)
+    """``"vx vz"``; None: all six."""
+    posture: Reference | None = field(default=None, kw_only=True)
+    """As the reference of :class:`JointLaw`; None: any, and free motions are damped only."""
+    posture_kp: ArrayLike = field(default=25.0, kw_only=True)
+    """1/s²."""
+    posture_kd: ArrayLike = field(default=10.0, kw_only=True)
+    """1/s."""
+    _rows: tuple[int, ...] = field(init=False, repr=False)
+    _posture_kp: Array = field(init=False, repr=False)
+    _posture_kd: Array = field(init=False, repr=False)
+    _motion: Motion = field(init=False, repr=False)
+    _posture: Motion | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        what, put = type(self).__name__, object.__setattr__
+        robot = require_driven(self.robot, what)
+        robot.model.frame(self.frame)
+        if not isinstance(self.kind, str) or self.kind not in KINDS:
+            raise UnknownNameError.of("kind of task", self.kind, KINDS)
+        put(self, "_rows", row_numbers(self.rows))
+        if self.kind == "body" and frozenset(self._rows) not in _TOGETHER:
+            raise ValueRangeError(
+                f"{what}: rows={self.rows!r} of kind 'body' do not go by themselves: the error is a twist, whose turning moves "
+                "the origin too. Take six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
+            )
+        put(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
+        posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
+        put(self, "_posture", posture)
+        for name in ("posture_kp", "posture_kd"):
+            put(self, f"_{name}", gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names))
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Of the rows chosen."""
+        return tuple(TWIST[k] for k in self._rows)
+
+    def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
+        """Task-space errors, and what the law needs beside them, on the chosen rows.
+
+        Parameters
+        ----------
+        t : float [s]
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+
+        Returns
+        -------
+        state : TaskState
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> law = TaskSpace(arm, arm.forward_kinematics([0, 0.5, 1]), kp=100.0, kd=20.0, rows="vx vz")
+        >>> law.task(0.0, [0, 0.5, 1], [0, 0, 0]).error.round(12).tolist()
+        [0.0, 0.0]
+        """
+        robot, rows = self.robot, list(self._rows)
+        q, dq = one_state(robot, type(self).__name__, q, dq)
+        T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
+        errors = (in_body if self.kind == "body" else in_world)(T, J @ dq, *self._motion(t))
+        drift = robot.jacobian_rate(q, dq, self.frame, self.kind) @ dq
+        Lambda = robot.task_inertia(q, self.frame, self.kind, self._rows)
+        X_e, V_e, forward = (x[rows] for x in errors)
+        return TaskState(X_e, V_e, forward, J[rows], drift[rows], Lambda, T)
+
+    def _torques(self, t: float, q: ArrayLike, dq: ArrayLike, now: TaskState, F: Array) -> Array:
+        """τ for a force F (r,) that would give the frame the acceleration Λ⁻¹ F, if all else were made up for."""
+        ddq = self._posture_acceleration(t, q, dq)
+        more = F - now.Lambda @ (now.J @ ddq + now.drift)
+        return self.robot.inverse_dynamics(q, dq, ddq) + now.J.T @ more
+
+    def _posture_acceleration(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
+        if self._posture is None:
+            return -self._posture_kd @ one_state(self.robot, type(self).__name__, q, dq)[1]
+        q, dq = one_state(self.robot, type(self).__name__, q, dq)
+        q_r, dq_r, ddq_r = self._posture(t)
+        return ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
+
+
+@dataclass(frozen=True, eq=False)
+class TaskSpace(TaskLaw):
+    """Task-space control: τ = J'(Λ (d/dt(V_d) + Kp X_e + Kd V_e) + η) + P τ_0.
+
+    The frame's error obeys dV_e/dt + Kd V_e + Kp X_e = 0. What the task leaves free follows ``posture``, or is damped.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, UnknownNameError, FrameError
+        An argument is invalid, or the robot has no such frame or row.
+
+    Notes
+    -----
+    MR section 11.4.3, with the projector P of section 8.7.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, q = tw.robots.planar_3r(), np.array([-0.6, 0.2, 2.2])
+    >>> T_d = arm.forward_kinematics(q) + [[0, 0, 0, 0.1], [0] * 4, [0] * 4, [0] * 4]
+    >>> law = TaskSpace(arm, T_d, kp=100.0, kd=20.0, rows="vx vz", posture=q)
+    >>> ddq = arm.forward_dynamics(q, [0, 0, 0], law(0.0, q, [0, 0, 0]))
+    >>> abs((arm.jacobian(q, kind="world_aligned") @ ddq)[[3, 5]]).round(9).tolist()
+    [10.0, 0.0]
+    """
+
+    kp: ArrayLike
+    """Kp [1/s²]: a number, (r,), or (r, r)."""
+    kd: ArrayLike
+    """Kd [1/s]: the same."""
+    _kp: Array = field(init=False, repr=False)
+    _kd: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("kp", "kd"):
+            object.__setattr__(self, f"_{name}", gain(getattr(self, name), f"TaskSpace: {name}", self.row_names))
+
+    def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
+        """τ (nv,)."""
+        now = self.task(t, q, dq)
+        a = now.feedforward + self._kp @ now.error + self._kd @ now.error_rate
+        return self._torques(t, q, dq, now, now.Lambda @ a)
+
+
+# ── Impedance control: a frame that yields like a mass on a spring and a damper. Modern Robotics section 11.7.1
+
+Measured = Callable[[float, Array, Array], ArrayLike]
+"""Of the time [s], q (nq,) and dq (nv,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Impedance(TaskLaw):
+    """Impedance control: K X_e + B V_e pulls the frame back; under a wrench F on it, it rests where K X_e = -F.
+
+    Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured.
+    With it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F. V_e is that of the reference less that of the
+    frame, and F what the chosen rows feel, Λ J M⁻¹ τ_ext.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, UnknownNameError, FrameError
+        An argument is invalid, or the robot has no such frame or row.
+
+    Notes
+    -----
+    MR section 11.7.1.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, q = tw.robots.planar_3r(), np.array([-0.6, 0.2, 2.2])
+    >>> soft = Impedance(arm, arm.forward_kinematics(q), stiffness=500.0, damping=60.0, rows="vx vz", posture=q)
+    >>> bool(np.allclose(soft(0.0, q, [0, 0, 0]), arm.gravity_forces(q)))
+    True
+    """
+
+    stiffness: ArrayLike
+    """K [N m/rad, N/m]: a number, (r,), or (r, r)."""
+    damping: ArrayLike
+    """B [N m s/rad, N s/m]: the same."""
+    mass: ArrayLike | None = field(default=None, kw_only=True)
+    """M_d [kg m², kg]: the same; None: the robot's own."""
+    wrench_on_robot: Measured | None = field(default=None, kw_only=True)
+    """F as a function of (t, q, dq): what the world does there, (m, f) in the frame [N m, N], from a sensor or a
+    :class:`MomentumObserver`."""
+    _stiffness: Array = field(init=False, repr=False)
+    _damping: Array = field(init=False, repr=False)
+    _inverse_mass: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, f"_{name}", gain(getattr(self, name), f"Impedance: {name}", self.row_names))
+        if (self.mass is None) != (self.wrench_on_robot is None):
+            raise ValueRangeError(
+                "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
+                "is known. Give both, or neither for the robot's own inertia."
+            )
+        if self.mass is not None:
+            mass = gain(self.mass, "Impedance: mass", self.row_names, definite=True)
+            object.__setattr__(self, "_inverse_mass", np.linalg.inv(mass))
+            if not callable(self.wrench_on_robot):
+                raise ValueRangeError(
+                    "Impedance: wrench_on_robot is a function of (t, q, dq) that gives (m, f) in the frame."
+                )
+
+    def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
+        """τ (nv,)."""
+        now = self.task(t, q, dq)
+        pull = self._stiffness @ now.error + self._damping @ now.error_rate
+        if self.wrench_on_robot is None:
+            return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
+        measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
+        F = self._felt(q, arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6), now)
+        a = now.feedforward + self._inverse_mass @ (pull + F)
+        return self._torques(t, q, dq, now, now.Lambda @ a - F)
+
+    def _felt(self, q: ArrayLike, F: Array, now: TaskState) -> Array:
+        """Λ J M⁻¹ τ_ext: the chosen entries of F, if its others are zero or no row is left out."""
+        pushed = self.robot.wrench_torques(q, F, self.frame)
+        return now.Lambda @ now.J @ np.linalg.solve(self.robot.mass_matrix(q), pushed)
+
+
+# ── Hybrid motion–force control of a robot that is held: motion where it is free, force where it is not. MR section 11.6
+
+# With the projector P of section 8.7, torques split into P τ, which moves the robot, and (1 - P) τ, which presses on what holds
+# it. A motion law gives the first part, the force that is wanted the second:
+#
+#     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
+#
+# so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, whatever the motion law asks for along A. As λ in the equations of
+# :mod:`twistwrench.robot.closed.closed_robot`, λ_d is what the robot applies where it is held.
+
+Law = Callable[[float, Array, Array], ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class HybridMotionForce:
+    """Hybrid motion-force control: follows a motion law in the free directions, and presses with λ_d in the others.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        A force or a gain is of another size or not finite.
+
+    Notes
+    -----
+    MR section 11.6.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.robots.planar_3r()
+    >>> wall = arm.close("ground", arm.tip, rows="vx", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+    >>> q = wall.consistent([-0.6, 0.2, 2.2])
+    >>> press = HybridMotionForce(wall, tw.control.PD(arm, q, kp=100.0, kd=20.0), force=[12.0])
+    >>> wall.forward_dynamics(q, [0, 0, 0], press(0.0, q, [0, 0, 0])).lam.round(9).tolist()
+    [12.0]
+    """
+
+    closed: ClosedRobot
+    """What holds the robot: ``robot.close("ground", tip, rows="vx", …)`` for a wall across x."""
+    motion: Law
+    """Any law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`."""
+    force: ArrayLike | Callable[[float], ArrayLike]
+    """λ_d (k,) [N m, N], in the order of ``closed.row_names``, or a function of the time."""
+    force_gain: ArrayLike = field(default=0.0, kw_only=True)
+    """K_f: a number, (k,), or (k, k), of no unit."""
+    measured: Measured | None = field(default=None, kw_only=True)
+    """λ (k,) as a function of (t, q, dq), from a sensor: what the robot applies."""
+    _gain: Array = field(init=False, repr=False)
+    _force: Callable[[float], ArrayLike] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.closed, ClosedRobot):
+            raise ValueRangeError(
+                f"HybridMotionForce: the first argument is a closed robot, got {type(self.closed).__name__}. Say what "
+                "holds it: robot.close('ground', tip, rows='vx', pose=…)."
+            )
+        names = self.closed.row_names
+        if not names:
+            raise ValueRangeError(
+                "HybridMotionForce: this robot is held nowhere. Close it: robot.close('ground', tip, rows=…)."
+            )
+        if not callable(self.motion):
+            raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
+        k, force = len(names), self.force
+        if callable(force):
+            object.__setattr__(self, "_force", force)
+        else:
+            what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
+            constant = np.array(arguments.finite(arguments.one(force, what, k), what, k))
+            object.__setattr__(self, "_force", lambda _t: constant)
+        object.__setattr__(self, "_gain", gain(self.force_gain, "HybridMotionForce: force_gain", names))
+        if (self.measured is None) != (not np.any(self._gain)):
+            raise ValueRangeError("HybridMotionForce: force_gain acts on λ_d - λ, so it and measured go together.")
+        if self.measured is not None and not callable(self.measured):
+            raise ValueRangeError(
+                "HybridMotionForce: measured is a function of (t, q, dq) that gives λ (k,), from a sensor."
+            )
+
+    def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
+        """τ (nv,)."""
+        closed, robot = self.closed, self.closed.robot
+        q, dq = one_state(robot, "HybridMotionForce", q, dq)
+        tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {printed(t)} s", robot.nv)
+        free = robot.forward_dynamics(q, dq, tau)
+        ddq = closed.project_acceleration(q, dq, free)  # M ddq = P (τ - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
+        pressed = closed.constraint_jacobian(q).T @ self._commanded(t, q, dq)
+        return robot.inverse_dynamics(q, dq, ddq) + pressed
+
+    def _commanded(self, t: float, q: Array, dq: Array) -> Array:
+        """λ_d + K_f (λ_d - λ)."""
+        k = len(self.closed.sizes)
+        lam = arguments.one(self._force(t), f"force of HybridMotionForce at t = {printed(t)} s", k)
+        if self.measured is None:
+            return lam
+        felt = arguments.one(self.measured(t, q, dq), f"measured of HybridMotionForce at t = {printed(t)} s", k)
+        return lam + self._gain @ (lam - felt)

@@ -1,0 +1,254 @@
+"""Dask arrays: functions of NumPy arrays that are put off until their results are asked for, block by block.
+
+Dask is not imported here: whoever has an array of its has imported it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..errors import ShapeError, TwistWrenchError
+from ..typing import Array
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+Shapes = Callable[[Any, Mapping[str, Any]], Sequence[tuple[int, ...]]]
+Place = tuple[str, str | None]
+
+_STATES = ("q", "q0", "q1", "dq", "ddq", "dv", "tau")
+_WRENCHES = ("wrench_by_robot", "wrench_on_robot")
+
+
+def is_lazy(x: Any) -> bool:
+    """Whether ``x`` is an array of Dask's."""
+    dask = sys.modules.get("dask.array")
+    return dask is not None and isinstance(x, getattr(dask, "Array", ()))
+
+
+def any_lazy(given: Iterable[Any]) -> bool:
+    """Whether an array of Dask's is among ``given``, or among the values of a mapping there."""
+    if "dask.array" not in sys.modules:
+        return False
+    return any(any_lazy(x.values()) if isinstance(x, Mapping) else is_lazy(x) for x in given)
+
+
+def is_asking_for_type() -> bool:
+    """Whether Dask calls with small arrays of its own to see what comes out, as ``map_blocks`` does without ``dtype=``."""
+    if "dask.array" not in sys.modules:
+        return False
+    frame: Any = sys._getframe()
+    while frame is not None:
+        if frame.f_code.co_name == "apply_infer_dtype" and str(frame.f_globals.get("__name__")).startswith("dask."):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], dtype: Any = None) -> Any:
+    """``function(*arrays)``, put off: a Dask array, or a tuple of them.
+
+    ``signature`` is that of a generalized ufunc with sizes, ``(7),(7)->(7,7)``. Axes of the batch broadcast and keep their
+    chunks by Dask's rules; the axes of the signature are made one chunk. ``dtype`` None: float32 where that holds every
+    input, else float64.
+    """
+    dask: Any = sys.modules["dask.array"]
+    outputs = signature.partition("->")[2]
+    sizes = {size for size in outputs.replace("(", ",").replace(")", ",").split(",") if size}
+    count = outputs.count("(")
+    if dtype is None:
+        dtype = np.float32 if all(np.can_cast(x.dtype, np.float32) for x in arrays) else np.float64
+    return dask.apply_gufunc(
+        function,
+        signature,
+        *(x.rechunk({-1: -1}) if is_lazy(x) else x for x in arrays),
+        output_dtypes=dtype if count == 1 else (dtype,) * count,
+        output_sizes={size: int(size) for size in sizes},
+        allow_rechunk=True,  # where arguments have other chunks of the batch than each other
+    )
+
+
+def by_blocks(
+    shapes: Shapes, result: Callable[..., Any] | None = None, dtype: Any = None
+) -> Callable[[Method], Method]:
+    """A method of a robot that is put off, block by block, where an array or a wrench among its arguments is Dask's.
+
+    ``shapes``: those of the results for one state, from the robot and the arguments by name; ``result`` makes one thing of
+    several. Arguments named q are (nq,), other states (nv,), wrenches (6,); all else goes to every block.
+    """
+
+    def of_method(method: Method) -> Method:
+        parameters = inspect.signature(method)
+
+        @wraps(method)
+        def called(self: Any, *args: Any, **options: Any) -> Any:
+            if not any_lazy((*args, *options.values())):
+                return method(self, *args, **options)
+            given = parameters.bind(self, *args, **options).arguments
+            del given["self"]
+            places = _places(given)
+            arrays = [_found(given, place) for place in places]
+            cores = [_size(self, method.__name__, place, a) for place, a in zip(places, arrays, strict=True)]
+            outputs = [",".join(map(str, shape)) for shape in shapes(self, given)]
+            signature = f"{','.join(f'({n})' for n in cores)}->{','.join(f'({axes})' for axes in outputs)}"
+            found = later(_Block(self, method.__name__, given, tuple(places)), signature, arrays, dtype)
+            return found if result is None else result(*found)
+
+        return called  # type: ignore[return-value]
+
+    return of_method
+
+
+@dataclass(frozen=True)
+class _Block:
+    """The call of a method with the arrays of one block in their places; travels to other processes."""
+
+    owner: Any
+    name: str
+    given: Mapping[str, Any]
+    places: tuple[Place, ...]
+
+    def __call__(self, *arrays: Array) -> Any:
+        mine = {name: dict(x) if name in _WRENCHES and x else x for name, x in self.given.items()}
+        for (name, key), array in zip(self.places, arrays, strict=True):
+            if key is None:
+                mine[name] = array
+            else:
+                mine[name][key] = array
+        return getattr(self.owner, self.name)(**mine)
+
+
+def _places(given: Mapping[str, Any]) -> list[Place]:
+    """Where the arrays are among the arguments: by name, and by key in a mapping of wrenches."""
+    states = [(name, None) for name in given if name in _STATES]
+    return [*states, *((name, key) for name in _WRENCHES for key in given.get(name) or ())]
+
+
+def _found(given: Mapping[str, Any], place: Place) -> Any:
+    x = given[place[0]] if place[1] is None else given[place[0]][place[1]]
+    return x if is_lazy(x) else np.asarray(x)
+
+
+def _size(owner: Any, method: str, place: Place, array: Any) -> int:
+    """The length of an argument's last axis, once it is found to have it."""
+    name, key = place
+    size: int = 6 if key is not None else owner.nq if name.startswith("q") else owner.nv
+    if array.shape[-1:] != (size,):
+        label = name if key is None else f"{name}[{key!r}]"
+        raise ShapeError(f"{method}: {label} has shape {array.shape}, expected {size} in the last axis.")
+    return size
+
+
+# ── Errors of parsers and other libraries, turned into errors of this one: the one place where readers do so
+
+_LONGEST = 200
+"""Characters of another library's message that are worth showing."""
+
+
+@contextmanager
+def foreign_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None]:
+    """Turn whatever the block raises into one error of the library; errors that are its own already pass as they are.
+
+    For blocks that hand somebody else's bytes to somebody else's parser, and for nothing more: a mistake of our own in such
+    a block would be called a mistake of the file. ``KeyboardInterrupt`` and ``SystemExit`` pass.
+
+    Parameters
+    ----------
+    error_of
+        Makes the error, from the reason in words.
+
+    Raises
+    ------
+    TwistWrenchError
+        What ``error_of`` returns, with the foreign error as its cause.
+
+    Examples
+    --------
+    >>> from twistwrench.errors import ModelError
+    >>> with foreign_errors(lambda reason: ModelError(f"the file cannot be read: {reason}.")):
+    ...     float("four")
+    Traceback (most recent call last):
+    twistwrench.errors.ModelError: the file cannot be read: ValueError: could not convert string to float: 'four'.
+    """
+    try:
+        yield
+    except TwistWrenchError:
+        raise
+    except Exception as problem:
+        raise error_of(reason_of(problem)) from problem
+
+
+def reason_of(problem: Exception) -> str:
+    """Why, in one line without a stop: what the system says of files, else the kind of the error and its message.
+
+    >>> reason_of(RecursionError("maximum recursion depth exceeded"))
+    'its entries are nested too deeply'
+    """
+    if isinstance(problem, RecursionError):
+        return "its entries are nested too deeply"
+    if isinstance(problem, MemoryError):
+        return "it asks for more memory than there is"
+    if isinstance(problem, OSError) and problem.strerror:
+        return problem.strerror
+    text = " ".join(str(problem).split()).rstrip(".")
+    kind = type(problem).__name__
+    return f"{kind}: {text[:_LONGEST]}{'…' * (len(text) > _LONGEST)}" if text else kind
+
+
+# ── What other libraries write to the standard error of the process, past Python: kept, and shown only where it helps
+
+_LONGEST_of_foreign_output = 300
+"""Characters of it that are worth showing."""
+
+
+class ForeignOutput:
+    """What was written, once the block is over."""
+
+    text = ""
+
+    def __str__(self) -> str:
+        words = " ".join(self.text.split())
+        return words if len(words) <= _LONGEST_of_foreign_output else f"{words[:_LONGEST_of_foreign_output]}…"
+
+
+@contextlib.contextmanager
+def captured_stderr() -> Iterator[ForeignOutput]:
+    r"""Keep what the block, C and C++ included, writes to the process's standard error (file descriptor 2).
+
+    Other threads that write there meanwhile are kept too. Nothing is kept where the process has no standard error.
+
+    >>> with captured_stderr() as said:
+    ...     _ = os.write(2, b"Error: no such mesh\n")
+    >>> str(said)
+    'Error: no such mesh'
+    """
+    found = ForeignOutput()
+    with contextlib.suppress(Exception):
+        sys.stderr.flush()
+    try:
+        before = os.dup(2)
+    except OSError:
+        yield found
+        return
+    try:
+        with tempfile.TemporaryFile() as file:
+            os.dup2(file.fileno(), 2)
+            try:
+                yield found
+            finally:
+                with contextlib.suppress(Exception):
+                    sys.stderr.flush()
+                os.dup2(before, 2)
+                file.seek(0)
+                found.text = file.read(1 << 16).decode("utf-8", "replace")
+    finally:
+        os.close(before)

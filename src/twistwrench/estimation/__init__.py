@@ -1,0 +1,1 @@
+"""Linear regression: least squares, covariance, cross-validation and observability."""

@@ -1,0 +1,300 @@
+"""Least squares by normal equations, joint by joint: what many settings are tried with.
+
+For joint j, W_j (n, r) and τ_j (n): N_j = W_j' W_j, c_j = W_j' τ_j, y_j = |τ_j|². Weighted, x solves
+
+    (Σ_j N_j / σ_j² + D^-2) (x - x_0) = Σ_j (c_j - N_j x_0) / σ_j²,      σ_j² = |τ_j - W_j x|² / n
+
+with a weak prior: D the size that each group could have at most, x_0 what the file says. Directions that a log does not tell
+keep the file's values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..typing import Array
+
+_ROUNDS = 6
+_LEAST_SHARE = 1e-12
+_LEAST_VARIANCE = 1e-7
+"""Of residuals, as a share of the torques' squares: weights of rows that are fitted without noise stay finite."""
+_ROUNDING = 1e-13
+
+Information = tuple[Array, Array, float]
+"""N, c and |τ|² of weighted rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of some rows, (nv, r, r), (nv, r), (nv,), and how many rows of each joint; they add up.
+
+    Attributes
+    ----------
+    N : (nv, r, r) array
+    c : (nv, r) array
+    y : (nv,) array
+    rows : float
+    """
+
+    N: Array
+    c: Array
+    y: Array
+    rows: float
+
+    @classmethod
+    def of(
+        cls,
+        W: Array,
+        tau: Array,
+        felt: Array | None = None,
+        root: Array | None = None,
+        rows: Array | slice | None = None,
+    ) -> NormalEquations:
+        """Of rows W (n, nv, r) and τ (n, nv), one joint after another, so that no second W is made.
+
+        Parameters
+        ----------
+        W : (n, nv, r) array
+        tau : (n, nv) array
+        felt : (nv, r) bool array, optional, columns that are not zero in the rows of each joint
+        root : (n, nv) array, optional, what each row is multiplied by, the root of its weight
+        rows : slice or (n,) bool array, optional, those that count; None: all
+
+        Returns
+        -------
+        equations : NormalEquations
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([2.0])).tolist()
+        [4.0]
+        """
+        nv, r = W.shape[1:]
+        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
+        mine = slice(None) if rows is None else rows
+        tau = tau[mine] if root is None else tau[mine] * root[mine]
+        for j in range(nv):
+            which = np.arange(r) if felt is None else np.flatnonzero(felt[j])
+            A = np.ascontiguousarray(W[mine, j][:, which])
+            if root is not None:
+                A *= root[mine, j, None]
+            N[j][np.ix_(which, which)] = A.T @ A
+            c[j, which] = A.T @ tau[:, j]
+        return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
+
+    def __sub__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
+
+    def together(self) -> tuple[Array, Array, float]:
+        """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals.
+
+        Returns
+        -------
+        N : (r, r) array
+        c : (r,) array
+        y : float
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 2, 1)), np.full((4, 2), 3.0)).together()
+        (array([[8.]]), array([24.]), 72.0)
+        """
+        return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
+
+    def squares(self, x: Array) -> Array:
+        """Sums of squared residuals (nv,) at x (r,).
+
+        Parameters
+        ----------
+        x : (r,) array
+
+        Returns
+        -------
+        squares : (nv,) array
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([1.0])).tolist()
+        [16.0]
+        """
+        found = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
+        return np.asarray(np.maximum(found, _LEAST_SHARE * self.y))
+
+    def solve(self, prior: Prior) -> tuple[Array, Array]:
+        """Weighted least squares.
+
+        Parameters
+        ----------
+        prior : Prior
+
+        Returns
+        -------
+        x : (r,) array
+        sigma : (nv,) array, standard deviations of the residuals by joint
+
+        Examples
+        --------
+        >>> prior = Prior(np.zeros(1), np.full(1, 1e6))
+        >>> x, _ = NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).solve(prior)
+        >>> round(float(x[0]), 6)
+        3.0
+        """
+        variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
+        x = prior.mean
+        for _ in range(_ROUNDS):
+            x = prior.solve(np.einsum("jkl,j->kl", self.N, 1.0 / variance), (self.c / variance[:, None]).sum(axis=0))
+            new = np.maximum(
+                self.squares(x) / max(self.rows, 1.0), _LEAST_VARIANCE * self.y / max(self.rows, 1.0) + 1e-300
+            )
+            close = bool(np.abs(np.log(new / variance)).max() < 1e-3)
+            variance = new
+            if close:
+                break
+        return x, np.sqrt(variance)
+
+
+@dataclass(frozen=True, eq=False)
+class FeltEquations:
+    """Normal equations without the entries that are zero: of each joint those of the columns that it feels.
+
+    Attributes
+    ----------
+    N : tuple of (k, k) arrays, by joint
+    c : tuple of (k,) arrays
+    y : (nv,) array
+    rows : float
+    felt : (nv, r) bool array
+    """
+
+    N: tuple[Array, ...]
+    c: tuple[Array, ...]
+    y: Array
+    rows: float
+    felt: Array
+
+    @classmethod
+    def of(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
+        """Of equations whose other entries are zero.
+
+        Parameters
+        ----------
+        equations : NormalEquations
+        felt : (nv, r) bool array
+
+        Returns
+        -------
+        equations : FeltEquations
+
+        Examples
+        --------
+        >>> whole = NormalEquations.of(np.array([[[1.0, 0.0]]]), np.array([[3.0]]))
+        >>> FeltEquations.of(whole, np.array([[True, False]])).whole().N.tolist()
+        [[[1.0, 0.0], [0.0, 0.0]]]
+        """
+        N = tuple(A[np.ix_(mine, mine)] for A, mine in zip(equations.N, felt, strict=True))
+        c = tuple(b[mine] for b, mine in zip(equations.c, felt, strict=True))
+        return cls(N, c, equations.y, equations.rows, felt)
+
+    @property
+    def nbytes(self) -> int:
+        """What they take in memory."""
+        return sum(x.nbytes for x in (*self.N, *self.c, self.y))
+
+    def whole(self) -> NormalEquations:
+        """With the entries that are zero."""
+        nv, r = self.felt.shape
+        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
+        for j, mine in enumerate(self.felt):
+            N[j][np.ix_(mine, mine)], c[j, mine] = self.N[j], self.c[j]
+        return NormalEquations(N, c, self.y, self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Weak prior: values that groups have where the rows say nothing, and the size that they could have at most.
+
+    Attributes
+    ----------
+    mean : (r,) array
+    size : (r,) array, above 0
+    """
+
+    mean: Array
+    size: Array
+
+    def solve(self, A: Array, b: Array) -> Array:
+        """x of (A + size⁻²) x = b + size⁻² mean, in units in which sizes are 1.
+
+        Parameters
+        ----------
+        A : (r, r) array
+        b : (r,) array
+
+        Returns
+        -------
+        x : (r,) array
+
+        Examples
+        --------
+        >>> Prior(np.zeros(1), np.ones(1)).solve(np.ones((1, 1)), np.array([2.0])).round(6).tolist()
+        [1.0]
+        """
+        import scipy.linalg
+
+        S = self.size
+        scaled = A * S[:, None] * S[None, :]
+        scaled[np.diag_indices_from(scaled)] += 1.0
+        scaled[np.diag_indices_from(scaled)] *= 1.0 + _ROUNDING
+        diagonal = np.sqrt(scaled.diagonal())
+        factor = scipy.linalg.cho_factor(scaled / diagonal[:, None] / diagonal[None, :], check_finite=False)
+        right = S * (b - A @ self.mean)
+        return np.asarray(
+            self.mean + S * scipy.linalg.cho_solve(factor, right / diagonal, check_finite=False) / diagonal
+        )
+
+
+# ── Weighted least squares of rows: each joint by its own size of residual, and large residuals less than small ones
+
+# Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
+# (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
+
+HUBER, _MAD = 1.345, 1.4826
+_ROUNDS_of_weights = 12
+Method = Literal["irls", "wls", "ols"]
+
+
+def weighted_fit(
+    W: Array, tau: Array, prior: Prior, method: Method, felt: Array | None = None, rows: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
+
+    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) says which columns are not zero for each joint, ``rows`` (n,) bool
+    which rows count: weights of the others say nothing.
+    """
+    mine = slice(None) if rows is None else rows
+    plain = NormalEquations.of(W, tau, felt, rows=mine)
+    weights = np.ones(tau.shape)
+    if method == "ols":
+        x = prior.solve(plain.N.sum(axis=0), plain.c.sum(axis=0))
+        return x, np.sqrt(plain.squares(x) / max(1.0, plain.rows)), weights
+    x, sigma = plain.solve(prior)
+    if method == "wls":
+        return x, sigma, weights
+    for _ in range(_ROUNDS_of_weights):
+        left = tau - W @ x
+        sigma = np.maximum(_MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
+        weights = np.minimum(1.0, HUBER / np.maximum(np.abs(left / sigma), 1e-300))
+        root = np.sqrt(weights) / sigma
+        equations = NormalEquations.of(W, tau, felt, root, mine)
+        new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
+        done = bool(np.abs((W @ (new - x))[mine]).max() <= 1e-6 * sigma.max())
+        x = new
+        if done:
+            break
+    return x, sigma, weights

@@ -1,0 +1,119 @@
+"""A quantity of one robot with its options, as the bridges ask for it: program, derivatives, and how q's entries move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algorithms.kinematics import velocity_map
+from ..core import arguments
+from ..errors import KernelError, ShapeError
+from ..ir.program import Port, Program
+from ..ir.tracer import trace
+from ..robot.derivatives import CONFIGURATIONS
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from ..robot.engine import Engine
+
+PRECISIONS = ("double", "single")
+
+
+@dataclass(frozen=True, eq=False)
+class BridgedQuantity:
+    """One quantity and the options that were asked for. What it is made of is made once: functions ask in every call."""
+
+    robot: Robot
+    name: str
+    options: Mapping[str, Any]
+    _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def of(cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
+        """Checked; raises KernelError and UnknownNameError before anything of the other package is touched."""
+        arguments.choice(precision, f"{what}: precision", PRECISIONS)
+        if options.get("by") is not None:
+            raise KernelError(
+                f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
+                "it goes to."
+            )
+        found = cls(robot, name, options)
+        _ = found.program
+        return found
+
+    @property
+    def engine(self) -> Engine:
+        """The robot's."""
+        return self.robot.engine
+
+    @cached_property
+    def program(self) -> Program:
+        """The program of the quantity."""
+        return self.engine.program((self.name,), self.options)
+
+    @cached_property
+    def kernel(self) -> Any:
+        """The compiled function of the same program."""
+        return self.engine.kernel((self.name,), self.options)
+
+    def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
+        """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
+        key = tuple(by), form, values
+        if key not in self._derivatives:
+            asked = {**self.options, "by": tuple(by), "form": form, "values": values}
+            self._derivatives[key] = BridgedQuantity(self.robot, self.name, asked)
+        return self._derivatives[key]
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Names and shapes of what goes in."""
+        return self.program.inputs
+
+    def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
+        """Their arrays as they are, all else as arrays of real numbers; raises ShapeError and ValueRangeError."""
+        ports = self.inputs
+        if len(given) != len(ports):
+            names = ", ".join(port.name for port in ports)
+            raise ShapeError(f"{what} {self.name}: {len(given)} arrays given, {names} wanted.")
+        return [
+            x if isinstance(x, theirs) else arguments.real(x, f"{what} {self.name}: {port.name}", *port.shape)
+            for x, port in zip(given, ports, strict=True)
+        ]
+
+    def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
+        """Raise ShapeError unless these are the inputs' shapes behind batch shapes that broadcast."""
+        ports = self.inputs
+        for shape, port in zip(shapes, ports, strict=True):
+            if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
+                wanted = ", ".join(["…", *map(str, port.shape)])
+                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
+        batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
+        if len(several := set(batches)) <= 1:
+            return
+        try:
+            np.broadcast_shapes(*several)
+        except ValueError:
+            listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
+            raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None
+
+    @property
+    def curved(self) -> tuple[str, ...]:
+        """The inputs whose entries are no velocities' integrals: configurations with quaternions or angles of their own."""
+        plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
+        return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
+
+    def velocities(self) -> Program:
+        """(q, rates of its entries) -> joint velocities, linear in the rates; rates that stretch a quaternion give none."""
+        model = self.engine.model
+        return trace(
+            lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
+        )
+
+    def slopes(self) -> Program:
+        """(q, derivative along the velocities) -> derivative by the entries of q: the transpose of :meth:`velocities`."""
+        model = self.engine.model
+        return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

@@ -1,0 +1,475 @@
+"""The header and the source: what they say about the robot, and its functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.files import check_outputs, replacing_together
+from ..core.gravity import STRENGTH
+from ..core.numbers import in_file
+from ..errors import KernelError, ValueRangeError
+from ..ir.program import FUSED, Port, Program
+from ..joints.units import unit_of
+from ..model.parameters import nominal
+from ..printers.c99 import FUSED_MACROS, PRECISIONS, identifier
+from ..printers.cuda import CudaFunction
+from ..robot.quantities import QUANTITIES
+from ..typing import Array
+from .request import Quantities, Request, prefix_of, requests
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_COUNTED = {
+    "multiplications": ("mul",),
+    "additions": ("add", "sub"),
+    "fused multiply-adds": tuple(FUSED),
+    "divisions": ("div",),
+    "sines and cosines": ("sin", "cos"),
+    "square roots": ("sqrt",),
+    "exponentials": ("exp",),
+    "minima and maxima": ("min", "max"),
+}
+
+_CONVENTIONS = """\
+SI units, radians. The angular part comes first: twists are (omega, v), wrenches (m, f). A pose is a 4 x 4 matrix that maps
+points of the frame to the base frame. Kinds of frame quantities: body, seen in the frame itself; space, at the origin of the
+base; world_aligned, at the frame's origin along the axes of the base. A wrench input is what the robot applies to the world
+at that frame, expressed in it. Joint friction is in no function that does not say so.
+Arrays of several axes are stored row by row: entry (i, j) of an m x n matrix is element n i + j.
+The functions allocate nothing, keep no state, do not branch, and call nothing but math.h. They read their inputs before they
+write, so an output may be an input's array; two outputs must not overlap."""
+
+
+def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) -> str:
+    """The .h file: conventions, the order of the joints, a prototype with its meaning and its cost for each function."""
+    precision = requests[0].function.precision
+    gx, gy, gz = map(in_file, robot.gravity)
+    about = [
+        f"Dynamics of the robot {robot.name} in C99, numbers of type {precision}.",
+        f"Written by twistwrench {version('twistwrench')}.",
+        "",
+        *_CONVENTIONS.split("\n"),
+        f"Gravity is ({gx}, {gy}, {gz}) m/s^2 in the base frame.",
+        "",
+        *_entries(robot),
+    ]
+    guard = f"{identifier(stem) or prefix}_H".upper()
+    guard = guard if guard[0].isalpha() else f"H_{guard}"
+    parts = [
+        comment(about),
+        f"#ifndef {guard}\n#define {guard}",
+        '#ifdef __cplusplus\nextern "C" {\n#endif',
+        f"/* Entries of q, and of dq, ddq and tau. */\n"
+        f"#define {prefix.upper()}_NQ {robot.nq}\n#define {prefix.upper()}_NV {robot.nv}",
+        *(f"{comment(_about(robot, request))}\n{request.function.prototype};" for request in requests),
+        f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard} */",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
+    """The .c file."""
+    precision = requests[0].function.precision
+    about = f"Dynamics of the robot {robot.name} in C99, one operation a line. {stem}.h says what is what."
+    parts = [
+        comment([about]),
+        f'#include "{stem}.h"\n\n#include <math.h>',
+        # GCC has -ffp-contract=off for the same.
+        "#ifdef __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif",
+    ]
+    if any(request.function.fuses for request in requests):
+        parts.append(FUSED_MACROS.format(fma=f"fma{PRECISIONS[precision]}").rstrip())
+    return "\n\n".join([*parts, *(request.function.definition for request in requests)]) + "\n"
+
+
+def comment(lines: Sequence[str]) -> str:
+    """A block comment; names from robot files can neither end it nor hide in it."""
+    safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
+    plain = (
+        "".join(c if c.isprintable() or c == "\n" else "?" for c in safe).encode("ascii", "backslashreplace").decode()
+    )
+    body = "\n".join(f" * {line}".rstrip() for line in plain.split("\n"))
+    return f"/*\n{body}\n */"
+
+
+def _entries(robot: Robot) -> Iterator[str]:
+    """The entries of q and of dq, with their units."""
+    yield "Entries of q:"
+    names = robot.coordinate_names
+    wide = max(map(len, names))
+    units = [unit for b in robot.model.leaders for unit in b.joint.coordinate_units]
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+        yield f"  {k:3}  {name:{wide}}  {unit}"
+    yield "Entries of dq, ddq and tau (a joint of several: its twist in the frame of its child, angular part first):"
+    k = 0
+    for b in robot.model.leaders:
+        for turns in b.joint.turning:
+            said = ", ".join(unit_of(part, turns) for part in ("dq", "ddq", "tau")).replace("²", "^2")  # ASCII, as C is
+            yield f"  {k:3}  {b.joint.name:{wide}}  {said}"
+            k += 1
+    if robot.model.quaternions:
+        yield "A quaternion (qw, qx, qy, qz) may have any length but zero."
+
+
+def _about(robot: Robot, request: Request) -> list[str]:
+    """Comment of one function."""
+    function, full = request.function, request.full
+    program = function.program
+    lines = [f"{request.quantity}: {QUANTITIES[request.quantity].meaning}."]
+    if "frame" in full:
+        lines.append(f"Frame: {full['frame']}.")
+    if "kind" in full:
+        lines.append(f"Kind: {full['kind']}.")
+    if full.get("friction"):
+        lines.append("With the friction of the joints.")
+    if on_robot := full.get("on_robot"):
+        lines.append(f"The world applies the wrenches at: {', '.join(on_robot)}.")
+    if derivative := full.get("derivative"):
+        lines.append(f"Not itself: its derivative ({derivative.form}) by {', '.join(derivative.by)}.")
+    if constraints := full.get("constraints"):
+        lines.append(f"Constraints: {', '.join(c.name for c in constraints)}.")
+    shaped = [
+        f"{name} {' x '.join(map(str, port.shape)) or '1'}"
+        for name, port in zip(function.parameters, (*program.inputs, *program.outputs), strict=True)
+    ]
+    made = len(program.inputs)
+    lines.append(f"In: {', '.join(shaped[:made])}. Out: {', '.join(shaped[made:])}.")
+    lines.append(f"{_cost(program)}.")
+    if names := full.get("parameters"):
+        usual, wide = nominal(robot.model), max(map(len, names))
+        lines.append("Entries of parameters, and the robot's own numbers:")
+        lines += [f"  {k:3}  {name:{wide}}  {in_file(usual[name])}" for k, name in enumerate(names)]
+    return lines
+
+
+def _cost(program: Program) -> str:
+    counts = program.counts()
+    named = [(sum(counts.get(op, 0) for op in ops), label) for label, ops in _COUNTED.items()]
+    return ", ".join(f"{n} {label}" for n, label in named if n) or "No operation"
+
+
+# ── Export of quantities as C99 (header, source and test) and as CUDA source: all files or none
+
+_LONGEST_CUDA = 40_000
+"""Most instructions of a program exported as one CUDA kernel."""
+
+
+def export_c(
+    robot: Robot,
+    quantities: Quantities,
+    path: str | Path,
+    *,
+    precision: str = "double",
+    prefix: str | None = None,
+    test: bool = True,
+    label: str = "path",
+    inputs: Mapping[str, str | Path | None] | None = None,
+) -> tuple[Path, ...]:
+    """C code export; see :meth:`twistwrench.Robot.export_c`.
+
+    Parameters
+    ----------
+    robot : Robot
+    quantities : names as for :meth:`twistwrench.Robot.kernel`, with options as ``(name, {option: value})``
+    path : str or Path, a folder, or the .c file
+    precision : "double" or "float"
+    prefix : str, optional, what the functions' names begin with; None: the robot's name
+    test : bool, write a program that compares the functions with the kernels, too
+    label : str, what the user calls ``path``, for messages
+    inputs : {what the user calls it: path}, optional, files that were read: no output may overwrite them
+
+    Returns
+    -------
+    paths : tuple of Path, what was written
+
+    Raises
+    ------
+    UnknownNameError, KernelError, SingularMassMatrixError, ValueRangeError
+        As :meth:`twistwrench.Robot.export_c`.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in export_c(tw.robots.pendulum(), ["gravity_forces"], folder)]
+    ['pendulum.h', 'pendulum.c', 'pendulum_test.c']
+    """
+    prefix = prefix_of(robot, prefix)
+    plain = _source_path(path, prefix, label)
+    paths = {".h": plain.with_suffix(".h"), ".c": plain}
+    if test:
+        paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
+    read = robot.model.source
+    check_outputs(
+        {label: plain, **{f"{label} (its {end})": p for end, p in paths.items() if p is not plain}},
+        {"the robot": read if _is_file(read) else None, **(inputs or {})},
+    )
+    wanted = requests(robot, quantities, precision, prefix)
+    texts = {".h": header(robot, wanted, plain.stem, prefix), ".c": source(robot, wanted, plain.stem)}
+    if test:
+        texts["_test.c"] = self_test(robot, wanted, plain.stem)
+    with replacing_together(list(paths.values())) as scratch:
+        for end, file in zip(paths, scratch, strict=True):
+            file.write_text(texts[end], encoding="utf-8", newline="\n")
+    return tuple(paths.values())
+
+
+def export_cuda(
+    robot: Robot,
+    quantities: Quantities,
+    path: str | Path,
+    *,
+    precision: str = "double",
+    prefix: str | None = None,
+) -> tuple[Path, ...]:
+    """CUDA source export; see :meth:`twistwrench.Robot.export_cuda`.
+
+    Parameters
+    ----------
+    robot : Robot
+    quantities : names as for :meth:`twistwrench.Robot.kernel`, with options as ``(name, {option: value})``
+    path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
+    precision : "double" or "float"
+    prefix : str, optional, first part of the kernels' names; None: the robot's name
+
+    Returns
+    -------
+    paths : tuple of Path, the files written
+
+    Raises
+    ------
+    UnknownNameError, KernelError, SingularMassMatrixError, ValueRangeError
+        As :meth:`twistwrench.Robot.export_cuda`.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in export_cuda(tw.robots.pendulum(), ["mass_matrix", "gravity_forces"], folder)]
+    ['pendulum_mass_matrix.cu', 'pendulum_gravity_forces.cu']
+    """
+    wanted, given = requests(robot, quantities, precision, prefix_of(robot, prefix)), Path(path)
+    if not given.is_dir() and (given.suffix != ".cu" or len(wanted) > 1):
+        raise ValueRangeError(
+            f"path {str(path)!r} is neither a folder that exists nor a name that ends in .cu, for one kernel. "
+            "Make the folder first: each kernel is a file of its own."
+        )
+    files = [given / f"{request.function.name}.cu" if given.is_dir() else given for request in wanted]
+    read = robot.model.source
+    check_outputs({f"path ({file.name})": file for file in files}, {"the robot": read if _is_file(read) else None})
+    texts = [_cuda_source(robot, request) for request in wanted]
+    with replacing_together(files) as scratch:
+        for file, text in zip(scratch, texts, strict=True):
+            file.write_text(text, encoding="utf-8", newline="\n")
+    return tuple(files)
+
+
+def _cuda_source(robot: Robot, request: Request) -> str:
+    """The .cu file of one request. Raises KernelError for programs that are too long for NVIDIA's compiler."""
+    function = request.function
+    if (length := len(function.program.instructions)) > _LONGEST_CUDA:
+        raise KernelError(
+            f"{request.quantity} takes {length} instructions, more than the {_LONGEST_CUDA} that NVIDIA's compiler handles "
+            "in reasonable time. Export parts of it."
+        )
+    about = [
+        f"{request.quantity} of the robot {robot.name} as a CUDA kernel, numbers of type {function.precision}. By twistwrench "
+        f"{version('twistwrench')}.",
+        "A thread computes a sample, a block THREADS of them; blocks: (samples + THREADS - 1) / THREADS.",
+        "An input has a pointer and the number of elements from one sample to the next, 0 if one serves all.",
+        "Compile with -std=c++17 -fmad=false: products that are fused are fused here. As C++ (-ffp-contract=off) the",
+        "function of the same name runs all blocks on the processor.",
+    ]
+    return f"{comment(about)}\n{CudaFunction(function.name, function.program, function.precision).source}"
+
+
+def _source_path(path: str | Path, prefix: str, label: str) -> Path:
+    """The .c file meant: the one named, or the one of the robot's name in a folder."""
+    given = Path(path)
+    if given.is_dir():
+        return given / f"{prefix}.c"
+    if given.suffix != ".c":
+        raise ValueRangeError(
+            f"{label} {str(path)!r} is neither a folder that exists nor a name that ends in .c. "
+            f"Make the folder first, or name the source, such as {prefix}.c; the header goes beside it."
+        )
+    if not given.name.isprintable() or any(c in given.name for c in '"\\'):
+        raise ValueRangeError(
+            f"{label} {str(path)!r} cannot stand in an #include. Give a name without quotes and backslashes."
+        )
+    return given
+
+
+def _is_file(source: str) -> bool:
+    try:
+        return bool(source) and Path(source).is_file()
+    except OSError:  # XML text is no path
+        return False
+
+
+# ── The program that checks an export where it runs: every function at a few states, against the numbers of the kernels
+
+STATES = 3
+
+_MARGIN = 16.0
+"""How much more than the kernel the C function may round: it has other sines, and two roundings without fma."""
+
+_EPS = {"double": float(np.finfo(np.float64).eps), "float": float(np.finfo(np.float32).eps)}
+
+_CHECK = """\
+/* The largest difference over the largest entry; NaN, which no comparison allows, where a result is not a number. */
+static {type} gap(const {type} *found, const {type} *wanted, int n, {type} size)
+{{
+    {type} worst = {zero};
+    for (int k = 0; k < n; k++) {{
+        const {type} apart = fabs{f}(found[k] - wanted[k]) / size;
+        if (worst >= {zero} && !(apart <= worst)) /* once it is NaN, it stays so */
+            worst = apart;
+    }}
+    return worst;
+}}
+
+static int check(const char *what, {type} worst, {type} allowed)
+{{
+    const int passed = worst <= allowed;
+    printf("%s %s: off by %.2g of the largest entry, allowed %.2g\\n", passed ? "ok  " : "FAIL", what,
+           (double)worst, (double)allowed);
+    return passed;
+}}"""
+
+
+def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
+    """The .c file with ``main``: exit status 0 if every function gives what the kernels give, else 1.
+
+    Raises KernelError for a quantity that is not finite at the states it is tested at.
+    """
+    precision = requests[0].function.precision
+    f = PRECISIONS[precision]
+    about = [
+        f"Checks {stem}.c: each function at {STATES} states, against the numbers twistwrench has for them.",
+        f"Build it together with {stem}.c, and link the mathematical library (-lm).",
+        "Exit status 0: all agree to rounding. 1: some do not.",
+    ]
+    parts = [
+        comment(about),
+        f'#include "{stem}.h"\n\n#include <math.h>\n#include <stdio.h>',
+        _CHECK.format(type=precision, f=f, zero=f"0.0{f}"),
+    ]
+    calls = []
+    for request in requests:
+        data, function = _function(robot, request)
+        parts += [data, function]
+        calls.append(f"    passed &= test_{request.function.name}();")
+    parts.append("\n".join(["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]))
+    return "\n\n".join(parts) + "\n"
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Arrays of one port at all states, (STATES, size)."""
+
+    name: str
+    values: Array
+
+
+def _function(robot: Robot, request: Request) -> tuple[str, str]:
+    function = request.function
+    program, precision = function.program, function.precision
+    dtype = np.float32 if precision == "float" else np.float64
+    made = len(program.inputs)
+    inputs = _inputs(robot, request, dtype)
+    wanted, allowed = _results(robot, request, inputs)
+    ports = (*program.inputs, *program.outputs)
+    numbers = [
+        _Numbers(f"{function.name}_{name}", np.reshape(values, (STATES, port.size)))
+        for name, port, values in zip(function.parameters, ports, (*inputs, *wanted), strict=True)
+    ]
+    data = "\n".join(_array(n, precision) for n in numbers)
+    f = PRECISIONS[precision]
+    lines = [f"static int test_{function.name}(void)", "{", "    int passed = 1;"]
+    outputs = list(zip(function.parameters[made:], program.outputs, numbers[made:], allowed, strict=True))
+    for name, port, _, _ in outputs:
+        lines += [f"    {precision} {name}[{port.size}];", f"    {precision} worst_{name} = 0.0{f};"]
+    arguments = ", ".join([*(f"{n.name}[k]" for n in numbers[:made]), *function.parameters[made:]])
+    lines += [f"    for (int k = 0; k < {STATES}; k++) {{", f"        {function.name}({arguments});"]
+    for name, port, n, _ in outputs:
+        size = _size(n.values)
+        lines += [
+            "        {",
+            f"            const {precision} apart = gap({name}, {n.name}[k], {port.size}, {_hex(size, precision)});",
+            f"            if (worst_{name} >= 0.0{f} && !(apart <= worst_{name}))",
+            f"                worst_{name} = apart;",
+            "        }",
+        ]
+    lines.append("    }")
+    for name, _, _, tolerance in outputs:
+        what = f"{function.name}, {name}"
+        lines.append(f'    passed &= check("{what}", worst_{name}, {_hex(tolerance, precision)});')
+    return data, "\n".join([*lines, "    return passed;", "}"])
+
+
+def _inputs(robot: Robot, request: Request, dtype: type) -> list[Array]:
+    """Configurations inside the limits, everything else of order 1; the same ones every time."""
+    rng = np.random.default_rng(0)
+
+    def values(port: Port) -> Array:
+        if port.name == "q":
+            return robot.random_configuration(rng, STATES)
+        return rng.standard_normal((STATES, *port.shape)) * (STRENGTH if port.name == "gravity" else 1.0)
+
+    return [values(port).astype(dtype) for port in request.function.program.inputs]
+
+
+def _results(robot: Robot, request: Request, inputs: list[Array]) -> tuple[list[Array], list[float]]:
+    """What the kernel gives, and how far off the largest entry another order of rounding may be; one for each output.
+
+    The kernel in single precision is off the one in double by its rounding, which grows with the condition of the state;
+    that of double precision is as much smaller as its numbers are finer.
+    """
+    kernel = robot.kernel(request.quantity, **request.options)
+    several = len(request.function.program.outputs) > 1
+    with np.errstate(all="ignore"):
+        single, double, given = (
+            found if several else (found,)
+            for found in (
+                kernel(*(a.astype(np.float32) for a in inputs)),
+                kernel(*(a.astype(np.float32).astype(np.float64) for a in inputs)),
+                kernel(*inputs),
+            )
+        )
+    wanted, allowed = [np.asarray(a) for a in given], []
+    for name, port_single, port_double, port in zip(
+        request.function.program.outputs, single, double, wanted, strict=True
+    ):
+        if not (np.isfinite(port).all() and np.isfinite(port_single).all()):
+            raise KernelError(
+                f"{request.quantity}: {name.name} is not finite at every configuration of robot {robot.name!r}, so no "
+                "number can be checked. Ask for a quantity that is, or pass test=False."
+            )
+        size = _size(np.asarray(port_double))
+        rounding = float(np.abs(port_single - port_double).max()) / size
+        precision = request.function.precision
+        allowed.append(_MARGIN * max(rounding, _EPS["float"]) * _EPS[precision] / _EPS["float"])
+    return wanted, allowed
+
+
+def _size(values: Array) -> float:
+    return float(np.abs(values).max()) or 1.0
+
+
+def _array(numbers: _Numbers, precision: str) -> str:
+    rows = ",\n".join("    {" + ", ".join(_hex(x, precision) for x in row) + "}" for row in numbers.values)
+    return f"static const {precision} {numbers.name}[{STATES}][{numbers.values.shape[1]}] = {{\n{rows}\n}};"
+
+
+def _hex(value: float, precision: str) -> str:
+    """A number by its bits."""
+    exact = float(np.float32(value)) if precision == "float" else float(value)
+    return f"{exact.hex()}{PRECISIONS[precision]}"

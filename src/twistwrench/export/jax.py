@@ -1,0 +1,424 @@
+"""A kernel as a call of XLA on the processor, by XLA's typed FFI: pointers of its buffers go straight into the loop.
+
+Where there is machine code, the handler is machine code too (:mod:`twistwrench.runtime.xla_handler`). Of a kernel on NumPy, or
+one that is put together in Python, it is the callback below, which reads the same structures of ``xla/ffi/api/c_api.h``, as far
+as they are wanted; later versions only add to their ends.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import re
+import warnings
+from collections.abc import Callable, Sequence
+from ctypes import POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
+from functools import cache, partial
+from itertools import accumulate
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import MissingExtraError, ModelWarning, ValueRangeError
+from ..ir.program import Port, Program
+from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
+from ..runtime.interpreter import compiles
+from ..runtime.xla_handler import is_compiled, make_handler
+from .bridge import BridgedQuantity
+
+_DTYPES = {11: np.float32, 12: np.float64}
+"""XLA_FFI_DataType_F32 and F64."""
+_EXECUTE, _METADATA, _INTERNAL = 3, 1, 13
+"""XLA_FFI_ExecutionStage_EXECUTE, XLA_FFI_Extension_Metadata, XLA_FFI_Error_Code_INTERNAL."""
+
+
+_HEAD = (("size", c_size_t), ("extension", c_void_p))
+"""What every structure begins with."""
+
+
+class _Version(Structure):
+    _fields_ = (*_HEAD, ("major", c_int), ("minor", c_int))
+
+
+class _Metadata(Structure):
+    _fields_ = (("size", c_size_t), ("version", _Version), ("traits", c_uint32))
+
+
+class _Extension(Structure):
+    _fields_ = (("size", c_size_t), ("type", c_int), ("next", c_void_p), ("metadata", POINTER(_Metadata)))
+
+
+class _Buffer(Structure):
+    _fields_ = (*_HEAD, ("dtype", c_int32), ("data", c_void_p), ("rank", c_int64), ("dims", POINTER(c_int64)))
+
+
+class _Buffers(Structure):
+    _fields_ = (*_HEAD, ("count", c_int64), ("types", c_void_p), ("buffers", POINTER(POINTER(_Buffer))))
+
+
+class _ErrorCreate(Structure):
+    _fields_ = (*_HEAD, ("message", c_char_p), ("code", c_int))
+
+
+class _Api(Structure):
+    _fields_ = (*_HEAD, ("version", _Version), ("internal", c_void_p), ("error_create", c_void_p))
+
+
+class _CallFrame(Structure):
+    _fields_ = (
+        *_HEAD,
+        ("api", POINTER(_Api)),
+        ("context", c_void_p),
+        ("stage", c_int),
+        ("args", _Buffers),
+        ("rets", _Buffers),
+    )
+
+
+_HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
+_CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
+_numbers = itertools.count()
+_targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
+"""By the kernel's id, the type, and whether for one sample: the target, the kernel and the handler. They live as long as the
+process: XLA has their addresses."""
+
+
+def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, alone: bool) -> str:
+    """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name.
+
+    ``char`` is the type's letter; ``alone`` says that one sample comes at a time.
+    """
+    key = id(kernel), char, alone
+    if key not in _targets:
+        version = _version(jax)
+        if is_compiled(kernel):
+            handler: Any = make_handler(kernel, char, version, alone=alone)
+            capsule = jax.ffi.pycapsule(ctypes.c_void_p(handler.address))
+        else:
+            handler = _callback(name, kernel, count, version)
+            capsule = jax.ffi.pycapsule(handler)
+        target = f"twistwrench_{name}_{next(_numbers)}"
+        jax.ffi.register_ffi_target(target, capsule, platform="cpu")
+        _targets[key] = target, kernel, handler
+    return _targets[key][0]
+
+
+def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[int, int]) -> Any:
+    def run(pointer: Any) -> int | None:
+        frame = pointer.contents
+        try:
+            if frame.extension and _answer_metadata(frame.extension, version):
+                return None
+            if frame.stage == _EXECUTE:
+                kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
+        except Exception as error:  # nothing may be raised through C
+            return _failure(frame.api, f"{name}: {error}")
+        return None
+
+    return _HANDLER(run)
+
+
+def _version(jax: Any) -> tuple[int, int]:
+    """Of the interface, as the header says that comes with JAX."""
+    header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
+    major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
+    return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
+
+
+def _answer_metadata(extension: int, version: tuple[int, int]) -> bool:
+    """Whether XLA only asks which version of the interface this speaks."""
+    base = _Extension.from_address(extension)
+    if base.type != _METADATA:
+        return False
+    asked = base.metadata.contents.version
+    asked.major, asked.minor = version
+    return True
+
+
+def _arrays(buffers: Any) -> Sequence[Any]:
+    return [_array(buffers.buffers[k].contents) for k in range(buffers.count)]
+
+
+def _array(buffer: Any) -> Any:
+    shape = tuple(buffer.dims[: buffer.rank])
+    dtype: Any = np.dtype(_DTYPES[buffer.dtype])
+    size = int(np.prod(shape)) * dtype.itemsize
+    if not size:
+        return np.empty(shape, dtype)
+    memory: Any = (ctypes.c_char * size).from_address(buffer.data)
+    return np.frombuffer(memory, dtype).reshape(shape)
+
+
+def _failure(api: Any, message: str) -> int | None:
+    made = _ErrorCreate(message=message.encode(), code=_INTERNAL)
+    made.size = ctypes.sizeof(_ErrorCreate)
+    found: int | None = _CREATE(api.contents.error_create)(ctypes.byref(made))
+    return found
+
+
+# ── A program as one operation of JAX, made when XLA asks for it: on the processor the compiled kernel, elsewhere JAX's own
+
+# Nothing is compiled while JAX traces, and the kernel never where a computation is lowered for a GPU alone.
+
+BATCH = 16
+"""States from which a kernel that Python has to enter is faster than what XLA makes of the program."""
+
+
+class JaxOperation:
+    """The operation of one quantity: called with arrays, it gives a tuple of results. ``plain`` are JAX's own operations."""
+
+    def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
+        self.quantity, self.plain = quantity, plain
+
+    def __repr__(self) -> str:
+        return f"<JaxOperation {self.quantity.name}>"
+
+    def __call__(self, *arrays: Any) -> tuple[Any, ...]:
+        """Take part in what JAX traces."""
+        return tuple(_primitive().bind(*arrays, operation=self))
+
+    def runs_plain(self, arrays: Sequence[Any]) -> bool:
+        """Whether the processor takes JAX's operations: for a few states, where Python would have to enter the kernel."""
+        return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
+
+    def at_once(self, *arrays: Any) -> tuple[Any, ...]:
+        """Outside of jit: XLA is not asked to compile what is computed by JAX's operations, once."""
+        import jax
+
+        given = [jax.numpy.asarray(a) for a in arrays]
+        if all(device.platform == "cpu" for device in given[0].devices()) and self.runs_plain(given):
+            return self.plain(*given)
+        return tuple(jax.jit(self)(*given))
+
+    def on_processor(self, *arrays: Any) -> tuple[Any, ...]:
+        """The kernel as a call of XLA."""
+        import jax
+
+        if self.runs_plain(arrays):
+            return self.plain(*arrays)
+        program, kernel = self.quantity.program, self.quantity.kernel
+        batch, dtype = batch_shape(arrays, program), arrays[0].dtype
+        alone = prod(batch) == 1
+        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, alone=alone)
+        whole = [jax.numpy.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
+        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
+        return tuple(jax.ffi.ffi_call(target, results)(*whole))
+
+
+@cache
+def _primitive() -> Any:
+    """JAX's name for all of these operations, with how it finds shapes and code."""
+    import jax
+    from jax.extend.core import Primitive
+    from jax.interpreters import mlir
+
+    def shaped(*arrays: Any, operation: JaxOperation) -> list[Any]:
+        program = operation.quantity.program
+        batch = batch_shape(arrays, program)
+        return [jax.core.ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in program.outputs]
+
+    def plain(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.plain(*arrays)
+
+    def on_processor(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.on_processor(*arrays)
+
+    made = Primitive("twistwrench")
+    made.multiple_results = True
+    made.def_impl(lambda *arrays, operation: operation.at_once(*arrays))
+    made.def_abstract_eval(shaped)
+    mlir.register_lowering(made, mlir.lower_fun(plain, multiple_results=True))
+    mlir.register_lowering(made, mlir.lower_fun(on_processor, multiple_results=True), platform="cpu")
+    return made
+
+
+# ── A quantity as a function of JAX arrays, which jits, vmaps and differentiates: the program itself, in JAX's operations
+
+# Its derivatives are those of the analytic programs, J = df/d(x ⊕ v), in both modes, and so are those of J, H = dJ/dx:
+#
+#     forward   df = J B dx,  dJ = H dx,    backward   dx = Bᵀ Jᵀ w,
+#
+# with B from the rates of coordinates to velocities, 1 but for quaternions, by which the derivatives of J are JAX's; third
+# derivatives are JAX's as well. On the processor the compiled kernels run.
+
+
+def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
+    """The function of JAX arrays, of any batch shape; raises MissingExtraError."""
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        raise MissingExtraError.of("jax", "jax", "robot.to_jax") from None
+    inputs = quantity.inputs
+    names, outputs = [port.name for port in inputs], quantity.program.outputs
+    rates = _on_arrays(jnp, quantity.velocities()) if quantity.curved else None
+    jacobians: dict[tuple[str, ...], Any] = {}
+
+    def with_jacobian(by: tuple[str, ...]) -> Callable[..., Any]:
+        if by not in jacobians:
+            jacobians[by] = jax.custom_jvp(_compiled(jax, quantity.derivative(by, values=True)))
+            jacobians[by].defjvp(partial(along_again, by), symbolic_zeros=True)
+        return jacobians[by]
+
+    values = jax.custom_jvp(_compiled(jax, quantity))
+
+    def along(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+        """The values and df = J B dx, of those inputs that move."""
+        moved = _moved(jax, tangents)
+        by = tuple(names[k] for k in moved)
+        found = with_jacobian(by)(*primals)
+        results, slopes = found[: len(outputs)], found[len(outputs) :]
+        steps = [
+            rates(primals[k], tangents[k]) if rates and names[k] in quantity.curved else tangents[k] for k in moved
+        ]
+        ranks = [1 if names[k] in quantity.curved else len(inputs[k].shape) for k in moved]
+        changes = [
+            sum(
+                _contracted(jnp, J, v, rank, port.shape)
+                for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
+            )
+            for r, port in enumerate(outputs)
+        ]
+        return _alone(results), _alone(tuple(changes))
+
+    values.defjvp(along, symbolic_zeros=True)
+
+    @cache
+    def with_hessian(by: tuple[str, ...]) -> Callable[..., Any]:
+        return _compiled(jax, quantity.derivative(by, "hessian"))
+
+    def along_again(by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+        """The values and J by some inputs, and df = J dx and dJ = H dx, of those inputs that move."""
+        moved = _moved(jax, tangents)
+        every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
+        if not compiles() or any(name in quantity.curved for name in every):
+            plain = _on_arrays(jnp, quantity.derivative(by, values=True).program)
+            whole = [t if k in moved else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
+            derived: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(whole))
+            return derived
+        sizes = {port.name: port.size for port in inputs if port.name in every}
+        ends = dict(zip(sizes, accumulate(sizes.values()), strict=True))
+        part = {name: slice(end - sizes[name], end) for name, end in ends.items()}
+        given, found = with_jacobian(every)(*primals), with_jacobian(by)(*primals)
+        hessians = _listed(with_hessian(every)(*primals))
+        slopes, changes, bends = given[len(outputs) :], [], []
+        for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
+            J = dict(zip(every, slopes[r * len(every) :], strict=False))
+            change: Any = 0.0
+            bend: Any = 0.0
+            for k in moved:
+                step, rank = tangents[k], len(inputs[k].shape)
+                change += _contracted(jnp, J[names[k]], step, rank, port.shape)
+                flat = step.reshape((*step.shape[: step.ndim - rank], inputs[k].size))
+                bend += _contracted(jnp, H[..., part[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
+            changes.append(change)
+            bends += [bend[..., part[name]].reshape(J[name].shape) for name in by]
+        return found, (*changes, *bends)
+
+    def function(*arrays: Any) -> Any:
+        dtype = _dtype(jax, jnp, precision)
+        given = [jnp.asarray(a) for a in quantity.brought("to_jax", arrays, jax.Array)]
+        quantity.require_shapes("to_jax", [a.shape for a in given])
+        for a, port in zip(given, inputs, strict=True):
+            if jnp.issubdtype(a.dtype, jnp.complexfloating):
+                raise ValueRangeError(f"to_jax {quantity.name}: {port.name} is {a.dtype}, real numbers wanted.")
+        return values(*(a.astype(dtype) for a in given))
+
+    function.__name__ = function.__qualname__ = quantity.name
+    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {listed}."
+    return function
+
+
+def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
+    """The program in JAX's operations, or its kernel, by the device and the size of the batch; derivatives are JAX's."""
+    import jax.numpy as jnp
+
+    program = quantity.program
+    plain = _on_arrays(jnp, program)
+    operation = JaxOperation(quantity, lambda *arrays: _listed(plain(*arrays)))
+
+    @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
+    def run(*arrays: Any) -> Any:
+        return _alone(operation(*arrays))
+
+    @run.def_vmap  # type: ignore[untyped-decorator]
+    def batched(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
+        """One call for all: the new axis comes before those of the widest batch."""
+        ranks = [a.ndim - len(p.shape) - m for a, p, m in zip(arrays, program.inputs, mapped, strict=True)]
+        wide = [
+            a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:])) if m else a
+            for a, rank, m in zip(arrays, ranks, mapped, strict=True)
+        ]
+        return run(*wide), True if len(program.outputs) == 1 else (True,) * len(program.outputs)
+
+    found = jax.custom_jvp(run)
+    found.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
+    result: Callable[..., Any] = found
+    return result
+
+
+def _moved(jax: Any, tangents: Sequence[Any]) -> list[int]:
+    """The inputs that move: whose tangents are not known to be zero."""
+    return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
+
+
+def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
+    """The program on arrays whose last axes are its own."""
+    functions = functions_of(jnp, jnp.where)
+
+    def run(*arrays: Any) -> Any:
+        batch = batch_shape(arrays, program)
+        elements: list[Any] = []
+        for a, port in zip(arrays, program.inputs, strict=True):
+            flat = a.reshape((*a.shape[: a.ndim - len(port.shape)], port.size))
+            elements += [flat[..., k] for k in range(port.size)]
+        found = iter(evaluated(program, elements, functions))
+        dtype = jnp.result_type(*arrays)
+        results = [_stacked(jnp, [next(found) for _ in range(p.size)], batch, p, dtype) for p in program.outputs]
+        return _alone(tuple(results))
+
+    return run
+
+
+def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Port, dtype: Any) -> Any:
+    """One result from its elements, some of which may be constants."""
+    if not elements:
+        return jnp.zeros((*batch, *port.shape), dtype)
+    whole = jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), batch) for e in elements], axis=-1)
+    return whole.reshape((*batch, *port.shape))
+
+
+def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
+    """J v, of a result of that shape: over the last ``rank`` axes of J, which are those of v; batch shapes broadcast."""
+    split = J.ndim - rank
+    size = prod(J.shape[split:])
+    rows = J.reshape((*J.shape[:split], size))
+    steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
+    return jnp.sum(
+        rows * steps, axis=-1
+    )  # XLA makes less of a product of matrices: rows of the identity are no special case
+
+
+def _listed(found: Any) -> tuple[Any, ...]:
+    return found if isinstance(found, tuple) else (found,)
+
+
+def _alone(results: tuple[Any, ...]) -> Any:
+    return results[0] if len(results) == 1 else results
+
+
+def _dtype(jax: Any, jnp: Any, precision: str) -> Any:
+    if precision == "single":
+        return jnp.float32
+    if not jax.config.jax_enable_x64:
+        warnings.warn(
+            "JAX computes in float32 unless it is told: jax.config.update('jax_enable_x64', True) gives what precision="
+            "'double' asks for; precision='single' says that float32 is meant.",
+            ModelWarning,
+            stacklevel=3,
+        )
+        return jnp.float32
+    return jnp.float64

@@ -1,0 +1,259 @@
+"""Gear ratios as files write them: 101, 101:1, or the lead of a spindle."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..core.numbers import printed
+from ..errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
+from ..model.actuation import with_actuators, with_friction, with_link_friction
+from ..model.actuators import Actuator, Motor, Rotor
+from ..model.edit import with_armature
+from ..model.model import Model
+from .yaml import Section, Source, plain_number, read_yaml, shown
+
+_PER_METRE: dict[str, Callable[[float], float]] = {
+    "rad/m": lambda x: x,
+    "mm/turn": lambda x: 2e3 * np.pi / x,
+    "m/turn": lambda x: 2 * np.pi / x,
+}
+"""Rotor radians per metre, from what a spindle or a rack is described by."""
+
+
+def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
+    """A plain number, or ``101:1``; at a sliding joint a plain number of rad/m, or with one of the units of leads."""
+    if sliding and isinstance(value, str):
+        for unit, per_metre in _PER_METRE.items():
+            if value.rstrip().endswith(unit):
+                problem = f"{where} is {shown(value)}, expected a number before {unit}."
+                number = plain_number(value.rstrip()[: -len(unit)], problem)
+                if number == 0:
+                    raise ModelError(problem)
+                return float(per_metre(number))
+    units = f", or with one of {', '.join(_PER_METRE)}" if sliding else ", or 101:1"
+    problem = f"{where} is {shown(value)}, expected a number such as 101{units}."
+    turns, colon, per = value.partition(":") if isinstance(value, str) else (value, "", "")
+    divisor = plain_number(per, problem) if colon else 1.0
+    if divisor == 0:
+        raise ModelError(problem)
+    return plain_number(turns, problem) / divisor
+
+
+# ── The file for what URDF cannot say: motors, gears, rotors, elastic joints, friction laws. YAML, every number with its unit
+
+_MOTOR = {
+    "torque_constant": "torque constant", "resistance": "resistance", "inductance": "inductance", "voltage": "voltage",
+    "current_continuous": "current", "current_peak": "current", "speed": "rotor speed",
+}  # fmt: skip
+_ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "reflected_inertia", "stiffness", "friction", "link_friction")
+_ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
+_FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
+_SLIDING = {
+    "viscous": "viscous, sliding", "torque": "force", "speed": "speed, sliding", "stiffness": "stiffness, sliding",
+    "inertia": "mass",
+}  # fmt: skip
+
+
+def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model:
+    """The model with the actuators of a YAML file, of YAML text, or of such a mapping; ``stiff`` leaves elasticity out.
+
+    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
+    """
+    content, origin = read_yaml(source)
+    try:
+        return _added(model, Section(content, ""), stiff)
+    except (ModelError, UnknownNameError, ValueRangeError) as error:
+        raise type(error)(f"{origin}: {error}") from None
+
+
+def actuator_content(source: Source) -> dict[str, Any]:
+    """What an actuator file says, as text in mappings. Raises NotFoundError, and ModelError for what is no YAML."""
+    content, origin = read_yaml(source)
+    if not isinstance(content, Mapping):
+        raise ModelError(f"{origin} is {shown(content)}, expected entries 'name: value'.")
+    return dict(content)
+
+
+def _added(model: Model, file: Section, stiff: bool) -> Model:
+    check_entries(model, file)
+    motors = _motors(file.section("motors")) if "motors" in file.content else {}
+    if "actuators" not in file.content:
+        raise ModelError("it has no entry 'actuators:' with the joints below it.")
+    joints = file.section("actuators")
+    sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+    actuators: list[Actuator] = []
+    armature: dict[str, float] = {}
+    laws: dict[str, dict[str, float]] = {}
+    of_links: dict[str, dict[str, float]] = {}
+    for name in joints.content:
+        entry = joints.section(name)
+        entry.only(*_ACTUATOR)
+        kinds = _SLIDING if name in sliding else {}
+        actuators.append(_actuator(name, entry, motors, kinds))
+        if "reflected_inertia" in entry.content:
+            armature[name] = entry.number("reflected_inertia", kinds.get("inertia", "inertia"))
+        for key, found in (("friction", laws), ("link_friction", of_links)):
+            if key in entry.content:
+                found[name] = _law(entry.section(key), kinds)
+        if name in of_links:
+            laws.setdefault(name, {})  # either entry replaces all that the robot file says
+    if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
+        warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
+        actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
+    model = with_armature(with_friction(model, laws), armature)
+    return with_link_friction(with_actuators(model, actuators), of_links)
+
+
+def check_entries(model: Model, file: Section) -> None:
+    """Raise what is wrong with the names of entries of a file, or with the robot it is for."""
+    file.only("robot", "motors", "actuators", "log")
+    if file.content.get("robot", model.name) != model.name:
+        raise ModelError(f"it is for robot {shown(file.content['robot'])}, and this one is {model.name!r}.")
+
+
+def _law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
+    section.only(*_FRICTION)
+    return {
+        key: section.number(key, kinds.get(kind, kind)) for key, kind in _FRICTION.items() if key in section.content
+    }
+
+
+def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
+    given: dict[str, Any] = {}
+    if "ratio" in entry.content:
+        given["ratio"] = gear_ratio(entry.content["ratio"], entry.where("ratio"), sliding=bool(kinds))
+    if "efficiency" in entry.content:
+        given["efficiency"] = _share(entry.content["efficiency"], entry.where("efficiency"))
+    given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
+    motor = entry.content.get("motor")
+    if isinstance(motor, str):
+        if motor not in motors:
+            raise UnknownNameError.of(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
+        given["motor"] = motors[motor]
+    elif motor is not None:
+        given["motor"] = _motor(entry.section("motor"))
+    if "rotor" in entry.content:
+        given["rotor"] = _rotor(entry.section("rotor"))
+    return Actuator(joint, **given)
+
+
+def _motors(section: Section) -> dict[str, Motor]:
+    return {name: _motor(section.section(name)) for name in section.content}
+
+
+def _motor(section: Section) -> Motor:
+    section.only(*_MOTOR)
+    if "torque_constant" not in section.content:
+        raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
+    return Motor(**{key: section.number(key, _MOTOR[key]) for key in section.content})
+
+
+def _rotor(section: Section) -> Rotor:
+    section.only(*_ROTOR)
+    if "inertia" not in section.content:
+        raise ModelError(f"{section.path} has no inertia, which is all there is to a rotor.")
+    said = section.content.get("extra", False)
+    if not isinstance(said, str | bool) or str(said).lower() not in ("true", "false"):
+        raise ModelError(f"{section.where('extra')} is {shown(said)}, expected true or false.")
+    extra = str(said).lower() == "true"
+    if "mass" in section.content and not extra:
+        raise ModelError(
+            f"{section.where('mass')} is of no use unless the rotor is extra: the link has weighed it already."
+        )
+    link = section.content.get("link")
+    if link is not None and not isinstance(link, str):
+        raise ModelError(f"{section.where('link')} is {shown(link)}, expected the name of a link.")
+    return Rotor(
+        inertia=section.number("inertia", "inertia"),
+        extra=extra,
+        link=link,
+        **section.optional("mass", section.number, "mass"),
+        **section.optional("axis", section.vector, ""),
+        **section.optional("place", section.vector, "length"),
+    )
+
+
+def _share(value: object, where: str) -> float:
+    """A plain number, or a percentage."""
+    problem = f"{where} is {shown(value)}, expected a number such as 0.75, or 75 %."
+    if isinstance(value, str) and value.rstrip().endswith("%"):
+        return plain_number(value.rstrip()[:-1], problem) / 100
+    return plain_number(value, problem)
+
+
+# ── What an actuator file says of the columns of logs
+
+
+@dataclass(frozen=True)
+class LogSide:
+    """What an actuator file says of the columns of logs, by joint."""
+
+    of_motors: bool
+    """Whether positions and torques are those of the motors, before their gears."""
+    ratios: Mapping[str, float]
+    coupled: Mapping[str, Mapping[str, float]]
+    """Turns of a joint's motor per turn of other joints."""
+    zero: Mapping[str, float]
+    """Position of the joint where the log says 0 [rad or m]."""
+    sign: Mapping[str, float]
+    gain: Mapping[str, float]
+    """N m (or N) of the motor, or of the joint, per unit of the column."""
+
+
+def read_log_side(model: Model, source: Source) -> LogSide:
+    """The entry ``log:`` of an actuator file, and the ratios of its actuators; nothing special where there is no entry.
+
+    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
+    """
+    content, origin = read_yaml(source)
+    try:
+        return _log_side(model, Section(content, ""))
+    except (ModelError, UnknownNameError, ValueRangeError) as error:
+        raise type(error)(f"{origin}: {error}") from None
+
+
+def _log_side(model: Model, file: Section) -> LogSide:
+    check_entries(model, file)
+    names = model.velocity_names
+    sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+    actuators = file.section("actuators").content if "actuators" in file.content else {}
+    ratios = {
+        name: gear_ratio(entry["ratio"], f"actuators → {name} → ratio", sliding=name in sliding)
+        for name, entry in actuators.items()
+        if isinstance(entry, Mapping) and "ratio" in entry
+    }
+    log = file.section("log") if "log" in file.content else Section({}, "log")
+    log.only("side", "joints")
+    side = log.content.get("side", "joint")
+    if side not in ("joint", "motor"):
+        raise ModelError(f"log → side is {shown(side)}, expected joint or motor.")
+    joints = log.section("joints") if "joints" in log.content else Section({}, "log → joints")
+    given: dict[str, dict[str, Any]] = {"coupled": {}, "zero": {}, "sign": {}, "gain": {}}
+    for name in joints.content:
+        if name not in names:
+            raise UnknownNameError.of("joint", name, names)
+        entry = joints.section(name)
+        entry.only(*given)
+        if "coupled" in entry.content:
+            others = entry.section("coupled")
+            for other in others.content:
+                if other not in names or other == name:
+                    raise UnknownNameError.of("other joint", other, [n for n in names if n != name])
+            given["coupled"][name] = {
+                o: gear_ratio(others.content[o], others.where(o), sliding=o in sliding) for o in others.content
+            }
+        given["zero"] |= (
+            {name: entry.number("zero", "length" if name in sliding else "angle")} if "zero" in entry.content else {}
+        )
+        given["gain"] |= {name: entry.number("gain", "torque constant")} if "gain" in entry.content else {}
+        if "sign" in entry.content:
+            sign = entry.number("sign", "")
+            if abs(sign) != 1.0:
+                raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
+            given["sign"][name] = sign
+    return LogSide(side == "motor", ratios, given["coupled"], given["zero"], given["sign"], given["gain"])

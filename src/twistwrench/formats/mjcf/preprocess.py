@@ -1,0 +1,462 @@
+"""What ``<compiler>``, ``<option>`` and its flags say: how the numbers of an MJCF file are meant."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...bodies.inertia import SpatialInertia
+from ...bodies.mesh import hull_faces
+from ...core.files import read_bytes
+from ...core.gravity import GRAVITY
+from ...core.third_party import foreign_errors
+from ...errors import RobotFileError, TwistWrenchError
+from ...lie import quaternion
+from ...typing import Array
+from ..element import Element
+from ..source import MAX_BYTES, read_robot_text
+from ..xml import parse
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of the file's ``<compiler>`` elements, together; defaults are the format's."""
+
+    degrees: bool = True
+    euler_sequence: str = "xyz"
+    auto_limits: bool = True
+    from_geoms: str = "auto"
+    """Whether inertia comes from geoms: ``true``, ``false``, or ``auto``, where a body has no ``<inertial>``."""
+    groups: tuple[float, ...] = (0.0, 5.0)
+    """The first and last group of geoms that have inertia."""
+    total_mass: float = -1.0
+    """kg, that all bodies are scaled to; none below zero."""
+    least_mass: float = 0.0
+    least_moment: float = 0.0
+    balanced: bool = False
+    """Whether principal moments that break the triangle inequality are all set to their mean."""
+    mesh_folder: str = ""
+    plain_names: bool = False
+    """Whether the folders in the names of mesh files are left out."""
+    align_free: bool = False
+
+    @property
+    def angle(self) -> float:
+        """Radians in the file's unit of angles."""
+        return math.pi / 180.0 if self.degrees else 1.0
+
+    @classmethod
+    def of(cls, root: Element) -> Settings:
+        """Those of a file; of several elements the last one that says something counts."""
+        attributes = {name: value for e in root.all("compiler") for name, value in e.attributes.items()}
+        elements = root.all("compiler")
+        one = (elements[-1] if elements else root).with_attributes(attributes)
+        if one.word("coordinate", ("local", "global"), "local") == "global":
+            raise RobotFileError(
+                f'{one} has coordinate="global", which MuJoCo no longer knows either. Write poses relative to the parent body.'
+            )
+        sequence = one.attributes.get("eulerseq", "xyz").strip()
+        if len(sequence) != 3 or set(sequence) - set("xyzXYZ"):
+            raise RobotFileError(
+                f'{one} has eulerseq="{sequence}": three of the letters x, y, z, X, Y, Z are expected.'
+            )
+        return cls(
+            degrees=one.word("angle", ("degree", "radian"), "degree") == "degree",
+            euler_sequence=sequence,
+            auto_limits=one.flag("autolimits", default=True),
+            from_geoms=one.word("inertiafromgeom", ("true", "false", "auto"), "auto"),
+            groups=tuple(one.floats("inertiagrouprange", (0.0, 5.0))),
+            total_mass=one.floats("settotalmass", (-1.0,))[0],
+            least_mass=one.floats("boundmass", (0.0,))[0],
+            least_moment=one.floats("boundinertia", (0.0,))[0],
+            balanced=one.flag("balanceinertia", default=False),
+            mesh_folder=one.attributes.get("meshdir", one.attributes.get("assetdir", "")).strip(),
+            plain_names=one.flag("strippath", default=False),
+            align_free=one.flag("alignfree", default=False),
+        )
+
+
+def disabled_by(root: Element) -> set[str]:
+    """The forces that the flags of ``<option>`` turn off: gravity, spring, damper, equality and others, by their names."""
+    found: set[str] = set()
+    for option in root.all("option"):
+        for flag in option.all("flag"):
+            found |= {name for name, value in flag.attributes.items() if value.strip() == "disable"}
+            found -= {name for name, value in flag.attributes.items() if value.strip() == "enable"}
+    return found | also_disabled(found)
+
+
+def also_disabled(found: set[str]) -> set[str]:
+    """The forces that flags for several of them turn off."""
+    passive = {"spring", "damper"} if "passive" in found else set()
+    return passive | ({"equality", "frictionloss"} if "constraint" in found else set())
+
+
+def gravity_of(root: Element) -> list[float]:
+    """(3,) m/s², zero where a flag turns it off."""
+    gravity = list(GRAVITY)
+    for option in root.all("option"):
+        gravity = option.floats("gravity", gravity)
+    if "gravity" in disabled_by(root):
+        return [0.0, 0.0, 0.0]
+    return gravity
+
+
+def fluid_of(root: Element) -> Element | None:
+    """The ``<option>`` that gives the medium a density or a viscosity."""
+    found = None
+    for option in root.all("option"):
+        if any(option.floats(name, (0.0,))[0] for name in ("density", "viscosity")):
+            found = option
+    return found
+
+
+# ── ``<include>``: other files put in place of it. Never from outside the folder of the file, or of ``include_paths``
+
+_DEEPEST = 16
+_ROOTS = ("mujoco", "mujocoinclude")
+
+
+class Folders:
+    """The folders that a robot file may read other files from; none where the robot came as text."""
+
+    def __init__(self, home: Path | None, more: Sequence[Path] = ()) -> None:
+        self.allowed = [folder.resolve() for folder in ([home] if home is not None else []) + list(more)]
+
+    def find(self, name: str, asked: Element, near: Path | None = None) -> Path:
+        """The file called ``name``, looked for in the robot's folder, beside the file that asks, then in the other folders.
+
+        Raises :class:`~twistwrench.RobotFileError`, naming the element that asked, for absolute paths, addresses, what lies
+        outside, and what is not there.
+        """
+        if not name or "\0" in name or name.startswith(("/", "\\")) or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
+            raise RobotFileError(
+                f"{asked} names the file {name[:200]!r}: only paths below the robot's own folder are read."
+            )
+        if not self.allowed:
+            raise RobotFileError(
+                f"{asked} names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
+                "say include_paths=[folder]."
+            )
+        try:
+            folders = [self.allowed[0], *([near] if near is not None else []), *self.allowed[1:]]
+            places = [(folder / name).resolve() for folder in folders]
+            within = [path for path in places if any(path.is_relative_to(folder) for folder in self.allowed)]
+            found = next((path for path in within if path.is_file()), None)
+        except OSError:
+            within, found = [Path(name)], None
+        if found is not None:
+            return found
+        if not within:
+            raise RobotFileError(
+                f"{asked} names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, say "
+                "include_paths=[its folder]."
+            )
+        raise RobotFileError(f"{asked} names the file {name[:200]!r}, which is not there.")
+
+
+def expand(root: Element, folders: Folders, max_bodies: int) -> None:
+    """Put the elements of the files that ``<include>`` elements name in their places, in ``root`` itself.
+
+    Raises :class:`~twistwrench.RobotFileError` for files outside the folders, files included twice, and too many of them.
+    """
+    seen: dict[Path, Element] = {}
+    total = 0
+    stack: list[tuple[Element, int, Path | None]] = [(root, 0, None)]
+    while stack:
+        element, depth, near = stack.pop()
+        children: list[Element] = []
+        waiting = [(child, depth, near) for child in reversed(element.children)]
+        while waiting:
+            child, level, folder = waiting.pop()
+            if child.tag != "include":
+                child.parent = element
+                children.append(child)
+                if child.children:
+                    stack.append((child, level, folder))
+                continue
+            if level == _DEEPEST:
+                raise RobotFileError(
+                    f"{child} is the {_DEEPEST + 1}th include inside includes; {_DEEPEST} are allowed."
+                )
+            path = folders.find(child.text("file"), child, folder)
+            if path in seen:
+                raise RobotFileError(
+                    f"{child} includes {child.text('file')!r} again, after {seen[path]}. Each file may be included once."
+                )
+            seen[path] = child
+            total += path.stat().st_size
+            if total > MAX_BYTES:
+                raise RobotFileError(f"{child}: the included files have more than {MAX_BYTES // 2**20} MiB together.")
+            part = _part(path, child, max_bodies)
+            waiting.extend((one, level + 1, path.parent) for one in reversed(part.children))
+        element.children = children
+
+
+def _part(path: Path, asked: Element, max_bodies: int) -> Element:
+    name = asked.text("file")
+    try:
+        part = parse(read_robot_text(path)[0], name, max_bodies)
+    except RobotFileError as error:
+        raise RobotFileError(f"{asked} → {name}: {error}") from None
+    if part.tag not in _ROOTS:
+        raise RobotFileError(
+            f"{asked} includes {name!r}, whose root element is <{part.tag}>, expected <mujocoinclude> or <mujoco>."
+        )
+    return part
+
+
+# ── Default classes: what an element says where it says nothing itself
+
+# A class begins as a copy of the class it stands in, whatever the order in the file. An element takes the class it names, else
+# the ``childclass`` of the nearest body or frame around it, else the outermost class, ``main``.
+
+ACTUATORS = (
+    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
+    "orientation", "plugin",
+)  # fmt: skip
+"""The elements of ``<actuator>``; they share their defaults."""
+
+SHORTCUT = "the shortcut"
+"""Beside the attributes of an actuator: the element whose meaning they have."""
+
+_TURNED = {"quat", "axisangle", "xyaxes", "zaxis", "euler"}
+_MAIN = "main"
+
+
+class Defaults:
+    """The classes of a file, by name."""
+
+    def __init__(self, root: Element) -> None:
+        self._classes: dict[str, dict[str, dict[str, str]]] = {_MAIN: {}}
+        stack = [(element, "") for element in reversed(root.all("default"))]
+        while stack:
+            element, parent = stack.pop()
+            name = element.attributes.get("class", "").strip() or ("" if parent else _MAIN)
+            if not name:
+                raise RobotFileError(
+                    f"{element} lies in the class {parent!r} and has no name of its own. Give it class=…."
+                )
+            if parent and name in self._classes:
+                raise RobotFileError(f"{element} is the second class called {name!r}. Rename one.")
+            if not parent and name != _MAIN:
+                raise RobotFileError(
+                    f"{element} is called {name!r}; the outermost class is {_MAIN!r}. Put it into that one."
+                )
+            start = self._classes.get(parent or name, {})
+            mine = {tag: dict(attributes) for tag, attributes in start.items()}
+            for child in element.children:
+                if child.tag != "default":
+                    key = _key(child.tag)
+                    mine[key] = merged(mine.get(key, {}), child)
+            self._classes[name] = mine
+            stack.extend((child, name) for child in reversed(element.all("default")))
+
+    def apply(self, element: Element, around: str = "", kind: str = "") -> Element:
+        """The element with the attributes of its class where it has none; ``around`` is the childclass it stands in.
+
+        ``kind`` is what the defaults are called where that is not the element's own tag.
+        """
+        name = element.attributes.get("class", "").strip() or around or _MAIN
+        if name not in self._classes:
+            known = ", ".join(repr(one) for one in self._classes)
+            raise RobotFileError(f"{element} is of the class {name!r}, which no <default> describes. Known: {known}.")
+        default = self._classes[name].get(kind or _key(element.tag))
+        return element.with_attributes(merged(default, element)) if default or element.tag in ACTUATORS else element
+
+    def check(self, element: Element, name: str) -> str:
+        """``name`` if there is such a class, or where it is empty."""
+        if name and name not in self._classes:
+            known = ", ".join(repr(one) for one in self._classes)
+            raise RobotFileError(
+                f"{element} has the childclass {name!r}, which no <default> describes. Known: {known}."
+            )
+        return name
+
+
+def merged(default: dict[str, str] | None, element: Element) -> dict[str, str]:
+    """The attributes of an element over those of a class; of orientations, which are written in five ways, one counts."""
+    own = element.attributes
+    found = dict(default or {})
+    if not own.keys().isdisjoint(_TURNED):
+        found = {name: value for name, value in found.items() if name not in _TURNED}
+    if element.tag in ACTUATORS:
+        shortcut = element.tag if element.tag != "general" else found.get(SHORTCUT, "general")
+        return {**found, **own, SHORTCUT: shortcut}
+    return {**found, **own}
+
+
+def _key(tag: str) -> str:
+    return "actuator" if tag in ACTUATORS else tag
+
+
+# ── Meshes that inertia is computed of: opened only then, and only inside the robot's folder
+
+_MODES = ("legacy", "exact", "convex", "shell")
+
+
+class Meshes:
+    """The meshes of a file's ``<asset>``, by name."""
+
+    def __init__(self, root: Element, settings: Settings, defaults: Defaults, folders: Folders) -> None:
+        self._settings, self._folders = settings, folders
+        self._meshes: dict[str, Element] = {}
+        self._doubled: dict[str, Element] = {}
+        self._hfields: dict[str, Element] = {}
+        for asset in root.all("asset"):
+            for hfield in asset.all("hfield"):
+                name = hfield.attributes.get("name", "").strip() or Path(hfield.attributes.get("file", "")).stem
+                self._hfields[name] = hfield
+            for mesh in asset.all("mesh"):
+                name = mesh.attributes.get("name", "").strip() or Path(mesh.attributes.get("file", "")).stem
+                if name in self._meshes:
+                    self._doubled[name] = mesh
+                self._meshes[name] = defaults.apply(mesh)
+
+    def half_sizes_of_hfield(self, geom: Element) -> list[float]:
+        """Half sizes of the box about its origin by which MuJoCo weighs a height field, whatever its heights.
+
+        Raises :class:`~twistwrench.RobotFileError` naming the geom if the height field is missing.
+        """
+        name = geom.text("hfield")
+        if name not in self._hfields:
+            raise RobotFileError(f"{geom} shows the height field {name!r}, which no <asset> describes.")
+        x, y, top, bottom = self._hfields[name].values("size", 4)
+        return [x, y, 0.25 * top + 0.5 * bottom]
+
+    def inertia(self, geom: Element, *, mass: float | None = None, density: float | None = None) -> SpatialInertia:
+        """That of a mesh geom in the mesh's own frame, as MuJoCo has it.
+
+        Raises :class:`~twistwrench.RobotFileError` naming the geom where the mesh is not there or cannot be read.
+        """
+        name = geom.text("mesh")
+        if name not in self._meshes:
+            known = ", ".join(repr(one) for one in list(self._meshes)[:12]) or "none"
+            raise RobotFileError(f"{geom} shows the mesh {name!r}, which no <asset> describes. Known: {known}.")
+        if name in self._doubled:
+            raise RobotFileError(
+                f"{geom} shows the mesh {name!r}, and {self._doubled[name]} is the second one of that name."
+            )
+        element = self._meshes[name]
+        vertices, faces = self._surface(element, geom)
+        mode = element.word("inertia", _MODES, "legacy")
+        if mode == "shell":
+            raise RobotFileError(
+                f"{element} is a shell, whose inertia is not computed. Give the body of {geom} an <inertial>."
+            )
+        if mode == "convex":
+            faces = _hull(vertices, element)
+        if mode == "legacy":
+            volume, found = _legacy(vertices[faces])
+        else:
+            volume, found = _solid(vertices[faces], np.zeros(3), signed=True)
+        if not volume > 0:
+            raise RobotFileError(f"{element} encloses no volume. Give the body of {geom} an <inertial>.")
+        weight = mass if mass is not None else volume * float(density or 0.0)
+        return SpatialInertia.from_parameters(found * (weight / volume))
+
+    def _surface(self, element: Element, geom: Element) -> tuple[Array, Array]:
+        """Vertices (n, 3) [m] in the frame that geoms place, and triangles (k, 3)."""
+        if "file" in element.attributes:
+            vertices, faces = self._read(element, geom)
+        elif "vertex" in element.attributes:
+            vertices = _triples(element, "vertex")
+            faces = _triples(element, "face").astype(int) if "face" in element.attributes else _hull(vertices, element)
+        else:
+            raise RobotFileError(f"{element} has neither a file nor vertices, so the mass of {geom} is not known.")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise RobotFileError(f"{element} has faces of vertices that are not there.")
+        place, turn = element.floats("refpos", (0.0, 0.0, 0.0)), element.floats("refquat", (1.0, 0.0, 0.0, 0.0))
+        vertices = vertices.astype(np.float32).astype(float)  # as MuJoCo keeps them
+        moved = (vertices - place) @ quaternion.rotation(turn)
+        scale = element.floats("scale", (1.0, 1.0, 1.0))
+        if np.prod(scale) < 0:  # a mirror image has its inside outside
+            faces = faces[:, [0, 2, 1]]
+        return np.asarray(moved * scale), faces
+
+    def _read(self, element: Element, geom: Element) -> tuple[Array, Array]:
+        name = element.text("file").replace("\\", "/")
+        name = name.rpartition("/")[2] if self._settings.plain_names else name
+        folder = self._settings.mesh_folder.replace("\\", "/").rstrip("/")
+        try:
+            path = self._folders.find(f"{folder}/{name}" if folder else name, element)
+        except RobotFileError as error:
+            raise RobotFileError(
+                f"the mass of {geom} is that of a mesh, and {error} Put the mesh there, or give the body an <inertial>."
+            ) from None
+        from ...bodies.mesh import read_surface
+
+        try:
+            return _msh(path) if path.suffix.lower() == ".msh" else read_surface(path)
+        except TwistWrenchError as error:
+            raise RobotFileError(f"{element}: {error}") from None
+
+
+def _triples(element: Element, attribute: str) -> Array:
+    count = len(element.text(attribute).split())
+    if count % 3:
+        raise RobotFileError(f"{element} has {count} numbers in {attribute}, which is no multiple of three.")
+    return element.numbers(attribute, count).reshape(-1, 3)
+
+
+def _msh(path: Path) -> tuple[Array, Array]:
+    """MuJoCo's own binary format: four counts, then vertices, normals and texture coordinates as float32, and faces."""
+    with foreign_errors(lambda reason: RobotFileError(f"{path.name} cannot be read as a mesh: {reason}.")):
+        data = read_bytes(path)
+    counts = np.frombuffer(data[:16], "<i4").astype(int)
+    vertices, normals, textures, faces = counts if counts.size == 4 else (0, 0, 0, 0)
+    size = 16 + 4 * (3 * vertices + 3 * normals + 2 * textures + 3 * faces)
+    if counts.size != 4 or counts.min() < 0 or not vertices or not faces or size != len(data):
+        raise RobotFileError(
+            f"{path.name} is no mesh of MuJoCo's: its counts and its size, {len(data)} bytes, do not agree."
+        )
+    places = np.frombuffer(data, "<f4", 3 * vertices, 16).astype(float)
+    if not np.isfinite(places).all():
+        raise RobotFileError(f"{path.name} has vertices that are not finite.")
+    numbers = np.frombuffer(data, "<i4", 3 * faces, size - 12 * faces).astype(int)
+    return places.reshape(-1, 3), numbers.reshape(-1, 3)
+
+
+def _hull(vertices: Array, element: Element) -> Array:
+    """The triangles (k, 3) of the convex hull, seen from outside."""
+    faces = hull_faces(vertices)
+    if faces is None:
+        raise RobotFileError(f"{element} has no convex hull: its vertices lie in a plane, or are too few.")
+    return faces
+
+
+def _solid(corners: Array, about: Array, *, signed: bool) -> tuple[float, Array]:
+    """Volume, and the ten parameters at density one, of pyramids from a point to the triangles (k, 3, 3).
+
+    ``signed`` takes those off that lie on the outer side of their triangle; else every one counts as solid.
+    """
+    a, b, c = np.moveaxis(corners - about, 1, 0)
+    volumes = (a * np.cross(b, c)).sum(axis=1) / 6.0
+    volumes = volumes if signed else np.abs(volumes)
+    total = (a + b + c) / 4.0
+    h = volumes @ total
+    # ∫ r r' of a tetrahedron with one corner at the origin: V/20 (Σ x x' + s s'), s the sum of the corners x.
+    s = a + b + c
+    S = sum(np.einsum("k,ki,kj->ij", volumes, x, x) for x in (a, b, c, s)) / 20.0
+    V = float(volumes.sum())
+    S = S + np.outer(h, about) + np.outer(about, h) + V * np.outer(about, about)
+    h = h + V * about
+    I = np.trace(S) * np.eye(3) - S
+    return V, np.array([V, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+
+def _legacy(corners: Array) -> tuple[float, Array]:
+    """MuJoCo's way: pyramids from the surface's own centre, then from their centre of mass, none taken off."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1) / 2.0
+    centre = area @ corners.mean(axis=1) / area.sum()
+    first, pyramids = _solid(corners, centre, signed=False)
+    com = pyramids[1:4] / first
+    V, about = _solid(corners - com, np.zeros(3), signed=False)
+    moments = np.array([[about[4], about[5], about[7]], [about[5], about[6], about[8]], [about[7], about[8], about[9]]])
+    return V, np.asarray(SpatialInertia.from_com(V, com, moments).parameters)

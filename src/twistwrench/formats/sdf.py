@@ -1,0 +1,448 @@
+"""What elements of SDF hold as text: numbers, words, poses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..core.text import listed
+from ..errors import RobotFileError, UnknownNameError
+from ..lie import quaternion, se3
+from ..model.builder import ModelBuilder
+from ..model.description import Mimic
+from ..model.notes import Remark
+from ..typing import Array
+from .element import Element
+from .known_elements import Unread
+from .urdf import ENDLESS, rotation_of_rpy, tensor_of
+
+__all__ = ["read_sdf"]
+
+
+def held(element: Element) -> Element:
+    """The element with its text as the attribute ``text``, so that numbers are checked as those of attributes are."""
+    return element.with_attributes({**element.attributes, "text": element.content})
+
+
+def number(parent: Element | None, tag: str, default: float) -> float:
+    """The number in a child, the default where there is none."""
+    child = parent.child(tag) if parent is not None else None
+    return default if child is None else held(child).number("text")
+
+
+def moments(tensor: Element | None) -> Array:
+    """The tensor (3, 3) in an ``<inertia>``: what is left out, all of it for None, is that of 1 kg m² about every axis."""
+    return tensor_of(lambda name: number(tensor, name, float(name in ("ixx", "iyy", "izz"))))
+
+
+def vector(element: Element) -> Array:
+    """Three numbers."""
+    return held(element).numbers("text", 3)
+
+
+def word(parent: Element, tag: str, default: str = "") -> str:
+    """The text in a child, blanks at its ends removed."""
+    child = parent.child(tag)
+    return default if child is None else child.content.strip()
+
+
+def said(parent: Element, tag: str) -> bool:
+    """Whether a child says true or 1."""
+    return word(parent, tag) in ("true", "1")
+
+
+def pose(element: Element | None) -> Array:
+    """The pose (4, 4) in a ``<pose>``: position, then roll, pitch, yaw or a quaternion (x, y, z, w)."""
+    T = np.eye(4)
+    if element is None or not element.content.strip():
+        return T
+    form = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
+    values = held(element).numbers("text", 6 if form == "euler_rpy" else 7)
+    T[:3, 3] = values[:3]
+    if form == "quat_xyzw":
+        if not values[3:].any():
+            raise RobotFileError(f"{element} has a quaternion of zeros, which is no rotation.")
+        T[:3, :3] = quaternion.rotation(np.roll(values[3:], 1))
+    else:
+        degrees = element.attributes.get("degrees", "false").strip() in ("true", "1")
+        T[:3, :3] = rotation_of_rpy(values[3:] * (math.pi / 180.0 if degrees else 1.0))
+    return T
+
+
+# ── The graph of frames of a model: which frame each pose is given in, and which link each frame is fixed to
+
+MODEL = "__model__"
+WORLD = "world"
+_JOINTS = ("joint", "{drake}joint")
+
+
+@dataclass(eq=False)
+class SdfFrame:
+    """A link, joint, frame or nested model, by its name with those of the models around it."""
+
+    element: Element
+    scope: str
+    """The models around it, each with ``::`` behind."""
+    T: Array
+    """(4, 4) in the frame that ``relative_to`` names."""
+    relative_to: str
+    attached_to: str
+    """The frame it is fixed to; its own name of a link."""
+
+
+@dataclass(eq=False)
+class SdfModel:
+    """All that a model holds, nested models unpacked."""
+
+    frames: dict[str, SdfFrame] = field(default_factory=dict)
+    links: dict[str, Element] = field(default_factory=dict)
+    joints: dict[str, Element] = field(default_factory=dict)
+    named: dict[str, Element] = field(default_factory=dict)
+    """The elements ``<frame>``."""
+    _poses: dict[str, Array] = field(default_factory=dict)
+    _carriers: dict[str, str] = field(default_factory=dict)
+    """Links of the frames that were followed to them."""
+
+    def pose(self, name: str, asked: Element) -> Array:
+        """The pose (4, 4) of a frame in the model's own; raises for frames that are not there, and that refer to themselves."""
+        path: dict[str, None] = {}
+        at = name
+        while at not in self._poses and at != MODEL:
+            if at in path:
+                raise RobotFileError(
+                    f"{asked}: the frames {listed([*path, at], between=' → ')} are given relative to each other."
+                )
+            path[at] = None
+            at = self.frame(at, asked).relative_to
+        T = self._poses.get(at, np.eye(4))
+        for one in reversed(path):
+            T = T @ self.frames[one].T
+            self._poses[one] = T
+        return T
+
+    def link_of(self, name: str, asked: Element) -> str:
+        """The link that a frame is fixed to."""
+        path: dict[str, None] = {}
+        while name not in self.links and name not in self._carriers:
+            if name in path:
+                raise RobotFileError(
+                    f"{asked}: the frames {listed([*path, name], between=' → ')} are attached to each other."
+                )
+            path[name] = None
+            name = self.frame(name, asked).attached_to
+        link = self._carriers.get(name, name)
+        self._carriers |= dict.fromkeys(path, link)
+        return link
+
+    def frame(self, name: str, asked: Element) -> SdfFrame:
+        """The frame of that name."""
+        if name not in self.frames:
+            known = ", ".join(repr(one) for one in list(self.frames)[:12])
+            raise RobotFileError(
+                f"{asked} names {name!r}, which is no link, joint, frame or model there. Known: {known}."
+            )
+        return self.frames[name]
+
+    def between(self, a: str, b: str, asked: Element) -> Array:
+        """T_ab of two frames."""
+        return np.asarray(se3.inverse(self.pose(a, asked)) @ self.pose(b, asked))
+
+
+def unpacked(model: Element) -> SdfModel:
+    """The frames of a model and of all models in it, their names joined by ``::``."""
+    found = SdfModel()
+    stack = [(model, "")]
+    while stack:
+        element, scope = stack.pop()
+        if element.all("include"):
+            raise RobotFileError(f"{element.all('include')[0]} is not read. Put the model that it names in its place.")
+        own = scope[:-2] if scope else MODEL
+        for child in element.children:
+            if child.tag not in ("link", "joint", "frame", "model"):
+                continue
+            name = scope + child.text("name")
+            if name in found.frames:
+                raise RobotFileError(f"{child} has the name of {found.frames[name].element}. Rename one.")
+            place = child.child("pose")
+            default = own
+            attached = name
+            if child.tag == "joint":
+                default = scope + _end(child, "child")
+                attached = default
+                found.joints[name] = child
+            elif child.tag == "frame":
+                said = child.attributes.get("attached_to", "").strip()
+                default = scope + said if said and said != MODEL else own
+                attached = default
+                found.named[name] = child
+            elif child.tag == "link":
+                found.links[name] = child
+            else:
+                stack.append((child, f"{name}::"))
+                attached = f"{name}::{_canonical_link(child)}"
+            relative = place.attributes.get("relative_to", "").strip() if place is not None else ""
+            relative = (own if relative == MODEL else scope + relative) if relative else default
+            found.frames[name] = SdfFrame(child, scope, pose(place), relative, attached)
+        if not scope:
+            found.frames[MODEL] = SdfFrame(element, "", np.eye(4), MODEL, _canonical_link(element))
+    return found
+
+
+def _canonical_link(model: Element) -> str:
+    """Name of the link that the model's own frame is fixed to."""
+    named = model.attributes.get("canonical_link", "").strip()
+    return named or next((link.text("name") for link in model.all("link")), "")
+
+
+def _end(joint: Element, which: str) -> str:
+    name = word(joint, which)
+    if not name:
+        raise RobotFileError(f"{joint} has no <{which}>. Name the link.")
+    return name
+
+
+# ── From the elements of an SDF file to the builder's links and joints
+
+_KINDS = {
+    "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed", "ball": "ball",
+    "screw": "helical", "universal": "revolute", "revolute2": "revolute",
+}  # fmt: skip
+
+
+def read_sdf(
+    root: Element, source: str = "", *, floating_base: bool | None = None, model: str | None = None
+) -> ModelBuilder:
+    """A builder filled with the links and joints of one model of an ``<sdf>`` element; its base is the link ``world``.
+
+    ``model`` names it where several could be meant. ``floating_base=True`` lets links that no joint holds float; otherwise they
+    are fixed where the file puts them. Raises :class:`~twistwrench.RobotFileError` with element and line, and
+    :class:`~twistwrench.UnknownNameError` for a model that is not there.
+    """
+    chosen, world = chosen_model(root, model)
+    return _SdfReader(root, chosen, world, source, floating_base).read()
+
+
+def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
+    """The model of a file that is read, by its name or the one that can move, and the world it stands in."""
+    worlds = root.all("world")
+    models = [(one, None) for one in root.all("model")] + [(one, w) for w in worlds for one in w.all("model")]
+    if name is not None:
+        by_name = {one.text("name"): (one, world) for one, world in models}
+        if name not in by_name:
+            raise UnknownNameError.of("model", name, by_name)
+        return by_name[name]
+    moving = [pair for pair in models if not said(pair[0], "static")]
+    if len(moving) > 1:
+        names = ", ".join(repr(one.text("name")) for one, _ in moving)
+        raise RobotFileError(f"{root} has {len(moving)} models that can move: {names}. Say which, model=….")
+    if not models:
+        raise RobotFileError(f"{root} has no <model>.")
+    return (moving or models)[0]
+
+
+class _SdfReader:
+    """One model on its way into a builder."""
+
+    def __init__(
+        self, root: Element, model: Element, world: Element | None, source: str, floating_base: bool | None
+    ) -> None:
+        self.model, self.world, self.floating_base = model, world, floating_base
+        self.version = _version(root)
+        self.builder = ModelBuilder(model.text("name"), source)
+        gravity = world.child("gravity") if world is not None else None
+        if gravity is not None:
+            self.builder.gravity = vector(gravity).tolist()
+        self.place = pose(model.child("pose"))
+        self.parts: SdfModel = unpacked(model)
+
+    def read(self) -> ModelBuilder:
+        """Links in the file's order, then joints, then frames."""
+        builder = self.builder
+        builder.add_link(WORLD)
+        for name, link in self.parts.links.items():
+            if name == WORLD:
+                raise RobotFileError(f"{link} has the name of the world itself. Rename it.")
+            shaped = bool(link.all("visual") or link.all("collision"))
+            builder.add_link(name, self._inertia(link), where=link.place, shaped=shaped)
+        held = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
+        for one in self.model.walk():
+            if one.tag == "drake:joint":
+                raise RobotFileError(f"{one} is an extension of Drake's, which is not read. Write it as a <joint>.")
+        self._add_roots(held)
+        for name, frame in self.parts.named.items():
+            carrier = self.parts.link_of(name, frame)
+            builder.add_site(name, carrier, self.parts.between(carrier, name, frame), where=frame.place)
+        unread = Unread("SDF")
+        for element in (self.world, self.model):
+            if element is not None:
+                unread.walk(element)
+        for text in unread.remarks:
+            builder.remark(text)
+        return builder
+
+    def _add_roots(self, held: set[str]) -> None:
+        roots = [name for name in self.parts.links if name not in held]
+        floats = bool(self.floating_base) and not said(self.model, "static")
+        for name in roots:
+            link = self.parts.links[name]
+            T = self.place @ self.parts.pose(name, link)
+            joint = "root_joint" if len(roots) == 1 else f"{name}.root_joint"
+            if floats:
+                self.builder.add_joint(joint, "floating", WORLD, name, where=link.place)
+            else:
+                self.builder.add_joint(joint, "fixed", WORLD, name, placement=T, where=link.place)
+                if self.floating_base is None and not said(self.model, "static"):
+                    self.builder.remark(
+                        Remark(str(link), "is held by no joint, so it is fixed; floating_base=True lets it float")
+                    )
+
+    def _inertia(self, link: Element) -> SpatialInertia:
+        inertial = link.child("inertial")
+        if inertial is not None and inertial.attributes.get("auto", "").strip() in ("true", "1"):
+            raise RobotFileError(
+                f"{inertial} asks for inertia from shapes (auto), which is not computed. Write it out."
+            )
+        tensor = inertial.child("inertia") if inertial is not None else None
+        missing = ["mass"] if inertial is None or inertial.child("mass") is None else []
+        missing += ["inertia"] if tensor is None else []
+        if missing:
+            means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
+            text = " and ".join(f"no {what}, which means {means[what]}" for what in missing)
+            self.builder.remark(Remark(str(link), f"has {text}, in this format"))
+        T = pose(inertial.child("pose") if inertial is not None else None)
+        R, I = T[:3, :3], moments(tensor)
+        return SpatialInertia.from_com(number(inertial, "mass", 1.0), T[:3, 3], R @ I @ R.T)
+
+    def _add_joint(self, name: str, joint: Element) -> str:
+        """Add a joint; the link it carries."""
+        said_kind = joint.text("type")
+        if said_kind == "gearbox":
+            raise RobotFileError(
+                f"{joint} is a gearbox, which is a constraint between joints. Remove it, or write a <mimic>."
+            )
+        if said_kind not in _KINDS:
+            raise RobotFileError(f"{joint} has the unknown type {said_kind!r}. Allowed: {', '.join(_KINDS)}.")
+        scope = self.parts.frames[name].scope
+        parent, child = (self._end(joint, which, scope) for which in ("parent", "child"))
+        if child == WORLD:
+            raise RobotFileError(f"{joint} has the world as its child. Exchange parent and child.")
+        T_parent = np.eye(4) if parent == WORLD else self.place @ self.parts.pose(parent, joint)
+        T_child = self.place @ self.parts.pose(child, joint)
+        placement = np.asarray(se3.inverse(T_parent) @ T_child)
+        T_cj = self.parts.between(child, name, joint)
+        kind, where = _KINDS[said_kind], joint.place
+        if kind == "fixed":
+            self.builder.add_joint(name, kind, parent, child, placement=placement, where=where)
+        elif kind == "ball":
+            at, back = (se3.pose(np.eye(3), sign * T_cj[:3, 3]) for sign in (1.0, -1.0))
+            away = bool(T_cj[:3, 3].any())
+            if away:
+                self.builder.add_link(f"{child}:{name}", hidden=True)
+                self.builder.add_joint(f"{name}.fixed", "fixed", f"{child}:{name}", child, placement=back, where=where)
+            axis = joint.child("axis")
+            losses: dict[str, Any] = self._losses(axis)
+            below = f"{child}:{name}" if away else child
+            self.builder.add_joint(name, kind, parent, below, placement=placement @ at, where=where, **losses)
+        elif said_kind in ("universal", "revolute2"):
+            middle = f"{child}:{name}"
+            self.builder.add_link(middle, hidden=True)
+            for which, above, below, T in (("axis", parent, middle, placement), ("axis2", middle, child, np.eye(4))):
+                self._add_axis(f"{name}.{which}", kind, joint, which, above, below, T, T_cj, scope, child)
+        else:
+            self._add_axis(name, kind, joint, "axis", parent, child, placement, T_cj, scope, child)
+        return child
+
+    def _end(self, joint: Element, which: str, scope: str) -> str:
+        name = word(joint, which)
+        return WORLD if name == WORLD else self.parts.link_of(scope + name, joint)
+
+    def _add_axis(
+        self, name: str, kind: str, joint: Element, which: str, parent: str, child: str, placement: Array, T_cj: Array,
+        scope: str, link: str,
+    ) -> None:  # fmt: skip
+        axis = joint.required(which, f"<{which}><xyz>0 0 1</xyz></{which}>")
+        w = self._direction(axis, T_cj, scope, link)
+        length = float(np.linalg.norm(w))
+        if not length:
+            raise RobotFileError(f"{axis} has a zero <xyz>, which is no direction. Give one such as 0 0 1.")
+        w = w / length
+        S = (
+            np.concatenate([np.zeros(3), w])
+            if kind == "prismatic"
+            else np.concatenate([w, np.cross(T_cj[:3, 3], w) + 0.0])
+        )
+        if kind == "helical":
+            S[3:] += _pitch(joint) * w
+        options: dict[str, Any] = self._limits(axis) | self._losses(axis)
+        inertia, gear = number(joint, "drake:rotor_inertia", 0.0), number(joint, "drake:gear_ratio", 1.0)
+        mimic = self._mimic(axis, scope)
+        self.builder.add_joint(
+            name, kind, parent, child, placement=placement, axis=S, armature=inertia * gear**2, mimic=mimic, where=joint.place,
+            **options,
+        )  # fmt: skip
+        dynamics = axis.child("dynamics")
+        stiffness = number(dynamics, "spring_stiffness", 0.0)
+        if stiffness:
+            rest = number(dynamics, "spring_reference", 0.0)
+            self.builder.add_spring({name: 1.0}, stiffness, rest, where=joint.place)
+
+    def _direction(self, axis: Element, T_cj: Array, scope: str, link: str) -> Array:
+        """The axis in the frame of the child link."""
+        xyz = axis.child("xyz")
+        if xyz is None:
+            raise RobotFileError(f"{axis} has no <xyz>. Give a direction such as <xyz>0 0 1</xyz>.")
+        w, frame = vector(xyz), xyz.attributes.get("expressed_in", "").strip()
+        if frame:
+            name = (scope[:-2] if scope else MODEL) if frame == MODEL else scope + frame
+        elif self.version <= (1, 4) or said(axis, "use_parent_model_frame"):
+            name = scope[:-2] if scope else MODEL
+        else:
+            return np.asarray(T_cj[:3, :3] @ w)
+        return np.asarray(self.parts.between(link, name, axis)[:3, :3] @ w)
+
+    def _limits(self, axis: Element) -> dict[str, float | None]:
+        limit = axis.child("limit")
+        lower, upper = number(limit, "lower", -math.inf), number(limit, "upper", math.inf)
+        most = {name: number(limit, name, -1.0) for name in ("velocity", "effort")}
+        return {
+            "lower": lower if lower > -ENDLESS else None,
+            "upper": upper if upper < ENDLESS else None,
+            **{name: value if 0 < value < ENDLESS else None for name, value in most.items()},
+        }
+
+    def _losses(self, axis: Element | None) -> dict[str, float]:
+        dynamics = axis.child("dynamics") if axis is not None else None
+        return {"damping": number(dynamics, "damping", 0.0), "friction": number(dynamics, "friction", 0.0)}
+
+    def _mimic(self, axis: Element, scope: str) -> Mimic | None:
+        mimic = axis.child("mimic")
+        if mimic is None:
+            return None
+        leader = scope + mimic.text("joint")
+        ratio = number(mimic, "multiplier", 1.0)
+        return leader, ratio, number(mimic, "offset", 0.0) - ratio * number(mimic, "reference", 0.0)
+
+
+def _pitch(joint: Element) -> float:
+    """m/rad: ``screw_thread_pitch`` is metres a turn, ``thread_pitch`` radians a metre the other way."""
+    if joint.child("screw_thread_pitch") is not None:
+        return number(joint, "screw_thread_pitch", 1.0) / (2.0 * math.pi)
+    per_metre = number(joint, "thread_pitch", 1.0)
+    if not per_metre:
+        raise RobotFileError(f"{joint} has a thread_pitch of zero. Give radians per metre.")
+    return -1.0 / per_metre
+
+
+def _version(root: Element) -> tuple[int, ...]:
+    text = root.text("version")
+    try:
+        return tuple(int(part) for part in text.split("."))
+    except ValueError:
+        raise RobotFileError(f"{root} has version={text!r}, expected such as 1.7.") from None
+
+
+# ── SDFormat, the description of models and worlds of Gazebo and Drake; see http://sdformat.org/spec

@@ -1,0 +1,215 @@
+"""Numbers with units, as data sheets give them: "33.3 g cm^2", "25.5 mN m/A", "4200 rpm"."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import reprlib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.files import is_stream, read_text
+from ..core.numbers import printed
+from ..core.third_party import foreign_errors
+from ..errors import ModelError, NotFoundError, UnknownNameError
+
+_TURN = 2 * math.pi
+UNITS: dict[str, dict[str, float]] = {
+    "inertia": {"kg m^2": 1.0, "kg cm^2": 1e-4, "kg mm^2": 1e-6, "g m^2": 1e-3, "g cm^2": 1e-7, "g mm^2": 1e-9},
+    "torque constant": {"N m/A": 1.0, "mN m/A": 1e-3, "V s/rad": 1.0},
+    "resistance": {"ohm": 1.0, "Ω": 1.0, "mohm": 1e-3, "mΩ": 1e-3},
+    "inductance": {"H": 1.0, "mH": 1e-3, "uH": 1e-6, "µH": 1e-6},
+    "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "rotor speed": {"rad/s": 1.0, "rpm": _TURN / 60, "/min": _TURN / 60, "deg/s": _TURN / 360},
+    "mass": {"kg": 1.0, "g": 1e-3},
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "torque": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "viscous": {"N m s/rad": 1.0, "mN m s/rad": 1e-3},
+    "viscous, sliding": {"N s/m": 1.0, "kN s/m": 1e3},
+    "speed": {"rad/s": 1.0, "rpm": _TURN / 60, "deg/s": _TURN / 360},
+    "speed, sliding": {"m/s": 1.0, "mm/s": 1e-3},
+    "stiffness": {"N m/rad": 1.0, "kN m/rad": 1e3, "N m/deg": 360 / _TURN},
+    "stiffness, sliding": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3},
+    "angle": {"rad": 1.0, "deg": _TURN / 360},
+}
+"""The units of each kind of quantity, SI first, and what one of them is in SI."""
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)", re.DOTALL)
+
+
+def in_si(value: object, kind: str, where: str) -> float:
+    """The number in SI units. Raises :class:`~twistwrench.ModelError` naming ``where``, and the units that are known.
+
+    >>> in_si("33.3 g cm^2", "inertia", "the rotor")
+    3.33e-06
+    >>> in_si("1 mN·m/A", "torque constant", "the motor")
+    0.001
+    """
+    known = UNITS[kind]
+    first = next(iter(known))
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        raise ModelError(
+            f"{where} is {printed(value)} without a unit. Write {printed(value)} {first}, or one of {_listed(known)}."
+        )
+    found = _NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if found is None:
+        raise ModelError(f"{where} is {value!r}, expected a number with a unit, such as 1.5 {first}.")
+    factors = {_plain(unit): factor for unit, factor in known.items()}
+    unit = _plain(found[2])
+    if unit not in factors:
+        given = f"the unit {found[2].strip()!r}" if unit else "no unit"
+        raise ModelError(f"{where} is {value!r}, with {given}. Known here: {_listed(known)}.")
+    number = float(found[1]) * factors[unit]
+    if not math.isfinite(number):
+        raise ModelError(f"{where} is {value!r}, which is no finite number.")
+    return float(f"{number:.15g}")  # 33.3 g cm² is 3.33e-6 kg m², whatever 1e-7 is in binary
+
+
+def _listed(known: dict[str, float]) -> str:
+    return ", ".join(known)
+
+
+def _plain(unit: str) -> str:
+    """Without spaces, dots and carets: kg·m², kg m^2 and kgm2 are one unit."""
+    return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")
+
+
+# ── A mapping of a YAML file that knows the keys that lead to it, and its numbers with units
+
+
+def shown(value: object) -> str:
+    """What stands there, shortened: with aliases a short file may mean a value of endless length."""
+    short = reprlib.Repr()
+    short.maxlevel, short.maxstring, short.maxother = 2, 60, 60
+    return short.repr(value)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A mapping of the file, and the path of keys that leads to it."""
+
+    content: Any
+    path: str
+    taken: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.content, Mapping):
+            raise ModelError(f"{self.path or 'the file'} is {shown(self.content)}, expected entries 'name: value'.")
+
+    def where(self, key: str) -> str:
+        """Where an entry stands: the keys that lead to it."""
+        return f"{self.path} → {key}" if self.path else key
+
+    def only(self, *allowed: str) -> None:
+        """Raise UnknownNameError for an entry that is not among those allowed."""
+        for key in self.content:
+            if key not in allowed:
+                raise UnknownNameError.of(f"entry of {self.path or 'an actuator file'}", key, allowed)
+
+    def section(self, key: str) -> Section:
+        """The mapping below a key."""
+        return Section(self.content[key], self.where(key))
+
+    def number(self, key: str, kind: str) -> float:
+        """A number with a unit; with no unit at all where ``kind`` is empty."""
+        value = self.content[key]
+        if kind:
+            return in_si(value, kind, self.where(key))
+        return plain_number(value, f"{self.where(key)} is {shown(value)}, expected a plain number.")
+
+    def vector(self, key: str, kind: str) -> Any:
+        """Three numbers (3,), each with its unit."""
+        values = self.content[key]
+        if isinstance(values, str | Mapping) or np.ndim(np.asarray(values, object)) != 1 or len(values) != 3:
+            raise ModelError(f"{self.where(key)} is {shown(values)}, expected three entries in brackets.")
+        items = Section({str(k): v for k, v in zip("xyz", values, strict=True)}, self.where(key))
+        return np.array([items.number(k, kind) for k in "xyz"])
+
+    def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
+        """``{key: what get makes of it}``, or nothing where it is absent."""
+        return {key: get(key, *args)} if key in self.content else {}
+
+
+def plain_number(value: object, problem: str) -> float:
+    """A number that is finite, or text of one; booleans and Python's 1_0 are none."""
+    try:
+        if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
+            raise ValueError  # noqa: TRY301  one sentence answers all of it
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ModelError(problem) from None
+    if not np.isfinite(number):
+        raise ModelError(problem)
+    return number
+
+
+# ── YAML from a path, from text or from a mapping, as mappings, lists and text
+
+Source = str | os.PathLike[str] | Mapping[str, Any]
+
+_MOST_BYTES = 2**18
+"""Larger files are refused: YAML is read slowly, and a robot of a hundred motors takes 40 kB."""
+
+_MOST_LEVELS = 50
+"""Deeper nesting is refused; an actuator file needs five levels, and YAML takes quadratic time for more."""
+
+
+def read_yaml(source: Source) -> tuple[object, str]:
+    """What the YAML says, and what to call where it is from. Raises NotFoundError and ModelError."""
+    if isinstance(source, Mapping):
+        return source, "the actuators given"
+    if not isinstance(source, str | os.PathLike):
+        raise ModelError(f"actuators come from a path, YAML text or a mapping, not from {type(source).__name__}.")
+    text, origin = str(source), "the text given"
+    if "\n" not in text and ":" not in Path(text).name:
+        path = Path(source)
+        try:
+            found = path.is_file() or is_stream(path)
+        except (OSError, ValueError):
+            found = False
+        if not found:
+            raise NotFoundError(
+                f"no actuator file {text[:200]!r}. It is YAML with an entry 'actuators:', and the joints below it."
+            )
+        origin = str(path)
+        with foreign_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):
+            text = read_text(path, _MOST_BYTES)
+    return _parsed(text, origin), origin
+
+
+def _parsed(text: str, origin: str) -> object:
+    """The text's mappings, lists and strings: YAML itself would read 101:1 as a number to the base of sixty."""
+    import yaml
+
+    def no_deeper(levels: int) -> None:
+        if levels > _MOST_LEVELS:
+            raise ModelError(
+                f"{origin} nests its entries more than {_MOST_LEVELS} deep. An actuator file needs five levels."
+            )
+
+    class Loader(yaml.BaseLoader):
+        def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+            no_deeper(self.flow_level)
+            super().fetch_flow_collection_start(TokenClass)
+
+        def add_indent(self, column: int) -> bool:
+            no_deeper(len(self.indents))
+            return bool(super().add_indent(column))
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+            keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+            if twice := sorted(key for key, count in keys.items() if count > 1):
+                line = node.start_mark.line + 1
+                raise ModelError(f"{origin}, line {line}: {', '.join(twice)} given twice. Keep one of them.")
+            return super().construct_mapping(node, deep)
+
+    with foreign_errors(lambda reason: ModelError(f"{origin} is no YAML: {reason}.")):
+        return yaml.load(text, Loader)  # a BaseLoader makes nothing but text

@@ -1,0 +1,568 @@
+"""Bodies that can exist: least squares of the groups, near the file's bodies in the divergence of their pseudo-inertias.
+
+Over pseudo-inertias J_i of the bodies, above 0, and positive numbers d_k of the drives:
+
+    f = ½ |W x - τ|² + γ Σ_i D(J_i, J_i0) + γ Σ_k (d_k / d_k0 - log d_k / d_k0 - 1)
+    D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4
+
+D is the Bregman divergence of -log det (Lee, Wensing and Park, "Geometric robot dynamic identification: a convex programming
+approach", IEEE T-RO 36(2), 2020). f is convex, and f / γ self-concordant: Newton's method from a large γ, where the minimum is
+the file itself, down to the one wanted, each from the minimum before, keeps all J_i positive by construction. Steps are taken
+as J = L (1 + X) L' about J = L L', in which the divergence's own Hessian is γ times the unit matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..bodies.inertia import SpatialInertia
+from ..core.numbers import number
+from ..core.text import listed
+from ..estimation.least_squares import Information, NormalEquations, Prior
+from ..model.actuation import with_friction
+from ..robot import Robot
+from ..typing import Array
+from .parameters import BaseParameters
+
+STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
+"""Weights γ of the divergence that are offered, in units of the squared residuals; from large to small."""
+MOST_STEPS = 50
+_BETWEEN = 3
+"""Steps of γ to a tenth, each from the minimum before."""
+_DONE = 1e-10
+_THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
+"""Shares that a prior body has at least: of its own second moments, of the robot's mass, and of its reach as a radius."""
+_SMALL_DRIVE = 1e-3
+_HOLD = 1e6
+"""Weight that holds known values, in units of the residuals, per size that they could have."""
+
+
+def _basis() -> Array:
+    """(10, 4, 4) orthonormal symmetric matrices."""
+    found = []
+    for i in range(4):
+        for j in range(i, 4):
+            E = np.zeros((4, 4))
+            E[i, j] = E[j, i] = 1.0 if i == j else math.sqrt(0.5)
+            found.append(E)
+    return np.array(found)
+
+
+_E = _basis()
+_TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
+"""(10, 4, 4): J = Σ_k π_k of these."""
+_FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))
+"""(10, 10): π from the ten coordinates of J."""
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    """(4, 4) of ten parameters."""
+    return np.einsum("k,kij->ij", parameters, _TO_PSEUDO)
+
+
+@dataclass(frozen=True, eq=False)
+class PositiveFit:
+    """Parameters of bodies that can exist, of one strength.
+
+    Attributes
+    ----------
+    strength : float, γ
+    values : (p,) array, of all unknown parameters
+    cost : float, f there, the constant of the residuals included
+    steps : int, Newton's steps of this strength
+    above : float, how far the cost is above the least, by Newton's last decrement
+    """
+
+    strength: float
+    values: Array
+    cost: float
+    steps: int
+    above: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PositivePrior:
+    """What bodies and drives are kept near to.
+
+    Attributes
+    ----------
+    bodies : (n, 4, 4) array, pseudo-inertias above 0, of the links that move
+    drives : (p,) array, positive; 1 where the parameter is free
+    positive : (p,) bool array, parameters of drives that cannot be negative
+    repaired : tuple of str, links whose inertia in the file is on the border of what can exist
+    """
+
+    bodies: Array
+    drives: Array
+    positive: Array
+    repaired: tuple[str, ...]
+
+    @classmethod
+    def of(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:
+        """The file's bodies, thickened where they have no extent, and the drives as the groups have them.
+
+        Parameters
+        ----------
+        base : BaseParameters
+        values : (r,) array, of the groups
+        sizes : (p,) array, that parameters could have at most
+
+        Returns
+        -------
+        prior : PositivePrior
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> PositivePrior.of(base, np.ones(base.count), np.ones(28)).repaired
+        ('link1', 'link2')
+        """
+        model = base.unknown.model
+        mass, length = base.unknown.lengths
+        bodies, repaired = [], []
+        for body in (model.bodies[i] for i in base.unknown.bodies):
+            J, changed = _thickened(body.inertia, mass, length)
+            bodies.append(J)
+            if changed:
+                repaired.append(body.link)
+        kinds = np.array(base.unknown.kinds)
+        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
+        drives = np.where(positive, _SMALL_DRIVE * sizes, 1.0)
+        lacking = values - base.project(base.unknown.file_values)  # what the file's bodies leave to the drives
+        for k in np.flatnonzero(positive):
+            rows = np.flatnonzero(base.grouping[:, k])
+            if rows.size:
+                drives[k] = max(drives[k], float(lacking[rows[0]] / base.grouping[rows[0], k]))
+        known = positive & base.unknown.held
+        drives[known] = np.maximum(base.unknown.file_values[known], _SMALL_DRIVE * _SMALL_DRIVE * sizes[known])
+        return cls(np.array(bodies), drives, positive, tuple(repaired))
+
+
+def _thickened(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
+    """A pseudo-inertia above 0 near that of a body, and whether it had to be changed."""
+    m = float(G.mass)
+    changed = not m > 1e-9 * mass
+    if changed:
+        m, c, S = _LIGHT * mass, np.zeros(3), np.zeros((3, 3))
+    else:
+        c = G.com
+        S = G.second_moment - m * np.outer(c, c)
+    least = m * min((_RADIUS * length) ** 2, _THIN * max(float(np.trace(S)) / m, (_RADIUS * length) ** 2 / _THIN))
+    moments, axes = np.linalg.eigh(0.5 * (S + S.T))
+    floor = max(_THIN * float(moments.max(initial=0.0)), 1e-3 * least)
+    if moments.min() < floor:
+        changed = True
+        moments = np.maximum(moments, floor if moments.max() > least else least)
+    S = (axes * moments) @ axes.T + m * np.outer(c, c)
+    return np.block([[S, m * c[:, None]], [m * c[None, :], np.array([[m]])]]), changed
+
+
+class PositiveProblem:
+    """The cost of one set of rows: N (r, r), c (r,) and y = |τ|² of the groups."""
+
+    def __init__(self, base: BaseParameters, prior: PositivePrior, N: Array, c: Array, y: float, sizes: Array) -> None:
+        self.base, self.prior = base, prior
+        K = base.grouping
+        self.H, self.g = K.T @ N @ K, K.T @ c
+        held = np.flatnonzero(base.unknown.held)
+        weight = (_HOLD / sizes[held]) ** 2
+        known = base.unknown.file_values[held]
+        self.H[held, held] += weight
+        self.g[held] += weight * known
+        self.y = y + float(weight @ known**2)
+        of_bodies = base.unknown.of_bodies
+        self._bodies = [
+            np.array([int(np.flatnonzero(of_bodies == 10 * i + k)[0]) for k in range(10)]) for i in base.unknown.bodies
+        ]
+        self._drives = np.flatnonzero(prior.positive)
+        self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)
+        self._size = sizes
+        self._inverse = np.linalg.inv(prior.bodies)
+
+    def path(self, strengths: Sequence[float]) -> list[PositiveFit]:
+        """The minima for strengths from large to small, each begun at the one before."""
+        J, x = self.prior.bodies.copy(), np.zeros(len(self.base.unknown.names))
+        x[self._drives] = self.prior.drives[self._drives]
+        found = []
+        last = max(strengths)
+        for strength in strengths:
+            ways = max(1, math.ceil(_BETWEEN * math.log10(last / strength)))
+            for k in range(1, ways):
+                J, x, *_ = self._minimum(J, x, last * (strength / last) ** (k / ways))
+            J, x, cost, steps, above = self._minimum(J, x, strength)
+            found.append(PositiveFit(strength, self._values(J, x), cost, steps, above))
+            last = strength
+        return found
+
+    def _values(self, J: Array, x: Array) -> Array:
+        values = x.copy()
+        for places, body in zip(self._bodies, J, strict=True):
+            values[places] = _FROM_PSEUDO @ np.einsum("aij,ij->a", _E, body)
+        return values
+
+    def cost(self, J: Array, x: Array, strength: float) -> float:
+        """f; infinite where something is not positive."""
+        values = self._values(J, x)
+        divergence = 0.0
+        for inverse, body in zip(self._inverse, J, strict=True):
+            sign, size = np.linalg.slogdet(inverse @ body)
+            if sign <= 0 or np.linalg.eigvalsh(body)[0] <= 0:
+                return math.inf
+            divergence += float(np.trace(inverse @ body)) - size - 4.0
+        share = x[self._drives] / self.prior.drives[self._drives]
+        if (share <= 0).any():
+            return math.inf
+        divergence += float((share - np.log(share) - 1.0).sum())
+        offsets = 0.5 * float(((x[self._free] / self._size[self._free]) ** 2).sum())
+        return (
+            0.5 * (self.y - 2.0 * float(self.g @ values) + float(values @ self.H @ values))
+            + strength * divergence
+            + offsets
+        )
+
+    def _minimum(self, J: Array, x: Array, strength: float) -> tuple[Array, Array, float, int, float]:
+        cost, fall = self.cost(J, x, strength), math.inf
+        for step in range(MOST_STEPS):
+            L = np.linalg.cholesky(J)
+            T = self._tangents(L, x)
+            gradient = T.T @ (self.H @ self._values(J, x) - self.g)
+            hessian = T.T @ self.H @ T
+            n = 10 * len(J)
+            for i in range(len(J)):
+                pulled = L[i].T @ self._inverse[i] @ L[i]
+                gradient[10 * i : 10 * i + 10] += strength * np.einsum("aij,ij->a", _E, pulled - np.eye(4))
+            drives = slice(n, n + len(self._drives))
+            gradient[drives] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
+            gradient[n + len(self._drives) :] += x[self._free] / self._size[self._free]
+            diagonal = np.full(len(gradient), strength)
+            diagonal[n + len(self._drives) :] = 1.0
+            hessian[np.diag_indices_from(hessian)] += diagonal
+            direction = -_solved(hessian, gradient)
+            fall = -float(gradient @ direction)
+            if fall <= _DONE * max(abs(cost), strength, 1e-300):
+                return J, x, cost, step, fall / 2
+            scale = 1.0
+            while True:
+                J_new, x_new = self._moved(L, x, scale * direction)
+                new = self.cost(J_new, x_new, strength)
+                if new <= cost - 1e-4 * scale * fall or scale < 1e-10:
+                    break
+                scale *= 0.5
+            if not new < cost:
+                return J, x, cost, step, fall / 2
+            J, x, cost = J_new, x_new, new
+        return J, x, cost, MOST_STEPS, fall / 2
+
+    def _tangents(self, L: Array, x: Array) -> Array:
+        """(p, n) what each coordinate of a step adds to the parameters."""
+        n = 10 * len(L)
+        T = np.zeros((len(x), n + len(self._drives) + len(self._free)))
+        for i, (places, half) in enumerate(zip(self._bodies, L, strict=True)):
+            moved = half @ _E @ half.T  # (10, 4, 4)
+            T[np.ix_(places, np.arange(10 * i, 10 * i + 10))] = _FROM_PSEUDO @ np.einsum("bij,aij->ba", _E, moved)
+        T[self._drives, n + np.arange(len(self._drives))] = x[self._drives]
+        at = n + len(self._drives)
+        T[self._free, at + np.arange(len(self._free))] = self._size[self._free]
+        return T
+
+    def _moved(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
+        n = 10 * len(L)
+        X = np.einsum("na,aij->nij", step[:n].reshape(-1, 10), _E)
+        J = L @ (np.eye(4) + X) @ L.transpose(0, 2, 1)
+        x = x.copy()
+        x[self._drives] *= 1.0 + step[n : n + len(self._drives)]
+        x[self._free] += self._size[self._free] * step[n + len(self._drives) :]
+        return 0.5 * (J + J.transpose(0, 2, 1)), x
+
+
+def _solved(hessian: Array, gradient: Array) -> Array:
+    import scipy.linalg
+
+    size = np.sqrt(hessian.diagonal())
+    factor = scipy.linalg.cho_factor(hessian / size[:, None] / size[None, :], check_finite=False)
+    return np.asarray(scipy.linalg.cho_solve(factor, gradient / size, check_finite=False) / size)
+
+
+# ── A robot of bodies that can exist, near the file's, as the logs have it
+
+_NEAR_BEST = 1.01
+"""Times the least residual held out, that a stronger pull to the file may leave."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentRobot:
+    """Consistent robot: bodies that can exist, friction and motor inertias that are positive.
+
+    Attributes
+    ----------
+    base : BaseParameters
+    fit : PositiveFit, the one chosen
+    curve : tuple of (γ, share), |τ - τ̂| / |τ| of fifths held out for each strength that was tried
+    of_file : float, the same of the file's bodies with friction fitted
+    repaired : tuple of str, links whose inertia in the file had to be thickened first
+    """
+
+    base: BaseParameters
+    fit: PositiveFit
+    curve: tuple[tuple[float, float], ...]
+    of_file: float
+    repaired: tuple[str, ...]
+
+    @property
+    def held_out(self) -> float:
+        """|τ - τ̂| / |τ| of fifths held out, at the strength chosen."""
+        return dict(self.curve)[self.fit.strength]
+
+    def value(self, name: str) -> float:
+        """A parameter by its name.
+
+        Parameters
+        ----------
+        name : str, such as ``link_2.m``
+
+        Returns
+        -------
+        value : float
+
+        Raises
+        ------
+        ValueError
+            There is none of that name.
+
+        Examples
+        --------
+        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ()).value("joint1.viscous")
+        11.0
+        """
+        return float(self.fit.values[self.base.unknown.names.index(name)])
+
+    @property
+    def inertias(self) -> tuple[SpatialInertia, ...]:
+        """Of each moving body, fixed links fused, in its own frame; zero of what only stands between two joints of a link."""
+        unknown = self.base.unknown
+        values = np.zeros((len(unknown.model.bodies), len(PARAMETER_NAMES)))
+        mine = unknown.of_bodies >= 0
+        values.reshape(-1)[unknown.of_bodies[mine]] = self.fit.values[mine]
+        return tuple(map(SpatialInertia.from_parameters, values))
+
+    def of_joints(self, kind: str) -> dict[str, float]:
+        """Numbers of one kind by joint; joints without one are left out.
+
+        Parameters
+        ----------
+        kind : str, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck`` or ``offset``
+
+        Returns
+        -------
+        numbers : {joint: number}
+
+        Examples
+        --------
+        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ()).of_joints("offset")
+        {'joint1': 13.0, 'joint2': 27.0}
+        """
+        names = self.base.unknown.names
+        return {
+            joint: float(self.fit.values[names.index(f"{joint}.{kind}")])
+            for joint in self.base.unknown.model.velocity_names
+            if f"{joint}.{kind}" in names
+        }
+
+    def outside(self, interval: Array, deviations: Array) -> list[str]:
+        """Sentence on groups that the pull to the file takes out of their intervals.
+
+        Parameters
+        ----------
+        interval : (r, 2) array, of each group
+        deviations : (r,) array
+
+        Returns
+        -------
+        sentences : list of str, one or none
+
+        Examples
+        --------
+        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> found = ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ())
+        >>> found.outside(base.project(fit.values)[:, None] + [-1.0, 1.0], np.ones(base.count))
+        []
+        """
+        low, high = interval.T
+        values = self.base.project(self.fit.values)
+        out = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
+        worst = [int(k) for k in np.argsort(-out) if out[k] > 0]
+        if not worst:
+            return []
+        groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst]
+        return [
+            f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "
+            f"intervals: {listed(groups, 3, '; ')}. Torques held out are predicted as well; a smaller pull (consistent_at, "
+            "--keep-close) stays nearer to the log"
+        ]
+
+    @property
+    def of_several_joints(self) -> dict[str, float]:
+        """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
+        unknown = self.base.unknown
+        kinds = {"motor_inertia", "viscous", "coulomb", "stribeck"}
+        return {
+            name: float(value)
+            for name, value in zip(unknown.names, self.fit.values, strict=True)
+            if "+" in name
+            and name.rpartition(".")[2] in kinds
+            and name.rpartition(".")[0] not in unknown.model.velocity_names
+        }
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with these bodies, and with friction and motor inertias as its joints feel them."""
+        model = self.base.unknown.model
+        bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, self.inertias, strict=True))
+        laws: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}
+        for law in ("viscous", "coulomb"):
+            for joint, value in self.of_joints(law).items():
+                laws[joint][law] = value
+        for joint, value in self.of_joints("stribeck").items():
+            static = laws[joint].get("coulomb", 0.0) + value
+            laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
+        given = self.of_joints("motor_inertia")
+        armature = np.array([given.get(joint, 0.0) for joint in model.velocity_names])
+        return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))
+
+
+def consistent_robot(
+    base: BaseParameters,
+    values: Array,
+    sizes: Array,
+    folds: Sequence[Information],
+    weak: Prior,
+    strength: float | None = None,
+) -> ConsistentRobot:
+    """The robot of bodies that can exist whose pull to the file is the strongest that predicts as well as any.
+
+    ``folds`` are N, c and |τ|² of fifths of the rows; ``strength`` None: chosen on them.
+    """
+    prior = PositivePrior.of(base, values, sizes)
+    parts = [fold for fold in folds if fold[2] > 0]
+    total = sum_of(parts)
+    strengths = (
+        STRENGTHS
+        if strength is None
+        else tuple(sorted({*(s for s in STRENGTHS if s > strength), strength}, reverse=True))
+    )
+    left = np.zeros(len(strengths))
+    of_file = 0.0
+    for k, part in enumerate(parts):
+        rest = sum_of([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
+        fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
+        left += [_squares(part, base.project(fit.values)) for fit in fits]
+        of_file += _squares(part, file_with_drives(base, rest, weak))
+    shares = np.sqrt(left / total[2])
+    chosen = len(strengths) - 1 if strength is not None else int(np.argmax(shares <= _NEAR_BEST * shares.min()))
+    fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
+    curve = tuple(zip(strengths, shares.tolist(), strict=True))
+    return ConsistentRobot(base, fit, curve, float(np.sqrt(of_file / total[2])), prior.repaired)
+
+
+def sum_of(parts: Sequence[Information]) -> Information:
+    """Of the information of several parts."""
+    N, c, y = parts[0]
+    for other in parts[1:]:
+        N, c, y = N + other[0], c + other[1], y + other[2]
+    return N, c, y
+
+
+def _squares(part: Information, x: Array) -> float:
+    N, c, y = part
+    return max(y - 2.0 * float(c @ x) + float(x @ N @ x), 0.0)
+
+
+def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
+    """The file's bodies with the drives that fit best."""
+    x = base.project(base.unknown.file_values)
+    drives = np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)
+    if drives.size:
+        N, c, _ = rest
+        solver = Prior(np.zeros(len(drives)), weak.size[drives])
+        x[drives] += solver.solve(N[np.ix_(drives, drives)], (c - N @ x)[drives])
+    return x
+
+
+# ── What four models of a robot leave of its torques: its file, the file with friction, the groups, the consistent robot
+
+
+@dataclass(frozen=True, eq=False)
+class ModelResiduals:
+    """Shares |τ - τ̂| / |τ| by joint, of weighted rows in fifths that each model was fitted without; the file's needs no fit.
+
+    Attributes
+    ----------
+    file : (nv,) array, the file's bodies alone
+    with_friction : (nv,) array, the file's bodies with the friction and the motor inertias that fit best
+    identified : (nv,) array, the groups
+    consistent : (nv,) array, bodies that can exist, at the pull that was chosen
+    """
+
+    file: Array
+    with_friction: Array
+    identified: Array
+    consistent: Array
+
+
+def model_residuals(
+    base: BaseParameters,
+    folds: Sequence[NormalEquations],
+    weak: Prior,
+    values: Array,
+    sizes: Array,
+    strength: float,
+) -> ModelResiduals:
+    """Predict each fifth from the others by all four.
+
+    Parameters
+    ----------
+    base : BaseParameters
+    folds : sequence of NormalEquations, of fifths of the weighted rows
+    weak : Prior, of the groups
+    values : (r,) array, of the groups as identified
+    sizes : (p,) array, that parameters could have at most
+    strength : float, γ of the pull to the file's bodies
+
+    Returns
+    -------
+    residuals : ModelResiduals
+    """
+    near = PositivePrior.of(base, values, sizes)
+    strengths = (*(s for s in STRENGTHS if s > strength), strength)
+    models: tuple[Callable[[tuple[Array, Array, float]], Array], ...] = (
+        lambda _: base.project(base.unknown.file_values),
+        lambda rest: file_with_drives(base, rest, weak),
+        lambda rest: weak.solve(rest[0], rest[1]),
+        lambda rest: base.project(PositiveProblem(base, near, *rest, sizes).path(strengths)[-1].values),
+    )
+    parts = [fold for fold in folds if fold.y.sum() > 0]
+    left = np.zeros((len(models), base.unknown.model.nv))
+    for k, part in enumerate(parts):
+        others = [p.together() for j, p in enumerate(parts) if j != k] or [part.together()]
+        rest = sum_of(others)
+        left += [part.squares(model(rest)) for model in models]
+    torques = np.sum([part.y for part in parts], axis=0)
+    return ModelResiduals(*np.sqrt(left / np.where(torques > 0, torques, np.inf)))

@@ -1,0 +1,352 @@
+"""Identification of a robot from logs: rows, settings, fit, how sure it is, what it predicts, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..core.numbers import number
+from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
+from ..estimation.covariance import group_covariance, hanging
+from ..estimation.cross_validation import HeldOut, HeldOutRows
+from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
+from ..motion.motion import Motion
+from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
+from ..robot import Robot
+from ..robot.task_space_methods import require_robot
+from ..typing import Array
+from .hyperparameters import FOLDS, Asked, FitSettings, SettingRows, Trial
+from .log_doubts import Evidence, doubts_of
+from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
+from .payload import MotorSide, unknown_of
+from .result import IdentifiedRobot
+from .rows import MOST_ROWS, FilteredRows
+from .zero_phase import SteadySamples, pauses
+
+MOST_SAMPLES = 90_000
+"""Of all logs, from which their rows are gathered in portions."""
+METHODS = ("irls", "wls", "ols")
+_WRONG = 0.01
+"""Share of the rows that may leave their path alone, to be left out."""
+_DEAD = 0.8
+"""Share of the rows, in which a torque that is measured is one number at most."""
+
+
+def identify(
+    robot: Robot,
+    logs: Motion | Sequence[Motion],
+    *,
+    test: Motion | Sequence[Motion] = (),
+    motor_inertia: bool = True,
+    friction: Sequence[str] = FRICTION,
+    cutoff: float | None = None,
+    friction_speed: float | None = None,
+    shift: float | None = None,
+    method: Method = "irls",
+    motor_side: MotorSide | None = None,
+    known: Mapping[str, float] | None = None,
+    payload_only: str | None = None,
+    stribeck_speed: float = STRIBECK_SPEED,
+    progress: Callable[[float], None] | None = None,
+) -> IdentifiedRobot:
+    """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file has it, without actuators; groups that the logs do not tell keep its values.
+    logs : Motion or sequence of Motion
+        With torques, on a fixed base.
+    test : Motion or sequence of Motion, optional
+        Logs that are only predicted. Without any, fifths of the others in time are predicted from the rest, settings chosen
+        on the rest as well.
+    motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
+    friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (what friction at rest is more), ``offset``
+    cutoff : float, optional [Hz]; None: chosen
+    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+    method : "irls", "wls" or "ols", weights of the rows
+    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    known : mapping, optional, values that are held, by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
+    payload_only : str, optional
+        A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
+    stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
+    progress : callable, optional, told the share that is done
+
+    Returns
+    -------
+    found : IdentifiedRobot
+
+    Raises
+    ------
+    ShapeError
+        A log has no torques.
+    TrajectoryError
+        A log is too short, or of another robot.
+    UnknownNameError
+        A name is none of the robot's.
+    ValueRangeError
+        An option is out of range.
+
+    Notes
+    -----
+    Equations and sources: the modules of this package, and the page on identification.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.planar_2r(), np.arange(0, 10, 0.01)
+    >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    >>> motion = tw.Motion(t, q, robot=arm)
+    >>> log = tw.Motion(t, q, tau=motion.torques() + 0.2 * np.sign(motion.dq), robot=arm)
+    >>> found = tw.identification.identify(arm, log, motor_inertia=False)
+    >>> found.held_out.all < 0.05, found.base.count
+    (True, 12)
+    """
+    require_robot(robot, "identify")
+    trained, tested = (
+        tuple(_believed(motion) for motion in checked_motions(robot, given, what))
+        for given, what in ((logs, "logs"), (test, "test"))
+    )
+    if not trained:
+        raise ShapeError("identify: there is no log. Give one with torques at least.")
+    if method not in METHODS:
+        raise UnknownNameError.of("method", method, METHODS)
+    asked = asked_settings(cutoff, friction_speed, shift)
+    same: dict[str, Any] = {
+        "motor_inertia": motor_inertia,
+        "friction": friction,
+        "motor_side": motor_side,
+        "known": known,
+        "stribeck_speed": stribeck_speed,
+    }
+    if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
+        from .streaming import gather
+
+        fixed: dict[str, Any] = {"method": method, "cutoff": cutoff, "friction_speed": friction_speed, "shift": shift}
+        whole = gather(robot, trained, **same, payload_only=payload_only, **fixed, progress=progress)
+        return whole.identified(gather(robot, tested, like=whole) if tested else None)
+    unknown = unknown_of(robot, payload_only=payload_only, **same)
+    tell = progress or (lambda _share: None)
+    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only).robot
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified, and of what rows."""
+
+    robot: IdentifiedRobot
+    dead: Array
+    rows: FilteredRows
+    hanging: float
+
+
+def identified(
+    unknown: UnknownParameters,
+    robot: Robot,
+    trained: Sequence[Motion],
+    tested: Sequence[Motion],
+    asked: Asked,
+    method: Method,
+    tell: Callable[[float], None],
+    *,
+    payload_only: str | None = None,
+    anew: bool = True,
+    most_rows: float = MOST_ROWS,
+) -> Identified:
+    """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
+    base = BaseParameters.of(unknown)
+    samples = [piece for k, motion in enumerate(trained) for piece in _samples(motion, k, "logs")]
+    if asked.cutoff is not None:  # pieces too short for it
+        samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
+    dead = _dead(trained)
+    if dead.all():
+        raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
+    source = SettingRows(base, samples, asked, dead, most_rows)
+    sizes = unknown.scales(*source.typical())
+    prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
+    tell(0.2)
+    settings = source.choose(prior, range(FOLDS))
+    tell(0.4)
+    trial = Trial(source, settings)
+    rows = source.rows(settings.cutoff)
+    fold = source.folds(rows.log, rows.time)
+    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
+    covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
+    tell(0.5)
+    names = unknown.model.velocity_names
+    settings_of = _settings_anew(source, prior, tell) if anew and not tested else lambda _: settings
+    among = _five_fold(source, prior, method, names, settings_of)
+    held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
+    seen = Evidence(
+        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
+        rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
+    )  # fmt: skip
+    tell(1.0)
+    found = IdentifiedRobot(
+        original=robot,
+        base=base,
+        values=x,
+        covariance=covariance,
+        sigma=sigma,
+        settings=settings,
+        held_out=held_out,
+        trained=among,
+        doubts=doubts_of(seen),
+        prior=prior,
+        method=method,
+        sizes=sizes,
+        information=_weighted(trial, sigma, weights).together(),
+        folds=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
+        payload_frame=payload_only,
+        notes=_remarks((*trained, *tested)),
+    )
+    return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
+
+
+def asked_settings(cutoff: float | None, friction_speed: float | None, shift: float | None) -> Asked:
+    """What the user fixes; raises ValueRangeError for what is no frequency, speed or time."""
+    return Asked(
+        None if cutoff is None else check_speed(cutoff),
+        None if friction_speed is None else check_speed(friction_speed),
+        None if shift is None else _finite(shift),
+    )
+
+
+def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
+    """The logs, if they are motions of the robot with torques; raises ShapeError and TrajectoryError."""
+    motions = (given,) if isinstance(given, Motion) else tuple(given)
+    for k, motion in enumerate(motions):
+        if not isinstance(motion, Motion):
+            raise ShapeError(
+                f"identify: {what} number {k + 1} is no tw.Motion. tw.Motion.from_file(path, robot) reads one."
+            )
+        if motion.tau is None:
+            raise ShapeError(
+                f"identify: {what} number {k + 1} has no torques for every joint. Name their columns JOINT.torque, or say "
+                "which they are: columns={'JOINT.tau': 'COLUMN'}."
+            )
+        if motion.robot.coordinate_names != robot.coordinate_names:
+            raise TrajectoryError(
+                f"identify: {what} number {k + 1} is of {motion.robot.name!r}, whose joints are not those of {robot.name!r}."
+            )
+    return motions
+
+
+def _samples(motion: Motion, number: int, what: str) -> list[SteadySamples]:
+    from ..motion.smoothing import continuous
+
+    q = continuous(motion.robot.model, motion.q)
+    return SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {number + 1}")
+
+
+def _believed(motion: Motion) -> Motion:
+    """The motion without rows that one wrong number, or a wrong stamp, takes from their path; its notes say so."""
+    c = motion.coordinates
+    at = c.position_of[c.position_of >= 0]
+    glitches = SingleRowGlitches(len(at), c.angular[at])
+    glitches.add(motion.time, motion.q[:, at])
+    wrong = glitches.times()
+    if not 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):
+        return motion
+    kept = ~np.isin(motion.time, wrong)
+    names = [motion.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
+    said = (*(f"{LEFT_OUT}{s}." for s in glitches.sentences(names, c.angular[at])),)
+    said += (f"{LEFT_OUT}{stamp_words(glitches.stamps())}.",) if glitches.stamps() else ()
+    before = tuple(note for note in motion.notes if SINGLE_ROW not in note)
+    columns = {name: getattr(motion, name)[kept] for name in ("time", "q", "dq", "ddq", "tau")}
+    return replace(motion, **columns, notes=(*before, *said))
+
+
+def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
+    """What was left out of the logs."""
+    said = [note for motion in motions for note in motion.notes if note.startswith(LEFT_OUT)]
+    lengths = [float(np.diff(motion.time)[k]) for motion in motions for k in pauses(motion.time).tolist()]
+    if lengths:
+        count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
+        said.append(f"{count}, {number(sum(lengths), 3)} s in all: the logs are split there, and nothing is filled in.")
+    return tuple(said)
+
+
+def _dead(motions: Sequence[Motion]) -> Array:
+    """(nv,) bool: the torque of the joint is one number in nearly all rows, as of a channel that is not connected."""
+    tau = np.concatenate([np.asarray(m.tau) for m in motions])
+    moved = np.any([np.any(np.diff(m.q, axis=0) != 0, axis=0) for m in motions], axis=0)
+    share = (tau == np.median(tau, axis=0)).mean(axis=0)
+    return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _DEAD)))
+
+
+def _finite(value: float) -> float:
+    if not np.isfinite(value):
+        raise ValueRangeError(f"shift {value!r} is no time. Give seconds, such as -0.002.")
+    return float(value)
+
+
+def _five_fold(
+    source: SettingRows,
+    prior: Prior,
+    method: Method,
+    names: Sequence[str],
+    settings_of: Callable[[int], FitSettings],
+) -> HeldOut:
+    """Each fifth of the time predicted from the others."""
+    found: HeldOut | None = None
+    for block in range(FOLDS):
+        one = _one_fold(source, settings_of(block), prior, method, names, block)
+        if one is not None:
+            found = one if found is None else found + one
+    if found is None:
+        raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
+    return found
+
+
+def _settings_anew(source: SettingRows, prior: Prior, tell: Callable[[float], None]) -> Callable[[int], FitSettings]:
+    """Settings for each fifth that is held out, chosen on the others; ``tell`` is told the share done, from a half to all."""
+    done = 0
+
+    def of(block: int) -> FitSettings:
+        nonlocal done
+        chosen = source.choose(prior, [b for b in range(FOLDS) if b != block])
+        done += 1
+        tell(0.5 + 0.1 * done)
+        return chosen
+
+    return of
+
+
+def _one_fold(
+    source: SettingRows, settings: FitSettings, prior: Prior, method: Method, names: Sequence[str], block: int
+) -> HeldOut | None:
+    """One fifth; None where it has no rows, or all."""
+    trial, rows = Trial(source, settings), source.rows(settings.cutoff)
+    here = source.folds(rows.log, rows.time) == block
+    if not here.any() or here.all():
+        return None
+    x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
+    left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
+    return HeldOut.of("five-fold", left, names)
+
+
+def _predicted(
+    base: BaseParameters,
+    tested: Sequence[Motion],
+    asked: Asked,
+    dead: Array,
+    settings: FitSettings,
+    x: Array,
+    names: Sequence[str],
+) -> HeldOut:
+    """Logs of their own, with the settings of the training logs."""
+    samples = [piece for k, motion in enumerate(tested) for piece in _samples(motion, k, "test")]
+    source = SettingRows(base, samples, Asked(settings.cutoff, asked.friction_speed, settings.shift), dead)
+    trial = Trial(source, settings)
+    rows = source.rows(settings.cutoff)
+    return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
+
+
+def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
+    """Of weighted rows, in units in which residuals have size 1."""
+    return NormalEquations.of(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)

@@ -1,0 +1,498 @@
+"""The unknown parameters of a robot: ten of each moving body, and of each joint its motor's inertia, friction and offset.
+
+Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbach, 1986) and v_0 the speed of friction:
+
+    τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + (fc_j + fs_j exp(-(dq_j / v_s)²)) tanh(dq_j / v_0j) + off_j
+
+with fs what static friction is above Coulomb's, and v_s Stribeck's speed, where they are asked for (Armstrong-Hélouvry, Dupont
+and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
+Automatica 30(7), 1994).
+
+A motor k that turns with several joints, at the rate s_k · dq of the joint it drives, adds s_k (Ia_k s_k·ddq + fv_k s_k·dq +
+fc_k tanh(s_k·dq / v_0)) to all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..core.numbers import number
+from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..model.model import BASE, Model
+from ..robot import Robot
+from ..robot.task_space_methods import require_robot
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from .payload import MotorSide
+
+DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
+"""What a joint may have besides its bodies, in the order of the columns."""
+FRICTION = ("viscous", "coulomb", "offset")
+"""Laws that are identified unless others are asked for."""
+STRIBECK_SPEED = 0.1
+"""rad/s or m/s, unless another is given."""
+_DRY = ("coulomb", "stribeck")
+_BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
+"""The order in which the ten of a body are kept or grouped: moments first, as papers on base parameters list them."""
+_SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownParameters:
+    """Unknown parameters of a robot, and the columns of its torques that belong to them.
+
+    Parameters
+    ----------
+    robot : Robot
+        Every joint has one degree of freedom. Its own friction and armature count as unknown.
+    motor_inertia : bool, a motor inertia for each joint, as the joint feels it
+    friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
+    motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
+    known : mapping, values of parameters that are held, by their names
+    stribeck_speed : float, v_s of all joints [rad/s or m/s]
+
+    Raises
+    ------
+    ModelError
+        A joint has several degrees of freedom, or the robot has rotors already.
+    UnknownNameError
+        ``friction`` or ``known`` name something else.
+    ValueRangeError
+        A known value is no number, or nothing is left to be found.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> unknown = UnknownParameters(tw.robots.planar_2r())
+    >>> len(unknown.names), unknown.names[-1]
+    (28, 'joint2.offset')
+    """
+
+    robot: Robot
+    motor_inertia: bool = True
+    friction: Sequence[str] = FRICTION
+    motor_side: MotorSide | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
+    stribeck_speed: float = STRIBECK_SPEED
+
+    def __post_init__(self) -> None:
+        robot = require_robot(self.robot, "identification")
+        for name in self.friction:
+            if name not in DRIVE[1:]:
+                raise UnknownNameError.of("friction column", name, DRIVE[1:])
+        check_speed(self.stribeck_speed)
+        wide = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
+        if wide:
+            raise ModelError(
+                f"joint {wide[0]!r} of {robot.name!r} has several degrees of freedom, whose forces no motor measures. Identify "
+                "the robot on a stand: load it without a floating base."
+            )
+        if robot.nv == 0:
+            raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
+        if robot.actuators:
+            raise ModelError(
+                f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
+                "robot without them, and their file as actuators=…."
+            )
+        bare = replace(robot.model, armature=np.zeros(robot.nv))
+        object.__setattr__(self, "robot", Robot(bare))
+        for name, value in self.known.items():
+            if name not in self.names:
+                raise UnknownNameError.of("parameter", name, self.names)
+            if not np.isfinite(value):
+                raise ValueRangeError(f"{name} is known to be {value!r}, which is no finite number.")
+        if self.held.all():
+            raise ValueRangeError("all parameters are known, so there is nothing to identify.")
+
+    @property
+    def model(self) -> Model:
+        """The robot's model, without armature."""
+        return self.robot.model
+
+    @cached_property
+    def bodies(self) -> tuple[int, ...]:
+        """Bodies that are links; what only stands between two joints of one link has no mass, and is not asked for."""
+        return tuple(i for i, body in enumerate(self.model.bodies) if body.link in self.model.link_inertias)
+
+    @cached_property
+    def coupled(self) -> Array:
+        """(k, nv) what each motor that turns with several joints turns at, per rate of each of them; 1 for its own."""
+        nv = self.model.nv
+        return np.zeros((0, nv)) if self.motor_side is None else self.motor_side.coupled_rates
+
+    @cached_property
+    def _entries(self) -> tuple[tuple[str, str, int], ...]:
+        """Name, kind and place (column of the regressor, joint, or coupled motor) of each."""
+        model, found = self.model, list[tuple[str, str, int]]()
+        drive = (["motor_inertia"] if self.motor_inertia else []) + [f for f in DRIVE[1:] if f in self.friction]
+        for i, body in enumerate(model.bodies):
+            if i in self.bodies:
+                found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
+            if not body.follows:
+                found += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
+        names = model.velocity_names
+        for k, rates in enumerate(self.coupled):
+            who = "+".join(names[j] for j in np.flatnonzero(rates))
+            found += [(f"{who}.{kind}", f"coupled {kind}", k) for kind in drive if kind != "offset"]
+        return tuple(found)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for each, such as ``link_2.Ixx`` and ``joint_2.coulomb``, from the base outward."""
+        return tuple(name for name, _, _ in self._entries)
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """What each is: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck``, ``offset``."""
+        return tuple(kind.removeprefix("coupled ") for _, kind, _ in self._entries)
+
+    @cached_property
+    def of_bodies(self) -> Array:
+        """(p,) the column of the regressor that each has; -1 where it is a drive's."""
+        return np.array([place if kind in PARAMETER_NAMES else -1 for _, kind, place in self._entries])
+
+    @cached_property
+    def file_values(self) -> Array:
+        """(p,) what the robot's file says, 0 for drives; and what is known."""
+        own = self.robot.parameters
+        found = np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
+        found[self.held] = [self.known[name] for name in np.array(self.names)[self.held]]
+        return found
+
+    @cached_property
+    def held(self) -> Array:
+        """(p,) bool, those whose values are known."""
+        return np.isin(self.names, list(self.known))
+
+    @cached_property
+    def lengths(self) -> tuple[float, float]:
+        """Mass [kg] and length [m] that are typical of the whole robot: what weak priors and scales are made from."""
+        model = self.model
+        reach = np.zeros(len(model.bodies))
+        for i, body in enumerate(model.bodies):
+            base = 0.0 if body.parent == BASE else reach[body.parent]
+            reach[i] = base + (float(np.linalg.norm(body.placement[:3, 3])) if body.parent != BASE else 0.0)
+        coms = [float(np.linalg.norm(body.inertia.com)) for body in model.bodies]
+        length = float(max((reach + coms).max(), _SMALLEST_LENGTH))
+        mass = model.moving_mass
+        return max(mass, _SMALLEST_MASS) if mass > 0 else 1.0, length
+
+    def scales(self, torque: Array, speed: Array, acceleration: Array) -> Array:
+        """Scales: the size that each could have at most, by the robot's mass and reach and by the torques measured.
+
+        Parameters
+        ----------
+        torque, speed, acceleration : (nv,) array, typical of the log, above 0
+
+        Returns
+        -------
+        scales : (p,) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).scales(*np.ones((3, 1))).shape
+        (14,)
+        """
+        mass, length = self.lengths
+        by_kind = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
+        of_drive = {
+            "motor_inertia": torque / acceleration,
+            "viscous": torque / speed,
+            "coulomb": torque,
+            "stribeck": torque,
+            "offset": torque,
+        }
+        found = []
+        for _, kind, place in self._entries:
+            plain = kind.removeprefix("coupled ")
+            if plain not in DRIVE:
+                found.append(by_kind.get(kind, mass * length**2))
+            elif plain != kind:
+                found.append(float(of_drive[plain][self.coupled[place] != 0].max()))
+            else:
+                found.append(float(of_drive[plain][place]))
+        return np.array(found)
+
+    def columns(self, which: Array, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
+        """Columns of the torques that belong to some of the parameters.
+
+        Parameters
+        ----------
+        which : (k,) array, numbers of parameters
+        q : (n, nq) array
+        dq, ddq : (n, nv) array
+        friction_speed : (nv,) array, v_0 [rad/s or m/s]
+
+        Returns
+        -------
+        W : (n, nv, k) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> unknown = UnknownParameters(tw.robots.pendulum())
+        >>> unknown.columns(np.arange(14), *np.zeros((3, 5, 1)), np.ones(1)).shape
+        (5, 1, 14)
+        """
+        W = np.zeros((*dq.shape, len(which)))
+        places = self.of_bodies[which]
+        mine = np.flatnonzero(places >= 0)
+        if mine.size:
+            W[:, :, mine] = self.robot.regressor(q, dq, ddq)[..., places[mine]]
+        for c in np.flatnonzero(places < 0):
+            value, s = self.drive(int(which[c]), dq, ddq, friction_speed)
+            W[:, :, c] = value[:, None] * s
+        return W
+
+    def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
+        """Columns of dry friction, Coulomb's and Stribeck's, among some of the parameters.
+
+        Parameters
+        ----------
+        which : (k,) array, numbers of parameters
+
+        Returns
+        -------
+        found : list of (column, joints), with the joints (nv,) bool that the column is in
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).coulomb_columns(np.arange(14))
+        [(12, array([ True]))]
+        """
+        found = []
+        for c, k in enumerate(which):
+            _, kind, place = self._entries[int(k)]
+            if kind in _DRY:
+                found.append((c, np.arange(self.model.nv) == place))
+            elif kind.removeprefix("coupled ") in _DRY:
+                found.append((c, self.coupled[place] != 0))
+        return found
+
+    def drive(self, k: int, dq: Array, ddq: Array, friction_speed: Array) -> tuple[Array, Array]:
+        """Column of one parameter of a drive: what it multiplies, and the share of it that each joint feels.
+
+        Parameters
+        ----------
+        k : int, number of the parameter
+        dq, ddq : (n, nv) array
+        friction_speed : (nv,) array, v_0 [rad/s or m/s]
+
+        Returns
+        -------
+        value : (n,) array
+        s : (nv,) array; the column is value s'
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).drive(11, np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1))
+        (array([2.]), array([1.]))
+        """
+        _, kind, place = self._entries[k]
+        together = kind.startswith("coupled ")
+        s = self.coupled[place] if together else np.eye(self.model.nv)[place]
+        plain = kind.removeprefix("coupled ")
+        if plain == "motor_inertia":
+            return ddq @ s, s
+        if plain == "viscous":
+            return dq @ s, s
+        if plain in _DRY:
+            rate = dq @ s
+            eased = np.tanh(rate / friction_speed[int(np.flatnonzero(s)[-1])])
+            return (eased if plain == "coulomb" else eased * np.exp(-((rate / self.stribeck_speed) ** 2))), s
+        return np.ones(len(dq)), s
+
+
+def check_speed(value: float) -> float:
+    """A friction speed or cut-off that is a number above 0. Raises ValueRangeError."""
+    if not (np.isfinite(value) and value > 0):
+        raise ValueRangeError(f"{value!r} is no speed or frequency. Give a number above 0, or leave it to the program.")
+    return float(value)
+
+
+# ── Base parameters: the groups of parameters that torques tell, whatever the motion
+
+# W on random states has columns that are sums of others. First come, first kept from the base outward; with W_b those kept and
+# W_d = W_b B the others, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
+#
+# Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991. The rank is
+# decided on random states with an absolute scale: of a log, columns that are nothing but rounding would look like any other.
+
+_NOTHING = 1e-9
+"""Share of a column's own length, or of the longest's, below which what others leave of it is rounding."""
+_ROWS_PER_COLUMN = 3
+_HELD = 1e-7
+"""Share of its size by which a known value may be missed."""
+_EXACT = 1e-7
+"""Coefficients below that are rounding, in units of the columns' own lengths."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """Base parameters of a robot: which parameters are kept, and what each kept one stands for.
+
+    Attributes
+    ----------
+    unknown : UnknownParameters
+    kept : (r,) array, numbers of the parameters kept
+    grouping : (r, p) array; the groups are ``grouping @ x``
+    felt : (nv, r) bool array, the kept columns that are not zero in the torque of each joint
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> base = BaseParameters.of(UnknownParameters(tw.robots.pendulum(), friction=()))
+    >>> base.names
+    ('rod.Iyy + hinge.motor_inertia', 'rod.mcx', 'rod.mcz')
+    """
+
+    unknown: UnknownParameters
+    kept: Array
+    grouping: Array
+    felt: Array
+
+    @classmethod
+    def of(cls, unknown: UnknownParameters, *, seed: int = 0) -> BaseParameters:
+        """Base parameters from random states.
+
+        Parameters
+        ----------
+        unknown : UnknownParameters
+        seed : int, of the states
+
+        Returns
+        -------
+        base : BaseParameters
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> BaseParameters.of(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=())).count
+        6
+        """
+        robot, p = unknown.robot, len(unknown.names)
+        nv = robot.nv
+        rng = np.random.default_rng(seed)
+        states = -(-_ROWS_PER_COLUMN * p // nv) + 8
+        q = np.stack([robot.random_configuration(rng) for _ in range(states)])
+        turning = np.array([b.joint.turning[0] for b in unknown.model.leaders])
+        q = np.where(turning, rng.uniform(-np.pi, np.pi, q.shape), q)
+        dq, ddq = rng.normal(size=(2, states, nv)) * 2.0
+        ones = np.ones(nv)
+        W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones)
+        scale = unknown.scales(ones, ones, ones)
+        free = np.flatnonzero(~unknown.held)
+        kept, found = _kept((W * scale)[..., free].reshape(states * nv, len(free)))
+        # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
+        grouping = np.eye(p)  # what is known is a group of its own
+        grouping[np.ix_(free[kept], free)] = _rounded(found) * scale[free[kept]][:, None] / scale[None, free]
+        kept = np.sort(np.concatenate([free[kept], np.flatnonzero(unknown.held)]))
+        return cls(unknown, kept, grouping[kept], (W[..., kept] != 0).any(axis=0))
+
+    @property
+    def held(self) -> Array:
+        """(r,) bool, groups that are a parameter whose value is known."""
+        return np.asarray(self.unknown.held[self.kept])
+
+    def weak_sizes(self, sizes: Array) -> Array:
+        """Sizes that groups could have at most, where parameters could have sizes (p,); next to none for what is known.
+
+        Parameters
+        ----------
+        sizes : (p,) array
+
+        Returns
+        -------
+        sizes : (r,) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.pendulum(), friction=(), known={"rod.mcx": 0.0}))
+        >>> base.weak_sizes(np.ones(11)).round(3).tolist()
+        [1.414, 0.0, 1.0]
+        """
+        return np.sqrt(self.grouping**2 @ sizes**2) * np.where(self.held, _HELD, 1.0)
+
+    @property
+    def count(self) -> int:
+        """How many groups there are."""
+        return len(self.kept)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The groups in words: ``link_2.mcx + 0.225 link_3.m``, the parameter kept first."""
+        return tuple(self._name(k) for k in range(self.count))
+
+    def project(self, values: Array) -> Array:
+        """Groups of given parameters.
+
+        Parameters
+        ----------
+        values : (p,) array, a value of each unknown parameter
+
+        Returns
+        -------
+        groups : (r,) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=()))
+        >>> base.project(base.unknown.file_values).shape
+        (6,)
+        """
+        return np.asarray(self.grouping @ values)
+
+    def _name(self, row: int) -> str:
+        names, text = self.unknown.names, ""
+        first = int(self.kept[row])
+        order = [first, *(k for k in np.flatnonzero(self.grouping[row]).tolist() if k != first)]
+        for k in order:
+            value = float(self.grouping[row, k])
+            size = "" if abs(abs(value) - 1.0) < 1e-6 else f"{number(abs(value), 6)} "
+            sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
+            text += f"{sign}{size}{names[k]}"
+        return text
+
+
+def _kept(W: Array) -> tuple[Array, Array]:
+    """Numbers of the columns that are no sums of those before them, and all columns in terms of these; (r,), (r, p).
+
+    Gram and Schmidt's way, twice for each column, so that rounding stays where it is.
+    """
+    rows, p = W.shape
+    lengths = np.linalg.norm(W, axis=0)
+    longest = float(lengths.max(initial=0.0))
+    Q = np.zeros((rows, p))
+    kept: list[int] = []
+    for k in range(p):
+        if lengths[k] <= _NOTHING * longest:
+            continue
+        rest = W[:, k].copy()
+        for _ in range(2):
+            rest -= Q[:, : len(kept)] @ (Q[:, : len(kept)].T @ rest)
+        size = float(np.linalg.norm(rest))
+        if size > 1e3 * _NOTHING * lengths[k]:
+            Q[:, len(kept)] = rest / size
+            kept.append(k)
+    which = np.array(kept, int)
+    solved = np.linalg.lstsq(W[:, which], W, rcond=None)[0] if kept else np.zeros((0, p))
+    relative = lengths[None, :] / np.maximum(lengths[which][:, None], 1e-300)
+    solved[np.abs(solved) < _EXACT * np.maximum(relative, 1e-6)] = 0.0
+    solved[:, which] = np.eye(len(which))
+    return which, solved
+
+
+def _rounded(grouping: Array) -> Array:
+    return np.where(np.abs(grouping) < 1e-12, 0.0, grouping)

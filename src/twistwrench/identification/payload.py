@@ -1,0 +1,384 @@
+"""Logs of the motors' side: what takes positions and torques of motors to those of the joints.
+
+With R the ratios, R_kk of motor k's own joint and R_kj of others it turns with, o the positions of the joints where the log
+says 0, and g the torque per unit of its columns:
+
+    q_motor = R (q - o),    dq_motor = R dq,    τ = R' g τ_motor
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..bodies.inertia import SpatialInertia
+from ..errors import ValueRangeError
+from ..formats.actuators import read_log_side
+from ..formats.yaml import Source
+from ..model.model import BASE, Model
+from ..motion.contradictions import Contradictions
+from ..motion.motion import Motion
+from ..motion.motion_log import LogRows, MotionLog
+from ..robot import Robot
+from ..typing import Array
+from .parameters import FRICTION, BaseParameters, UnknownParameters
+
+
+@dataclass(frozen=True, eq=False)
+class MotorSide:
+    """What a log's columns are to the joints.
+
+    Parameters
+    ----------
+    ratios : (nv, nv) array, R; the unit matrix for a log of the joints' side
+    zero : (nv,) array, positions of the joints where the log says 0 [rad or m]
+    gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
+
+    Raises
+    ------
+    ValueRangeError
+        The motors' ratios cannot be solved for the joints.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> side = MotorSide(np.diag([10.0, -20.0]), np.array([0.0, 0.5]), np.ones(2))
+    >>> side.joint_positions(np.array([[10.0, -20.0]])).tolist()
+    [[1.0, 1.5]]
+    """
+
+    ratios: Array
+    zero: Array
+    gain: Array
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.ratios).all() or np.linalg.matrix_rank(self.ratios) < len(self.ratios):
+            raise ValueRangeError("the ratios of the motors cannot be solved for the joints. Is a ratio 0 or missing?")
+
+    @property
+    def coupled_rates(self) -> Array:
+        """(k, nv) of the motors that turn with several joints: their rates per rate of each joint, 1 for their own."""
+        rows = [row / row[j] for j, row in enumerate(self.ratios) if np.count_nonzero(row) > 1 and row[j] != 0]
+        return np.array(rows).reshape(-1, len(self.ratios))
+
+    def joint_positions(self, q: Array) -> Array:
+        """Positions of the joints.
+
+        Parameters
+        ----------
+        q : (n, nv) array, as logged
+
+        Returns
+        -------
+        q : (n, nv) array
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> MotorSide(2.0 * np.eye(1), np.zeros(1), np.ones(1)).joint_positions(np.ones((1, 1))).tolist()
+        [[0.5]]
+        """
+        return np.asarray(np.linalg.solve(self.ratios, q.T).T + self.zero)
+
+    def joint_torques(self, tau: Array) -> Array:
+        """Torques of the joints.
+
+        Parameters
+        ----------
+        tau : (n, nv) array, as logged
+
+        Returns
+        -------
+        tau : (n, nv) array
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> MotorSide(2.0 * np.eye(1), np.zeros(1), np.ones(1)).joint_torques(np.ones((1, 1))).tolist()
+        [[2.0]]
+        """
+        return np.asarray((tau * self.gain) @ self.ratios)
+
+    def of_joints(self, rows: LogRows) -> LogRows:
+        """Rows of a log with the joints' own positions and torques.
+
+        Parameters
+        ----------
+        rows : LogRows
+
+        Returns
+        -------
+        rows : LogRows
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from twistwrench.motion import LogRows
+        >>> rows = LogRows(np.zeros(1), np.ones((1, 1)), None, None, np.ones((1, 1)))
+        >>> MotorSide(2.0 * np.eye(1), np.zeros(1), np.ones(1)).of_joints(rows).q.tolist()
+        [[0.5]]
+        """
+        rates = {
+            name: None if x is None else np.linalg.solve(self.ratios, x.T).T
+            for name, x in (("dq", rows.dq), ("ddq", rows.ddq))
+        }
+        given: dict[str, Any] = {**rates, "tau": None if rows.tau is None else self.joint_torques(rows.tau)}
+        return replace(rows, q=self.joint_positions(rows.q), **given)
+
+
+def motor_side(model: Model, source: Source) -> MotorSide:
+    """What a log's columns are to the joints, from the entries ``log:`` and ``ratio:`` of an actuator file.
+
+    Parameters
+    ----------
+    model : Model
+    source : str, Path or mapping, a path, YAML text, or what it says
+
+    Returns
+    -------
+    side : MotorSide
+
+    Raises
+    ------
+    NotFoundError, ModelError
+        Naming the file and the entry.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> said = {"actuators": {"joint1": {"ratio": "50"}, "joint2": {"ratio": "-20"}}, "log": {"side": "motor"}}
+    >>> motor_side(tw.robots.planar_2r().model, said).ratios.tolist()
+    [[50.0, 0.0], [0.0, -20.0]]
+    """
+    said = read_log_side(model, source)
+    place = {name: k for k, name in enumerate(model.velocity_names)}
+    R, zero, gain = np.eye(len(place)), np.zeros(len(place)), np.ones(len(place))
+    for name, k in place.items():
+        if said.of_motors:
+            R[k, k] = said.ratios.get(name, 1.0)
+            for other, value in said.coupled.get(name, {}).items():
+                R[k, place[other]] = value
+        R[k] *= said.sign.get(name, 1.0)
+        zero[k], gain[k] = said.zero.get(name, 0.0), said.gain.get(name, 1.0)
+    return MotorSide(R, zero, gain)
+
+
+def read_motion(
+    path: str | Path,
+    robot: Robot,
+    *,
+    columns: Mapping[str, str] | None = None,
+    rate: float | None = None,
+    degrees: bool = False,
+    side: MotorSide | None = None,
+) -> Motion:
+    """Read a log of the joints', or of the motors' side, as a motion of the robot.
+
+    Parameters
+    ----------
+    path : str or Path
+    robot : Robot
+    columns : {joint: column}, optional, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    rate : float, optional [Hz]
+    degrees : bool
+    side : MotorSide, optional; None: the columns are those of the joints
+
+    Returns
+    -------
+    motion : Motion
+
+    Raises
+    ------
+    NotFoundError, TrajectoryError
+        The file cannot be read.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> ur5 = tw.robots.ur5()
+    >>> read_motion(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), ur5)
+    <Motion of 'ur5': 751 states, 0 to 6 s>
+    """
+    if side is None or (
+        np.array_equal(side.ratios, np.eye(len(side.zero))) and not side.zero.any() and (side.gain == 1).all()
+    ):
+        return Motion.from_file(path, robot, columns=columns, rate=rate, degrees=degrees)
+    log = MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees)
+    rows = side.of_joints(log.motion(log.whole()))
+    tally = Contradictions(log.coordinates, time_stated=True)
+    tally.add(rows)
+    notes = (*log.notes, *(f"LOOK AGAIN: {said}" for said in tally.sentences(robot.limits)))
+    given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
+    return Motion(rows.time, rows.q, **given, robot=robot, notes=notes, in_seconds=True)
+
+
+# ── A payload alone: the body that a log's robot carries and its file does not, all other numbers held
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedPayload:
+    """Payload that was identified.
+
+    Attributes
+    ----------
+    frame : str, that it is fixed to
+    inertia : SpatialInertia, in that frame
+    mass_deviation : float [kg]
+    com_deviations : (3,) array, along the frame's axes [m]
+    untold : tuple of str, parameters of the body that carries it, about which no torque of this robot tells anything
+    """
+
+    frame: str
+    inertia: SpatialInertia
+    mass_deviation: float
+    com_deviations: Array
+    untold: tuple[str, ...] = ()
+
+    @property
+    def mass(self) -> float:
+        """In kg."""
+        return float(self.inertia.mass)
+
+    def to_dict(self) -> dict[str, object]:
+        """As plain data, in SI units.
+
+        Returns
+        -------
+        findings : dict, which ``json.dumps`` takes
+
+        Examples
+        --------
+        >>> one = IdentifiedPayload("tool0", SpatialInertia.from_com(2.0, (0, 0, 0.1)), 0.01, np.zeros(3))
+        >>> one.to_dict()["com"]
+        [0.0, 0.0, 0.1]
+        """
+        return {
+            "frame": self.frame,
+            "mass": self.mass,
+            "mass_deviation": self.mass_deviation,
+            "com": self.com.tolist(),
+            "com_deviations": self.com_deviations.tolist(),
+            "untold": list(self.untold),
+            "moment_about_com": np.asarray(self.inertia.moment_about_com).tolist(),
+        }
+
+    @property
+    def com(self) -> Array:
+        """(3,) centre of mass in the frame [m]."""
+        return np.asarray(self.inertia.com)
+
+
+def payload_body(robot: Robot, frame: str) -> str:
+    """The link of the moving body that a frame is fixed to.
+
+    Parameters
+    ----------
+    robot : Robot
+    frame : str
+
+    Returns
+    -------
+    link : str
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such frame.
+    ValueRangeError
+        It does not move.
+    """
+    carrier = robot.model.frame(frame).body
+    if carrier == BASE:
+        raise ValueRangeError(f"frame {frame!r} does not move, so no torque tells what is fixed to it.")
+    return robot.model.bodies[carrier].link
+
+
+def known_but_for(robot: Robot, link: str) -> dict[str, float]:
+    """The file's values of all parameters but the ten of a moving body and the offsets of the joints.
+
+    Parameters
+    ----------
+    robot : Robot
+    link : str, of the moving body
+
+    Returns
+    -------
+    known : {name: value}
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> found = known_but_for(tw.robots.planar_2r(), "link2")
+    >>> len(found), found["link1.m"], found["joint1.viscous"]
+    (16, 1.0, 0.0)
+    """
+    model, own = robot.model, robot.parameters
+    known = {
+        f"{body.link}.{name}": float(own[10 * i + k])
+        for i, body in enumerate(model.bodies)
+        if body.link != link and body.link in model.link_inertias
+        for k, name in enumerate(PARAMETER_NAMES)
+    }
+    drives: Mapping[str, Array] = {
+        "motor_inertia": np.broadcast_to(model.armature, robot.nv),
+        "viscous": model.friction.viscous,
+        "coulomb": model.friction.coulomb,
+    }
+    for kind, values in drives.items():
+        known |= {f"{name}.{kind}": float(v) for name, v in zip(model.velocity_names, values, strict=True)}
+    return known
+
+
+def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> IdentifiedPayload:
+    """The payload: what the groups have beyond the file, of the ten parameters of the body that carries it.
+
+    Parameters
+    ----------
+    robot : Robot, as its file has it
+    frame : str
+    base : BaseParameters, in which all but these ten and the offsets are known
+    values : (r,) array, of the groups
+    covariance : (r, r) array
+
+    Returns
+    -------
+    payload : IdentifiedPayload
+    """
+    place, names = robot.model.frames[frame], list(base.unknown.names)
+    ten = [f"{payload_body(robot, frame)}.{name}" for name in PARAMETER_NAMES]
+    beyond = values - base.project(base.unknown.file_values)
+    S = np.zeros((10, base.count))  # what the torques cannot tell stays as the file has it
+    for k, name in enumerate(ten):
+        S[k, base.kept == names.index(name)] = 1.0
+    T = np.linalg.inv(place.pose)
+    A = np.stack([SpatialInertia.from_parameters(e).in_frame(T).parameters for e in np.eye(10)], axis=1) @ S
+    G = SpatialInertia.from_parameters(A @ beyond)
+    C = A @ covariance @ A.T
+    m, mc = (PARAMETER_NAMES.index(name) for name in ("m", "mcx"))
+    J = np.zeros((3, 10))  # c = (m c) / m
+    J[:, mc : mc + 3], J[:, m] = np.eye(3) / G.mass, -np.asarray(G.com) / G.mass
+    untold = tuple(name for name, row in zip(ten, S, strict=True) if not row.any())
+    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), untold)
+
+
+def unknown_of(
+    robot: Robot,
+    *,
+    motor_inertia: bool,
+    friction: Sequence[str],
+    motor_side: MotorSide | None,
+    known: Mapping[str, float] | None,
+    payload_only: str | None,
+    stribeck_speed: float,
+) -> UnknownParameters:
+    """What is sought; of a payload alone all but its own numbers and the torques' offsets are known."""
+    held = dict(known or {})
+    if payload_only is not None:
+        held = known_but_for(robot, payload_body(robot, payload_only)) | held
+        motor_inertia, friction = True, FRICTION
+    return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)

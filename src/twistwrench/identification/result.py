@@ -1,0 +1,452 @@
+"""What identification found: groups with intervals, settings, residuals of rows held out, doubts and the verdict."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..core.files import as_path, replacing
+from ..core.numbers import percent, printed
+from ..core.verdict import Verdict
+from ..errors import UnknownNameError, ValueRangeError
+from ..estimation.covariance import GroupCovariance
+from ..estimation.cross_validation import HeldOut
+from ..estimation.least_squares import Information, NormalEquations, Prior
+from ..model.model import BASE
+from ..robot import Robot
+from ..typing import Array
+from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
+from .hyperparameters import EssentialGroups, FitSettings, essential_groups
+from .log_doubts import LogDoubt
+from .parameters import BaseParameters
+from .payload import IdentifiedPayload, payload_from
+
+_VAGUE = 0.3
+"""Share of its value, from which a group's deviation makes it vague."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentifiedRobot:
+    """Identified robot: the groups of parameters that the logs tell, and how sure they are.
+
+    Attributes
+    ----------
+    original : Robot, as its file has it
+    base : BaseParameters
+    values : (r,) array, of the groups
+    covariance : GroupCovariance
+    sigma : (nv,) array, sizes of the residuals of the training rows [N m or N]
+    settings : FitSettings, chosen on the training rows
+    held_out : HeldOut
+    trained : HeldOut, fifths of the training rows predicted from the others
+    doubts : tuple of LogDoubt
+    prior : Prior, weak, that directions without information keep to
+    method : str
+    sizes : (p,) array, that each unknown parameter could have at most
+    information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
+    folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
+    payload_frame : str or None, what carries the payload that alone was sought
+    notes : tuple of str, on rows and pauses that were left out of the logs
+    """
+
+    original: Robot
+    base: BaseParameters
+    values: Array
+    covariance: GroupCovariance
+    sigma: Array
+    settings: FitSettings
+    held_out: HeldOut
+    trained: HeldOut
+    doubts: tuple[LogDoubt, ...]
+    prior: Prior
+    method: str
+    sizes: Array
+    information: Information
+    folds: tuple[NormalEquations, ...]
+    payload_frame: str | None = None
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {percent(self.held_out.all, 3)} held out "
+            f"({self.held_out.kind}), {self.verdict.word}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from ..core.tables import html_table
+
+        left = percent(self.held_out.all, 3)
+        title = f"{self.verdict}: {self.original.name}, {left} of the torques unexplained in rows held out"
+        rows = ((name, percent(x, 3)) for name, x in self.held_out.joints.items())
+        return html_table(title, ("joint", "unexplained"), rows)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups in words."""
+        return self.base.names
+
+    @property
+    def standard_deviations(self) -> Array:
+        """(r,) of the groups, with residuals that hang together in time."""
+        return self.covariance.deviations
+
+    @cached_property
+    def consistent(self) -> ConsistentRobot:
+        """The robot of bodies that can exist, as near to the file's as predicts rows held out as well as any."""
+        return self.consistent_at(None)
+
+    def consistent_at(self, strength: float | None) -> ConsistentRobot:
+        """Consistent robot at a strength of the pull to the file's bodies.
+
+        Parameters
+        ----------
+        strength : float or None, γ; None: chosen by rows held out
+
+        Returns
+        -------
+        robot : ConsistentRobot
+
+        Raises
+        ------
+        ValueRangeError
+            The strength is none that is offered.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = 1.1 * tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> found.consistent_at(1.0).inertias[0].defects()
+        []
+        """
+        from .consistent import STRENGTHS
+
+        if strength is not None and not STRENGTHS[-1] <= strength <= STRENGTHS[0]:
+            raise ValueRangeError(
+                f"a strength of {strength!r} is not offered. Give one from {printed(STRENGTHS[-1])} to {printed(STRENGTHS[0])}."
+            )
+        folds = [fold.together() for fold in self.folds]
+        return consistent_robot(self.base, self.values, self.sizes, folds, self.prior, strength)
+
+    @property
+    def robot(self) -> Robot:
+        """The identified robot: bodies that can exist, friction, motor inertias; or the original with the payload found."""
+        if self.payload is not None:
+            return self.original.with_payload(self.payload.inertia, self.payload.frame)
+        return self.consistent.robot
+
+    @cached_property
+    def payload(self) -> IdentifiedPayload | None:
+        """The payload, where ``payload_only`` was asked for."""
+        if self.payload_frame is None:
+            return None
+        return payload_from(self.original, self.payload_frame, self.base, self.values, self.covariance.matrix)
+
+    @cached_property
+    def essential(self) -> EssentialGroups:
+        """The fewest groups that predict rows held out as well as all of them."""
+        folds = [fold.together() for fold in self.folds]
+        return essential_groups(self.groups, folds, self.prior.size, self.base.held, self.values)
+
+    @cached_property
+    def residuals(self) -> ModelResiduals:
+        """What the file's bodies, these with friction, the groups and the consistent robot leave in fifths held out."""
+        return model_residuals(self.base, self.folds, self.prior, self.values, self.sizes, self.consistent.fit.strength)
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Intervals of the groups.
+
+        Parameters
+        ----------
+        level : float, the chance that each holds the truth
+
+        Returns
+        -------
+        interval : (r, 2) array
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> found.interval().shape
+        (3, 2)
+        """
+        half = self.covariance.half_width(level)
+        return np.stack([self.values - half, self.values + half], axis=1)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """OK, UNSURE, or LOOK AGAIN where no number can be trusted."""
+        refused = [doubt.sentence for doubt in self.doubts if doubt.refuses]
+        unsure = [doubt.sentence for doubt in self.doubts if not doubt.refuses]
+        return Verdict.of(look_again=refused, unsure=unsure)
+
+    @property
+    def vague(self) -> tuple[str, ...]:
+        """Names of the groups whose deviation is beyond 30 % of their value, vaguest first."""
+        share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
+        order = np.argsort(-share)
+        return tuple(self.groups[k] for k in order if share[k] > _VAGUE and not self.base.held[k])
+
+    @property
+    def parameters(self) -> Mapping[str, tuple[float, float]]:
+        """Value and standard deviation of each group, by its name."""
+        pairs = zip(self.values.tolist(), self.standard_deviations.tolist(), strict=True)
+        return dict(zip(self.groups, pairs, strict=True))
+
+    def write(
+        self,
+        path: str | Path | None = None,
+        actuators: str | Path | None = None,
+        *,
+        given: Mapping[str, object] | None = None,
+        logs: Sequence[str] = (),
+        force: bool = False,
+    ) -> tuple[str, ...]:
+        """Write the consistent robot into the text of the robot's file, and drives into an actuator file.
+
+        Parameters
+        ----------
+        path : str or Path, optional, of the robot file
+        actuators : str or Path, optional, of the actuator file
+        given : mapping, optional, an actuator file's content that is kept besides
+        logs : sequence of str, names that a comment of the file says it comes from
+        force : bool, write in spite of the verdict LOOK AGAIN
+
+        Returns
+        -------
+        notes : tuple of str, what to know of what was written
+
+        Raises
+        ------
+        ValueRangeError
+            The verdict is LOOK AGAIN, or the robot would be no better than the file. Nothing is written then.
+        ModelError
+            The robot has no file, or its format has no place for a number.
+
+        Examples
+        --------
+        >>> import tempfile, numpy as np, twistwrench as tw
+        >>> arm, t = tw.load(tw.robots.path_of("planar_2r")), np.arange(0, 10, 0.01)
+        >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+        >>> tau = 1.2 * tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     notes = found.write(f"{folder}/new.urdf", f"{folder}/new.yaml")
+        ...     tw.load(f"{folder}/new.urdf").nv
+        2
+        """
+        from .write import write_identified
+
+        return write_identified(self, path, actuators, given, logs, force=force)
+
+    def plot(self, path: str | Path) -> Path:
+        """Plot of the torques of rows held out, measured and predicted, of the groups with their intervals, and of γ.
+
+        Parameters
+        ----------
+        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.plot(f"{folder}/fit.svg").name
+        'fit.svg'
+        """
+        from ..plotting.identification import plot_identification
+
+        return plot_identification(self, path)
+
+    def report(self, path: str | Path) -> Path:
+        """Report as one page of HTML: the verdict first, then doubts, residuals, pictures and all groups.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.report(f"{folder}/report.html").read_text()[:15]
+        '<!doctype html>'
+        """
+        from ..plotting.identification import identification_page
+
+        target = as_path(path)
+        page = identification_page(self)
+        with replacing(target) as scratch:
+            scratch.write_text(page, encoding="utf-8")
+        return target
+
+    def to_dict(self, *, essential: bool = False) -> dict[str, Any]:
+        """The findings as plain data, in SI units: what ``--json`` writes.
+
+        Parameters
+        ----------
+        essential : bool, whether the essential groups are told as well
+
+        Returns
+        -------
+        findings : dict, which ``json.dumps`` takes
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> found.to_dict()["base_parameters"]
+        3
+        """
+        names = self.original.model.velocity_names
+        speeds = dict(zip(names, self.settings.friction_speed.tolist(), strict=True))
+        return {
+            "robot": self.original.name,
+            "verdict": str(self.verdict.word),
+            "doubts": [
+                {"kind": d.kind, "joints": list(d.joints), "sentence": d.sentence, "refuses": d.refuses}
+                for d in self.doubts
+            ],
+            "notes": list(self.notes),
+            "base_parameters": self.base.count,
+            "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": _known(self.held_out.joints)},
+            "training": {"all": self.trained.all, "joints": _known(self.trained.joints)},
+            "settings": {
+                "method": self.method,
+                "cutoff": self.settings.cutoff,
+                "friction_speed": speeds,
+                "shift": self.settings.shift,
+                "block": self.covariance.block,
+            },
+            "parameters": {
+                name: {"value": value, "deviation": deviation, "interval": interval, "prior": before}
+                for name, (value, deviation), interval, before in zip(
+                    self.groups,
+                    self.parameters.values(),
+                    self.interval().tolist(),
+                    self.prior.mean.tolist(),
+                    strict=True,
+                )
+            },
+            "vague": list(self.vague),
+            "held": {self.groups[k]: float(self.values[k]) for k in np.flatnonzero(self.base.held)},
+            "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True))
+            if essential
+            else None,
+            "payload": None if self.payload is None else self.payload.to_dict(),
+        }
+
+    def to_json(self, *, essential: bool = False) -> str:
+        """:meth:`to_dict` as text.
+
+        Parameters
+        ----------
+        essential : bool, as for :meth:`to_dict`
+
+        Returns
+        -------
+        text : str
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> found.to_json()[0]
+        '{'
+        """
+        return json.dumps(self.to_dict(essential=essential), indent=2, ensure_ascii=False) + "\n"
+
+
+def _known(values: Mapping[str, float]) -> dict[str, float | None]:
+    """None in place of what JSON has no number for."""
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}
+
+
+# ── A robot without some of the links that its file has
+
+
+def without_links(robot: Robot, links: Iterable[str]) -> Robot:
+    """Robot whose log was made without some of the links of its file, such as a hand; their frames stay.
+
+    Parameters
+    ----------
+    robot : Robot
+    links : iterable of str, links that a joint carries
+
+    Returns
+    -------
+    robot : Robot
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such link, or it does not move.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.panda()
+    >>> bare = without_links(arm, ["panda_hand"])
+    >>> round(sum(b.inertia.mass for b in arm.model.bodies) - sum(b.inertia.mass for b in bare.model.bodies), 6)
+    0.73
+    """
+    model = robot.model
+    bodies, own = list(model.bodies), dict(model.link_inertias)
+    moving = [name for name, frame in model.frames.items() if frame.body != BASE and name in own]
+    for link in links:
+        if link not in moving:
+            raise UnknownNameError.of("link that moves", link, moving)
+        frame = model.frames[link]
+        body = bodies[frame.body]
+        bodies[frame.body] = replace(body, inertia=body.inertia - own[link].in_frame(frame.pose))
+        own[link] = SpatialInertia.zero()
+    return Robot(replace(model, bodies=tuple(bodies), link_inertias=own))

@@ -1,0 +1,410 @@
+"""From information to the identified robot: the fit of all rows, residuals of rows held out, and doubts."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.cluster import Failure, Workers
+from ..core.numbers import percent
+from ..errors import ShapeError, TrajectoryError, UnknownNameError
+from ..estimation.cross_validation import HeldOut, HeldOutRows
+from ..estimation.least_squares import Method
+from ..motion.motion import Motion
+from ..robot import Robot
+from ..robot.task_space_methods import require_robot
+from ..typing import Array
+from .chunks import PIECE, LogClock, LogSource, RowFrame, chunks, rows_of
+from .consistent import sum_of
+from .identify import METHODS, asked_settings, checked_motions, identified
+from .information import MOST_BLOCKS, SHOWN, Information, JointMoments, fit_of
+from .log_doubts import NOTABLE_IN_OTHERS, OTHERS, LogDoubt, contradiction, left_unexplained
+from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
+from .payload import MotorSide, unknown_of
+from .result import IdentifiedRobot
+from .zero_phase import STATE_RATE
+
+if TYPE_CHECKING:
+    from .information import Information
+
+_OFF = 0.5
+"""Share of a step within which corrections of the settings are linear."""
+
+
+def gathered_robot(information: Information, test: Information | None = None) -> IdentifiedRobot:
+    """The robot that all rows tell; ``test`` is only predicted."""
+    fit, frame = fit_of(information), information.frame
+    blocks = len(information.moments.counts)
+    x, sigma = fit.solved(np.arange(blocks))
+    r = frame.base.count
+    among = fit.held_out()
+    held_out = among
+    if test is not None:
+        _ = information + test  # raises where they are not alike
+        held_out = fit_of(test).predicted(x, "test")
+    if information.shown is not None:
+        held_out = replace(held_out, rows=(information.shown,))
+    folds = fit.folded(x, sigma)
+    return IdentifiedRobot(
+        original=information.robot,
+        base=frame.base,
+        values=x[:r],
+        covariance=fit.covariance(x, sigma, information.seconds / max(1, blocks)),
+        sigma=sigma,
+        settings=fit.settings(x),
+        held_out=held_out,
+        trained=among,
+        doubts=_doubts(information, held_out, among, x),
+        prior=information.weak,
+        method=information.method,
+        sizes=information.sizes,
+        information=sum_of([fold.together() for fold in folds]),
+        folds=tuple(folds),
+        payload_frame=information.payload_frame,
+    )
+
+
+def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[LogDoubt, ...]:
+    """Those of the excerpts, and what all rows say besides."""
+    found = list(information.doubts)
+    kinds = {d.kind for d in found}
+    found += [doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds]
+    if far := _settings_off(information, x):
+        found.append(
+            LogDoubt(
+                "other-settings",
+                f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify "
+                "parts of the logs apart.",
+            )
+        )
+    return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
+
+
+def _settings_off(information: Information, x: np.ndarray) -> str:
+    """What is off by more than the linear correction can be trusted with."""
+    frame, r = information.frame, information.frame.base.count
+    if frame.free_shift and abs(x[r]) > _OFF * 0.1 / frame.settings.cutoff:
+        return "offset of the clock"
+    at = r + int(frame.free_shift)
+    names = frame.base.unknown.model.velocity_names
+    far = [k for k in range(len(frame.speeds)) if abs(x[at + k]) > _OFF * 10]
+    owners = [names[int(np.flatnonzero(frame.speeds[k][1])[-1])] for k in far]
+    return f"friction speed of {', '.join(owners)}" if owners else ""
+
+
+# ── A piece of work on a long log: its rows in chunks, and what they add up to
+
+CORE, LEAST_CORE = 8192, 1 << 15
+"""States, and rows, that a chunk has besides its margins."""
+_MOST_CORE = 1 << 18
+"""Rows of a chunk at most, unless margins ask for more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A piece of work: some rows of a log, in so many blocks of time."""
+
+    frame: RowFrame
+    source: LogSource
+    clock: LogClock
+    begin: int
+    end: int | None
+    blocks: int
+
+    def moments(self) -> tuple[JointMoments, list[str]]:
+        """Sums over its rows, read with what filters reach on both sides, and what these contradict themselves by."""
+        frame, clock = self.frame, self.clock
+        rate, said = clock.rate, list[str]()
+        margin = frame.margin(rate)
+        every = max(1, int(rate / (STATE_RATE * frame.settings.cutoff)))
+        core = max(LEAST_CORE, min(CORE * every, _MOST_CORE), 2 * margin)
+        span = (-np.inf, np.inf)
+        if self.end is not None:
+            span = (
+                float(clock.marks[self.begin // PIECE]) if self.begin else -np.inf,
+                float(clock.marks[self.end // PIECE]) if self.end < clock.rows else np.inf,
+            )
+            portions = self.source.portions(self.begin - 2 * margin, self.end + 2 * margin, said)
+        else:
+            portions = self.source.portions(said=said)
+        first = float(clock.marks[self.begin // PIECE])
+        last = span[1] if np.isfinite(span[1]) else float(clock.ends[-1])
+        edges = np.linspace(first, last, self.blocks + 1)[1:-1]
+        found = JointMoments.none(frame, self.blocks)
+        for chunk in chunks(portions, clock, frame.base.unknown.model, core, margin, span):
+            for rows in rows_of(frame, chunk):
+                found = found.added(frame, rows, np.searchsorted(edges, rows.time, side="right"))
+        return found, said
+
+
+# ── Gathering information of logs of any length: settings from an excerpt, then one pass over all rows, piece by piece
+
+_WINDOWS, WINDOW = 16, 4096
+"""Runs of rows that settings are chosen on."""
+_OF_JOINT = 0.35
+"""Share of a joint's torques left from which a log is another's."""
+_MOST_ROWS = 3000
+"""Of equations of an excerpt."""
+
+
+def gather(
+    robot: Robot,
+    logs: Motion | str | Path | Sequence[Motion | str | Path],
+    *,
+    like: Information | None = None,
+    motor_inertia: bool = True,
+    friction: Sequence[str] = FRICTION,
+    cutoff: float | None = None,
+    friction_speed: float | None = None,
+    shift: float | None = None,
+    method: Method = "irls",
+    motor_side: MotorSide | None = None,
+    known: Mapping[str, float] | None = None,
+    payload_only: str | None = None,
+    stribeck_speed: float = STRIBECK_SPEED,
+    columns: Mapping[str, str] | None = None,
+    rate: float | None = None,
+    degrees: bool = False,
+    client: Any = None,
+    progress: Callable[[float], None] | None = None,
+) -> Information:
+    """Gather the information of logs of any length, in memory that does not grow with them.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file has it, without actuators.
+    logs : Motion, path, or sequence of them
+        Files are read in portions where their format allows it: CSV, npy, parquet, HDF5.
+    like : Information, optional
+        Settings are taken from it in place of an excerpt, so that the new information can be added to it.
+    motor_inertia : bool
+    friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
+    cutoff : float, optional, of the low-pass [Hz]; None: chosen
+    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+    method : "irls", "wls" or "ols", weights of the rows
+    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    known : {name: float}, optional, values of parameters that are held, as for :func:`identify`
+    payload_only : str, optional, the frame of a payload that alone is sought, as for :func:`identify`
+    stribeck_speed : float, as for :func:`identify`
+    columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
+    progress : callable, optional, told the share that is done
+
+    Returns
+    -------
+    information : Information
+
+    Raises
+    ------
+    ShapeError
+        There is no log, or one has no torques.
+    TrajectoryError
+        No log can be read. One of several that cannot is left out, and a doubt says so.
+    ValueRangeError
+        An option is out of range.
+
+    Notes
+    -----
+    Settings are chosen on 16 runs of 4096 rows spread over the logs. What they are off is an unknown of the fit of all rows,
+    to first order. Large residuals are weighted by the excerpt's fit, so that one pass is enough.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.arange(0, 40, 0.01)
+    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+    >>> log = tw.Motion(t, q, tau=tau, robot=arm)
+    >>> week = tw.identification.gather(arm, log[:2000], friction=())
+    >>> both = week + tw.identification.gather(arm, log[2000:], like=week)
+    >>> both.samples, bool(abs(both.identified().held_out.all) < 0.01)
+    (4000, True)
+    """
+    require_robot(robot, "gather")
+    given = [logs] if isinstance(logs, Motion | str | Path) else list(logs)
+    if not given:
+        raise ShapeError("gather: there is no log. Give one with torques at least.")
+    if method not in METHODS:
+        raise UnknownNameError.of("method", method, METHODS)
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
+    sources = [LogSource.of(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
+    checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
+    team, tell = Workers.on(client), progress or (lambda _share: None)
+    failed: dict[str, str] = {}
+    clocks = dict(_kept(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed))
+    if like is None:
+        asked = asked_settings(cutoff, friction_speed, shift)
+        sought: dict[str, Any] = {"motor_inertia": motor_inertia, "friction": friction, "motor_side": motor_side}
+        sought |= {"known": known, "stribeck_speed": stribeck_speed}
+        unknown = unknown_of(robot, **sought, payload_only=payload_only)
+        start = _from_excerpt(unknown, robot, [sources[k] for k in clocks], asked, method, failed, payload_only)
+    else:
+        start = replace(like, moments=JointMoments.none(like.frame, 0), doubts=(), logs=())
+    tell(0.2)
+    pieces = _pieces(start.frame, sources, clocks)
+    made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
+    x = _reference(start, like)
+    whole: Information | None = None
+    left, said = dict[str, HeldOut](), dict[str, str]()
+    for part, sentences in _parts(start, sources, clocks, pieces, made, failed):
+        left[part.logs[0]] = fit_of(part).predicted(x, "test")
+        whole = part if whole is None else whole + part
+        if sentences:
+            said[part.logs[0]] = sentences[0]
+    if whole is None:
+        raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
+    doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
+    doubts += [contradiction(sentence, path) for path, sentence in said.items()]
+    usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
+    return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
+
+
+def _parts(
+    start: Information,
+    sources: Sequence[LogSource],
+    clocks: Mapping[int, LogClock],
+    pieces: Sequence[tuple[int, Piece]],
+    made: Iterable[tuple[JointMoments, list[str]] | Failure],
+    failed: dict[str, str],
+) -> Iterator[tuple[Information, list[str]]]:
+    """What each log tells, with sentences on what contradicts itself in it; ``failed`` is told why there is none of a log."""
+    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
+        path, results = sources[k].path, [result for _, result in of_log]
+        if broken := [result.reason for result in results if isinstance(result, Failure)]:
+            failed[path] = broken[0]
+            continue
+        fine = [result for result in results if not isinstance(result, Failure)]
+        moments = reduce(operator.add, (one for one, _ in fine))
+        if not moments.counts.any():
+            failed[path] = "it is too short for its cut-off"
+            continue
+        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
+        part = replace(start, moments=moments, doubts=(), **about)
+        yield part, [sentence for _, sentences in fine for sentence in sentences]
+
+
+def _reference(start: Information, like: Information | None) -> Array:
+    """Unknowns that logs are compared by: of the logs before, or of the excerpt."""
+    if like is not None:
+        return fit_of(like).solved(np.arange(len(like.moments.counts)))[0]
+    return np.concatenate([start.frame.x, np.zeros(start.frame.extra)])
+
+
+def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDoubt]:
+    """Logs whose torques the same unknowns explain far worse than those of half of the others."""
+    found = []
+    half = float(np.quantile([one.all for one in usual], 0.5, method="lower"))
+    names = usual[0].names
+    of_joints = np.quantile([[one.joints[name] for name in names] for one in usual], 0.5, axis=0, method="lower")
+    for path, one in left.items():
+        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(OTHERS * float(u), _OF_JOINT)]
+        if worse or one.all > max(OTHERS * half, NOTABLE_IN_OTHERS):
+            worst = max(worse, key=lambda name: one.joints[name], default="")
+            most = f", at {worst} to {percent(one.joints[worst], 3)}" if worst else ""
+            found.append(
+                LogDoubt(
+                    "other-torques",
+                    f"{path} is explained to {percent(one.all, 3)}{most} by what explains others to {percent(half, 3)}: its "
+                    "torques are not those of the same rigid bodies. Was friction compensated, or something carried, in one of "
+                    "them?",
+                    tuple(worse),
+                )
+            )
+    return found
+
+
+def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) -> list[tuple[int, Any]]:
+    """What did not fail, by the number of its source."""
+    found = []
+    for k, (source, result) in enumerate(zip(sources, results, strict=True)):
+        if isinstance(result, Failure):
+            failed[source.path] = result.reason
+        else:
+            found.append((k, result))
+    if not found:
+        raise TrajectoryError(next(iter(failed.values())))
+    return found
+
+
+def _pieces(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Piece]]:
+    """Pieces of all logs, by the number of the log: the same whoever works."""
+    cuts: list[tuple[int, int, int | None]] = []
+    for k, clock in clocks.items():
+        whole = clock.rows <= PIECE or not sources[k].in_parts
+        cuts += [(k, 0, None)] if whole else [(k, a, min(a + PIECE, clock.rows)) for a in range(0, clock.rows, PIECE)]
+    found = []
+    for k, begin, end in cuts:
+        clock = clocks[k]
+        seconds = clock.seconds * ((clock.rows if end is None else end) - begin) / clock.rows
+        blocks = int(np.clip(min(MOST_BLOCKS // len(cuts), seconds / _BLOCK), 1, MOST_BLOCKS))
+        found.append((k, Piece(frame, sources[k], clock, begin, end, blocks)))
+    return found
+
+
+_BLOCK = 2.0
+"""s that a block of time lasts at least."""
+
+
+def _from_excerpt(
+    unknown: UnknownParameters,
+    robot: Robot,
+    sources: Sequence[LogSource],
+    asked: Any,
+    method: Method,
+    failed: dict[str, str],
+    payload_only: str | None,
+) -> Information:
+    """No rows yet, with the settings that some rows of the logs ask for."""
+    some = [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, _WINDOWS).astype(int))]
+    windows: list[Motion] = []
+    for source, result in zip(some, Workers().results(_Windows(-(-_WINDOWS // len(some))).of, some), strict=True):
+        if isinstance(result, Failure):
+            failed[source.path] = result.reason
+        else:
+            windows += result
+    if not windows:
+        raise TrajectoryError(next(iter(failed.values())))
+    moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
+    seen = identified(
+        unknown, robot, moving, (), asked, method, lambda _share: None,
+        payload_only=payload_only, anew=False, most_rows=_MOST_ROWS,
+    )  # fmt: skip
+    found = seen.robot
+    free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
+    frame = RowFrame(
+        found.base,
+        found.settings,
+        found.values,
+        np.where(seen.dead, 1.0, found.sigma),
+        seen.dead,
+        *free,
+        method == "irls",
+    )
+    shown = found.held_out.rows
+    rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
+    return Information(
+        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.hanging, (),
+        found.doubts, rows, payload_only,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Windows:
+    count: int
+
+    def of(self, source: LogSource) -> list[Motion]:
+        """Runs of rows of one log, cut to no more than asked for."""
+        found = source.excerpts(max(2, self.count), WINDOW)
+        whole = found[0]
+        if len(found) == 1 and len(whole) > self.count * WINDOW:
+            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, WINDOW)
+        return found[: self.count] if len(found) > self.count else found

@@ -1,0 +1,563 @@
+"""Multipliers of the edges of a motion's room: what holds a search at the limits, not away from them.
+
+With the distance s of every edge and instant, as a share of its size, and s_0 what is aimed at, a search makes small
+
+    cost + Σ (max(0, λ - ρ (s - s_0))² - λ²) / 2 ρ,      λ ← max(0, λ - ρ (s - s_0)) after each search
+
+Source: Nocedal and Wright, "Numerical Optimization", 2nd ed. 2006, 17.4 (Hestenes, Powell, Rockafellar).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from ..typing import Array
+from .parameters import BaseParameters
+from .trajectory_constraints import DENSE, MotionRoom
+
+
+class Round(NamedTuple):
+    """One search with multipliers that stay: its pull ρ, the most steps, and how many times as many instants there are."""
+
+    rho: float
+    steps: int
+    finer: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Edges of a room at the instants of a search.
+
+    Attributes
+    ----------
+    multipliers : tuple of (n, k) arrays, λ of each band's edges
+    rho : float, ρ
+    aim : float, s_0
+    finer : int, how many times as many instants there are
+    """
+
+    multipliers: tuple[Array, ...]
+    rho: float = 1.0
+    aim: float = 2e-3
+    finer: int = 1
+
+    def pushed(self, shares: Array, multipliers: Array) -> tuple[float, Array]:
+        """What one band adds to the cost, and the forces (n, k): less its derivative by the shares (n, k)."""
+        forces = np.maximum(0.0, multipliers - self.rho * (shares - self.aim))
+        return float((forces**2 - multipliers**2).sum()) / (2.0 * self.rho), forces
+
+    def followed(self, shares: tuple[Array, ...]) -> Edges:
+        """With the multipliers that a search which came to these shares tells."""
+        told = zip(shares, self.multipliers, strict=True)
+        return replace(self, multipliers=tuple(self.pushed(s, m)[1] for s, m in told))
+
+    def at(self, finer: int) -> Edges:
+        """The same at instants as many times finer: between two of them in proportion, with the same sum."""
+        if finer == self.finer:
+            return self
+        count = len(self.multipliers[0])
+        at = np.arange(finer * (count - 1) + 1) / finer
+        spread = tuple(
+            np.array([np.interp(at, np.arange(count), one) for one in m.T]).reshape(-1, len(at)).T / finer
+            for m in self.multipliers
+        )
+        return replace(self, multipliers=spread, finer=finer)
+
+
+# ── Fourier series that begin and end at rest: what exciting motions are made of
+
+# With ω = 2π / T and k = 1 … N, each joint moves as
+#
+#     q(t) = q_0 + Σ_k a_k (sin kωt - p_k(t)) + b_k (cos kωt - r_k(t))
+#
+# where p_k and r_k are the polynomials of fifth order that have value, rate and acceleration of their sine or cosine at 0 and
+# at T. So q = q_0 and dq = ddq = 0 at both ends.
+#
+# Source: Swevers et al., "Optimal robot excitation and identification", IEEE T-RA 13(5), 1997, for the series; Park,
+# "Fourier-based optimal excitation trajectories for the dynamic identification of robots", Robotica 24(5), 2006, for the ends.
+
+_ORDER = 5
+"""Of the polynomials: six conditions, three at each end."""
+
+
+@dataclass(frozen=True)
+class RestSeries:
+    """Functions of time that every joint's motion is a sum of: 1, then N sines and N cosines without their ends.
+
+    Attributes
+    ----------
+    duration : float, T [s]
+    harmonics : int, N
+    """
+
+    duration: float
+    harmonics: int
+
+    @property
+    def count(self) -> int:
+        """1 + 2 N."""
+        return 1 + 2 * self.harmonics
+
+    @cached_property
+    def _rates(self) -> Array:
+        """(N,) k ω T, of x = t / T."""
+        return 2.0 * np.pi * np.arange(1, self.harmonics + 1)
+
+    @cached_property
+    def _ends(self) -> Array:
+        """(6, 2 N) coefficients of p_k and r_k in x = t / T."""
+        w, n = self._rates, self.harmonics
+        powers = np.eye(_ORDER + 1)
+        derivatives = [polynomial.polyder(powers, m) if m else powers for m in range(3)]
+        conditions = np.array([polynomial.polyval(x, d) for x in (0.0, 1.0) for d in derivatives])
+        wanted = np.zeros((6, 2 * n))
+        wanted[[1, 4], :n] = w
+        wanted[[0, 3], n:] = 1.0
+        wanted[[2, 5], n:] = -(w**2)
+        return np.linalg.solve(conditions, wanted)
+
+    def basis(self, t: Array) -> Array:
+        """Functions and their first and second rates at times.
+
+        Parameters
+        ----------
+        t : (n,) array [s]; before 0 and after T all rest
+
+        Returns
+        -------
+        basis : (3, n, 1 + 2 N) array
+
+        Examples
+        --------
+        >>> found = RestSeries(10.0, 3).basis(np.array([0.0, 10.0]))
+        >>> bool(np.abs(found[:, :, 1:]).max() < 1e-12), found[0, :, 0].tolist()
+        (True, [1.0, 1.0])
+        """
+        t = np.asarray(t, float)
+        x, w = np.clip(t / self.duration, 0.0, 1.0), self._rates
+        sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
+        found = np.zeros((3, len(x), self.count))
+        found[0, :, 0] = 1.0
+        waves = ((sin, cos), (cos * w, -sin * w), (-sin * w**2, -cos * w**2))
+        for m, (of_sine, of_cosine) in enumerate(waves):
+            ends = polynomial.polyder(self._ends, m) if m else self._ends
+            found[m, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, ends).T
+            found[m] /= self.duration**m
+        found[:, (t <= 0.0) | (t >= self.duration), 1:] = 0.0
+        return found
+
+    def states(self, coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
+        """States of joints at times.
+
+        Parameters
+        ----------
+        coefficients : (nv, 1 + 2 N) array
+        t : (n,) array [s]
+
+        Returns
+        -------
+        q, dq, ddq : (n, nv) arrays
+
+        Examples
+        --------
+        >>> q, dq, ddq = RestSeries(10.0, 1).states(np.array([[0.5, 0.1, 0.2]]), np.array([0.0, 5.0]))
+        >>> round(float(q[0, 0]), 12), float(dq[0, 0])
+        (0.5, 0.0)
+        """
+        q, dq, ddq = self.basis(t) @ coefficients.T
+        return q, dq, ddq
+
+
+# ── What a motion tells of base parameters before it is run: information, its log determinant, and deviations to expect
+
+# With rows W_j of joint j (the columns that :func:`identify` fits), σ_j the deviation of its torque, and n rows of m that are
+# independent of each other,
+#
+#     A = (n / m) Σ_j W_j' W_j / σ_j²,      deviations = sqrt(diag A⁻¹),      d log det A = Σ_j tr(G_j' dW_j),
+#     G_j = 2 (n / m) W_j A⁻¹ / σ_j²
+#
+# What a search makes large is the merit: log det A, or -r m with m the median of v_i = log (A⁻¹)_ii, smoothed:
+#
+#     Σ_i S((v_i - m) / κ) = r / 2,     S the logistic function,     dm = Σ_i w_i dv_i,     w_i ~ S',  Σ_i w_i = 1,
+#     dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii
+#
+# log det A does not depend on units but for a constant, the condition number does (Swevers et al., 1997).
+
+ROWS_PER_SECOND = 25.0
+"""Rows that tell something new: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
+_ROUNDING = 1e-13
+_STEP_of_motion_information = 1e-5
+_SMOOTH = 0.7
+"""κ of the smoothed median: a factor of 2 between variances."""
+Criterion = Literal["log_det", "deviations"]
+CRITERIA = get_args(Criterion)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionInformation:
+    """Information that motions of one robot and one duration have.
+
+    Attributes
+    ----------
+    base : BaseParameters
+    noise : (nv,) array, deviation of each torque [N m, sliding joints: N]
+    friction_speed : (nv,) array [rad/s, m/s]
+    duration : float [s]
+    criterion : "log_det" or "deviations", what the merit is
+    """
+
+    base: BaseParameters
+    noise: Array
+    friction_speed: Array
+    duration: float
+    criterion: Criterion = "log_det"
+
+    def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Columns of the torques that belong to base parameters.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n, nv) arrays
+
+        Returns
+        -------
+        W : (n, nv, r) array
+        """
+        return self.base.unknown.columns(self.base.kept, q, dq, ddq, self.friction_speed)
+
+    def _inverse(self, W: Array) -> tuple[float, Array]:
+        """log det A and A⁻¹, by Cholesky's factors in units in which the columns have length 1."""
+        import scipy.linalg
+
+        weighted = (W / self.noise[:, None]).reshape(-1, W.shape[-1])
+        weighted = weighted * np.sqrt(ROWS_PER_SECOND * self.duration / len(W))
+        length = np.maximum(np.linalg.norm(weighted, axis=0), 1e-150)
+        scaled = weighted / length
+        A = scaled.T @ scaled
+        A[np.diag_indices_from(A)] += _ROUNDING
+        factor = scipy.linalg.cho_factor(A, lower=True, check_finite=False)
+        log_det = 2.0 * float(np.log(factor[0].diagonal()).sum() + np.log(length).sum())
+        inverse = scipy.linalg.cho_solve(factor, np.eye(len(A)), check_finite=False)
+        return log_det, inverse / length[:, None] / length[None, :]
+
+    def log_det(self, W: Array) -> float:
+        """log det A of rows (n, nv, r) at times spread evenly over the motion."""
+        return self._inverse(W)[0]
+
+    def merit(self, W: Array) -> float:
+        """What a search makes large, of rows (n, nv, r)."""
+        return self.merit_and_slope(W)[0]
+
+    def merit_and_slope(self, W: Array) -> tuple[float, Array]:
+        """The merit, and G (n, nv, r), its derivative by each entry of W."""
+        log_det, inverse = self._inverse(W)
+        share, merit, weighted = ROWS_PER_SECOND * self.duration / len(W), log_det, inverse
+        if self.criterion == "deviations":
+            variances = inverse.diagonal()
+            median, weights = _smooth_median(np.log(variances))
+            merit = -len(weights) * median
+            weighted = len(weights) * (inverse * (weights / variances)) @ inverse
+        return merit, 2.0 * share * (W @ weighted) / self.noise[:, None] ** 2
+
+    def weighing(self, of_rows: Array, times: int) -> Callable[[Array, Array, Array], Array]:
+        """A function of states (times n, nv) that tells (times, n) sums of the bodies' columns with weights (n, nv, r)."""
+        unknown, n = self.base.unknown, len(of_rows)
+        places = unknown.of_bodies[self.base.kept]
+        weights = np.zeros((*of_rows.shape[:2], len(unknown.robot.parameters)))
+        weights[:, :, places[places >= 0]] = of_rows[:, :, places >= 0]
+        out = np.empty((times * n, *weights.shape[1:]))
+
+        def weigh(q: Array, dq: Array, ddq: Array) -> Array:
+            Y = unknown.robot.regressor(q, dq, ddq, out=out)
+            return np.asarray(np.einsum("snk,nk->sn", Y.reshape(times, n, -1), weights.reshape(n, -1)))
+
+        return weigh
+
+    def drive_slopes(self, states: Array, of_rows: Array) -> Array:
+        """(3, n, nv) derivatives by states of the drives' columns with weights (n, nv, r): each joint's by its own state."""
+        unknown, found = self.base.unknown, np.zeros(states.shape)
+        mine = unknown.of_bodies[self.base.kept] < 0
+        which, weights = self.base.kept[mine], of_rows[:, :, mine]
+        q, dq, ddq = states
+        for m, (of_dq, of_ddq) in ((1, (_STEP_of_motion_information, 0.0)), (2, (0.0, _STEP_of_motion_information))):
+            ahead, behind = (
+                unknown.columns(which, q, dq + sign * of_dq, ddq + sign * of_ddq, self.friction_speed)
+                for sign in (1, -1)
+            )
+            found[m] = ((ahead - behind) * weights).sum(axis=2) / (2.0 * _STEP_of_motion_information)
+        return found
+
+    def deviations(self, W: Array) -> Array:
+        """(r,) deviations of the base parameters to expect, from rows (n, nv, r)."""
+        return np.sqrt(self._inverse(W)[1].diagonal())
+
+    def condition(self, W: Array) -> float:
+        """Condition number of W, in SI units."""
+        s = np.linalg.svd(W.reshape(-1, W.shape[-1]), compute_uv=False)
+        return float(s[0] / max(s[-1], 1e-300))
+
+
+def _smooth_median(values: Array) -> tuple[float, Array]:
+    """m, and its derivative by each of the values, by Newton's method from their median."""
+    m = float(np.median(values))
+    for _ in range(50):
+        S = 1.0 / (1.0 + np.exp((m - values) / _SMOOTH))
+        by_values = S * (1.0 - S) / _SMOOTH
+        step = float((S.sum() - 0.5 * len(values)) / by_values.sum())
+        m += float(np.clip(step, -_SMOOTH, _SMOOTH))
+        if abs(step) < 1e-12:
+            break
+    return m, by_values / by_values.sum()
+
+
+# ── Search for the motion that tells most of the base parameters: the merit as large as the room of the robot lets it be
+
+# What is made small is  -merit  with multipliers of all limits at some hundred instants (``motion_edges``), by SciPy's
+# L-BFGS-B;
+# multipliers follow, the pull ρ grows, and a last round looks at more instants. Coefficients z are scaled so that each of them
+# alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the states are central differences of torques
+# and regressor, one joint displaced at a time, all instants in one call; slopes by z follow, as states are linear in z.
+
+_PER_PERIOD = 32
+"""Instants per period of the highest harmonic at which limits are looked at in the search."""
+_FINER = 10
+"""Times as many, at least, at which a motion is judged in the end."""
+_MARGIN = 1e-4
+"""Share of each limit that is left: what may happen between those."""
+_ROUNDS = (Round(5.0, 60), Round(20.0, 50), Round(80.0, 50), Round(320.0, 50), Round(1000.0, 30, 2))
+_REPAIRS = 6
+"""Times that a motion which passes a limit between the instants of the search is asked to stay farther from it."""
+_STEP = 1e-5
+"""By which states are displaced."""
+_STARTS = 20
+"""Random motions of which a search begins at the best."""
+_TRIES = 400
+_NARROW = 0.02
+"""Share of a motion's width, below which it is none."""
+_HALVINGS = 12
+
+Told = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSearch:
+    """Search among motions of one robot.
+
+    Attributes
+    ----------
+    series : RestSeries
+    information : MotionInformation
+    room : MotionRoom
+    typical : (3, nv) array, sizes of positions, velocities and accelerations
+    middle : (nv,) array, where joints are in the middle of their limits
+    """
+
+    series: RestSeries
+    information: MotionInformation
+    room: MotionRoom
+    typical: Array
+    middle: Array
+
+    @cached_property
+    def _bases(self) -> dict[int, Array]:
+        return {}
+
+    @property
+    def _fine(self) -> int:
+        return max(_FINER, math.ceil(self.series.duration / (DENSE * _PER_PERIOD * self.series.harmonics)))
+
+    def _basis(self, finer: int) -> Array:
+        """(3, n, K) at the instants of the search, or as many times finer ones."""
+        if finer not in self._bases:
+            count = finer * _PER_PERIOD * self.series.harmonics + 1
+            self._bases[finer] = self.series.basis(np.linspace(0.0, self.series.duration, count))
+        return self._bases[finer]
+
+    @cached_property
+    def _units(self) -> Array:
+        """(nv, K, K) coefficients of unit z: [Φ / q, Φ' / dq, Φ'' / ddq] / sqrt(n) = U S V', units V / S; q_0 apart."""
+        found = np.zeros((self.typical.shape[1], self.series.count, self.series.count))
+        basis = self._basis(1)
+        for j, sizes in enumerate(self.typical.T):
+            stacked = (basis[:, :, 1:] / sizes[:, None, None]).reshape(-1, self.series.count - 1)
+            _, s, Vt = np.linalg.svd(stacked / np.sqrt(basis.shape[1]), full_matrices=False)
+            found[j, 0, 0] = sizes[0]
+            found[j, 1:, 1:] = Vt.T / s
+        return found
+
+    def coefficients(self, z: Array) -> Array:
+        """(nv, K) of the series, from (nv, K) scaled ones."""
+        found = np.einsum("jkl,jl->jk", self._units, z)
+        found[:, 0] += self.middle
+        return np.asarray(found)
+
+    def _states(self, z: Array, finer: int = 1) -> Array:
+        """(3, n, nv) positions, velocities and accelerations."""
+        return np.asarray(self._basis(finer) @ self.coefficients(z).T)
+
+    def merit(self, z: Array) -> float:
+        """What is made large, at the instants of the search."""
+        return self.information.merit(self.information.rows(*self._states(z)))
+
+    # ── motions that fit ──
+
+    def random(self, rng: np.random.Generator) -> Array | None:
+        """A random motion (nv, K) as wide as its limits let it be, at the instants of the search; None after many tries."""
+        for _ in range(_TRIES):
+            z = rng.normal(size=(len(self.middle), self.series.count))
+            z[:, 0] = rng.uniform(-0.6, 0.6, len(z))
+            if (found := self.fitted(z, widen=True, finer=1)) is not None:
+                return found
+        return None
+
+    def fitted(self, z: Array, *, widen: bool = False, finer: int | None = None) -> Array | None:
+        """The motion with each joint as narrow as its own limits ask for, then all together as the others do; None if none is.
+
+        Parameters
+        ----------
+        z : (nv, K) array
+        widen : bool, whether joints are made wider, too
+        finer : int, times as many instants as the search's; None: those at which a motion is judged in the end
+
+        Returns
+        -------
+        z : (nv, K) array or None
+        """
+        finer = self._fine if finer is None else finer
+        q, dq, ddq = self._states(z, finer)
+        rest, bounds = self.coefficients(z)[:, 0], self.room.bounds
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wide = [
+                (bounds.upper - rest) / np.maximum((q - rest).max(axis=0), 1e-12),
+                (rest - bounds.lower) / np.maximum((rest - q).max(axis=0), 1e-12),
+                bounds.velocity / np.abs(dq).max(axis=0),
+                bounds.acceleration / np.abs(ddq).max(axis=0),
+            ]
+        share = (1.0 - 2.0 * _MARGIN) * np.min(wide, axis=0)
+        if not (share > _NARROW * 1e-3).all():
+            return None
+        z = z.copy()
+        z[:, 1:] *= (share if widen else np.minimum(share, 1.0))[:, None]
+        return self._together(z, finer)
+
+    def _together(self, z: Array, finer: int) -> Array | None:
+        """The motion as much narrower about where it rests as all limits ask for; None where it cannot rest there."""
+
+        def narrowed(share: float) -> Array:
+            found = z.copy()
+            found[:, 1:] *= share
+            return found
+
+        def fits(share: float) -> bool:
+            return self.room.least(*self._states(narrowed(share), finer)) >= _MARGIN
+
+        rests = np.stack([self.coefficients(z)[None, :, 0], *np.zeros((2, 1, len(z)))])
+        if self.room.least(*rests) < _MARGIN:
+            return None
+        if fits(1.0):
+            return z
+        if not fits(_NARROW):
+            return None
+        low, high = _NARROW, 1.0
+        for _ in range(_HALVINGS):
+            share = 0.5 * (low + high)
+            low, high = (share, high) if fits(share) else (low, share)
+        return narrowed(low)
+
+    # ── the search ──
+
+    def best(self, rng: np.random.Generator, told: Told) -> Array | None:
+        """The motion that a search from random ones comes to; None where no motion is possible."""
+        starts = list[Array]()
+        for _ in range(_STARTS):
+            z = self.random(rng)
+            if z is None:
+                break
+            starts.append(z)
+        if not starts:
+            return None
+        start = max(starts, key=self.merit)
+        most = sum(round_.steps for round_ in _ROUNDS)
+        z, edges, done = start, self._edges(start), 0
+        for round_ in _ROUNDS:
+            edges = replace(edges, rho=round_.rho).at(round_.finer)
+            z = self._descended(z, edges, round_.steps, lambda k, done=done: told((done + k) / most))  # type: ignore[misc]
+            edges = edges.followed(self._shares(z, edges.finer))
+            done += round_.steps
+        for _ in range(_REPAIRS):
+            beyond = _MARGIN - self.room.least(*self._states(z, self._fine))
+            if beyond <= 0.0:
+                break
+            edges = replace(edges, aim=edges.aim + 1.5 * beyond)
+            z = self._descended(z, edges, _ROUNDS[-1].steps, lambda _: None)
+            edges = edges.followed(self._shares(z, edges.finer))
+        fits = [found for found in (self.fitted(z), self.fitted(start)) if found is not None]
+        told(1.0)
+        return max(fits, key=self.merit, default=None)
+
+    def _edges(self, z: Array) -> Edges:
+        """Edges of which none holds anything yet."""
+        return Edges(tuple(np.zeros_like(s) for s in self._shares(z, 1)))
+
+    def _shares(self, z: Array, finer: int) -> tuple[Array, ...]:
+        """Distances from all edges at the instants of the search."""
+        states = self._states(z, finer)
+        values = (*states, self.room.smooth_torques(*states), self.room.clearances(states[0]))
+        return tuple(band.shares(x) for band, x in zip(self.room.bands, values, strict=True))
+
+    def _descended(self, z: Array, edges: Edges, steps: int, told: Callable[[int], None]) -> Array:
+        from scipy.optimize import minimize
+
+        count = 0
+
+        def tick(_: Array) -> None:
+            nonlocal count
+            count += 1
+            told(count)
+
+        def cost(x: Array) -> tuple[float, Array]:
+            value, slope = self.cost_and_slope(x.reshape(z.shape), edges)
+            return value, slope.ravel()
+
+        options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
+        called: Any = tick  # the stubs of SciPy know no callback of arrays of any rank
+        found = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", callback=called, options=options)
+        return np.asarray(found.x.reshape(z.shape))
+
+    def cost_and_slope(self, z: Array, edges: Edges) -> tuple[float, Array]:
+        """-merit with the edges' part, and its derivative by z (nv, K)."""
+        states = self._states(z, edges.finer)
+        merit, G = self.information.merit_and_slope(self.information.rows(*states))
+        values = (*states, self.room.smooth_torques(*states), self.room.clearances(states[0]))
+        cost, slopes = -merit, list[Array]()
+        for band, x, m in zip(self.room.bands, values, edges.multipliers, strict=True):
+            value, forces = edges.pushed(band.shares(x), m)
+            cost += value
+            slopes.append(band.slope(-forces))
+        by_states = np.stack(slopes[:3]) + self._slopes(states, -G, slopes[3])
+        by_states[0] += self.room.clearance_slopes(states[0], slopes[4])
+        by_coefficients = np.einsum("mnj,mnk->jk", by_states, self._basis(edges.finer))
+        return cost, np.einsum("jk,jkl->jl", by_coefficients, self._units)
+
+    def _slopes(self, states: Array, of_rows: Array, of_torques: Array) -> Array:
+        """(3, n, nv) derivatives by the states of Σ of_rows · W + Σ of_torques · τ, each instant for itself."""
+        found = self.information.drive_slopes(states, of_rows)
+        n, nv = states.shape[1:]
+        weigh = self.information.weighing(of_rows, 6)
+        for j in range(nv):
+            moved = np.repeat(states[:, None], 6, axis=1)  # forth and back in q_j, dq_j and ddq_j
+            for m in range(3):
+                moved[m, 2 * m, :, j] += _STEP
+                moved[m, 2 * m + 1, :, j] -= _STEP
+            q, dq, ddq = moved.reshape(3, 6 * n, nv)
+            tau = self.room.smooth_torques(q, dq, ddq).reshape(6, n, nv)
+            value = weigh(q, dq, ddq) + np.einsum("snj,nj->sn", tau, of_torques)
+            found[:, :, j] += (value[::2] - value[1::2]) / (2.0 * _STEP)
+        return found

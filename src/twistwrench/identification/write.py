@@ -1,0 +1,398 @@
+"""What was identified of drives, as an actuator file: friction and motor inertias as the joints feel them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..core.files import as_path, replacing
+from ..core.numbers import number, percent
+from ..core.verdict import Word
+from ..diagnosis.findings import encoded
+from ..diagnosis.readers import Subject, read_subject
+from ..errors import ModelError, RobotFileError, ValueRangeError
+from ..formats.xml import parse
+from ..joints.units import unit_of
+from ..lie import se3
+from ..model.model import BASE, Model
+from ..robot import Robot, load
+from ..typing import Array
+from .consistent import ConsistentRobot
+from .file_text import MjcfText, SdfText, TextChanges, UrdfText
+
+if TYPE_CHECKING:
+    from .result import IdentifiedRobot
+
+SIGNATURE = "twistwrench identify"
+"""What comments of files begin with."""
+
+
+def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, object] | None = None) -> str:
+    """An actuator file with friction and motor inertias; entries that were ``given`` stay, but for these.
+
+    With a known ratio the motor's inertia is that of an extra rotor, Ia / ratio²; without, the reflected one.
+    """
+    import yaml
+
+    content: dict[str, object] = {"robot": model.name, **dict(given or {})}
+    entries = {name: dict(entry) for name, entry in dict(content.get("actuators", {}) or {}).items()}  # type: ignore[call-overload]
+    sliding = {b.joint.name for b in model.leaders if not b.joint.turning[0]}
+    inertia, viscous = found.of_joints("motor_inertia"), found.of_joints("viscous")
+    coulomb, stribeck, offset = (found.of_joints(kind) for kind in ("coulomb", "stribeck", "offset"))
+    for name in model.velocity_names:
+        entry = entries.setdefault(name, {})
+        slides = name in sliding
+        if name in inertia:
+            entry.pop("rotor", None)
+            entry["reflected_inertia"] = f"{inertia[name]!r} {'kg' if slides else 'kg m^2'}"
+        law = {}
+        if name in viscous:
+            law["viscous"] = f"{viscous[name]!r} {'N s/m' if slides else 'N m s/rad'}"
+        if name in coulomb:
+            law["coulomb"] = f"{coulomb[name]!r} {unit_of('tau', not slides)}"
+        if name in stribeck:
+            law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {unit_of('tau', not slides)}"
+            law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {unit_of('dq', not slides)}"
+        if law:
+            entry["friction"] = law
+    content["actuators"] = entries
+    head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
+    if offset:
+        head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
+    head += "".join(
+        f"# of several joints, not read: {name} {value!r}\n" for name, value in found.of_several_joints.items()
+    )
+    return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+
+
+def same_actuators(text: str, found: ConsistentRobot) -> float:
+    """Largest difference of friction and armature of an actuator file read again, as a share of the largest."""
+    import yaml
+
+    model = found.base.unknown.model
+    bare = replace(model, armature=np.zeros(model.nv))
+    again = Robot(bare).with_actuators(yaml.safe_load(text)).model
+    right = found.robot.model
+    pairs: list[tuple[Array, Array]] = [
+        (again.armature, right.armature),
+        (again.friction.viscous, right.friction.viscous),
+        (again.friction.coulomb, right.friction.coulomb),
+        (again.friction.static, right.friction.static),
+    ]
+    size = max(float(np.abs(b).max()) for _, b in pairs)
+    return max(float(np.abs(a - b).max()) for a, b in pairs) / max(size, 1e-300)
+
+
+# ── What was identified, written into the text of the robot's file: the numbers concerned, everything else as it stands
+
+# A body of the model is a moving link with the links that are fixed to it; the change goes to the moving link. Where what
+# is left
+# for it is no body that can exist, the fixed links are folded into it. What was written is read again and compared before
+# a file
+# is put in its place.
+
+_SAME = 1e-12
+_STATES = 200
+_AS_GOOD = 1.05
+"""Times what the file's bodies leave, with friction, of rows held out, up to which a robot is as good as they are."""
+_IMMATERIAL = 0.002
+"""Share of the torques by which what is left may be more, too: both explain the log then."""
+_TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
+    "urdf": UrdfText,
+    "mjcf": MjcfText,
+    "sdf": SdfText,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenRobot:
+    """A robot file with identified numbers, not yet on disk.
+
+    Attributes
+    ----------
+    text : str
+    data : bytes, as the file it came from is encoded
+    difference : float, of torques of the file read again, as a share of the largest
+    folded : tuple of str, fixed links whose inertia went into the links that carry them
+    missing : {kind: {joint: number}}, of joints, for which the file has no place
+    folder : Path or None, from which the file names others, such as meshes; None where it names none
+    """
+
+    text: str
+    data: bytes
+    difference: float
+    folded: tuple[str, ...]
+    missing: Mapping[str, Mapping[str, float]]
+    folder: Path | None
+
+
+def written_robot(original: Robot, found: ConsistentRobot, said: str) -> WrittenRobot:
+    """The file of ``original`` with the bodies and the drives of ``found``; ``said`` goes into a comment at its top.
+
+    Raises ModelError where the robot has no file or its format has no place for a number, and RobotFileError where what was
+    written does not come back.
+    """
+    subject = read_subject(original, meshes=False)
+    if not subject.text:
+        raise ModelError(
+            f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
+            "writes a new one."
+        )
+    inertias, folded = _link_inertias(found, _TEXTS[subject.robot.format].share_left)
+    drives = _drives(found)
+    wanted = drives
+    again = _again(_text(subject, found, said, inertias, wanted), subject, found)
+    beside = _off(again, drives)
+    if any(value > 0 for of_kind in beside.values() for value in of_kind.values()):
+        # What actuators add to a joint is in the file besides: the joint gets the rest.
+        wanted = {
+            kind: {
+                joint: max(0.0, value - max(0.0, beside.get(kind, {}).get(joint, 0.0)))
+                for joint, value in of_kind.items()
+            }
+            for kind, of_kind in drives.items()
+        }
+        again = _again(_text(subject, found, said, inertias, wanted), subject, found)
+    missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in _off(again, drives).items()}
+    lacking = [
+        f"{kind} {joint} {number(value)}" for kind, of_kind in missing.items() for joint, value in of_kind.items()
+    ]
+    text = _text(subject, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted)
+    difference = _difference(_again(text, subject, found), found)
+    if not difference <= _SAME:
+        raise RobotFileError(
+            f"what was written does not come back: torques differ by {number(difference, 2)} of the largest. Please report it."
+        )
+    folder = subject.path.resolve().parent if subject.path is not None and _names_files(subject.text) else None
+    return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)
+
+
+def _names_files(text: str) -> bool:
+    """Whether it names other files by paths from its own folder: those that it includes, meshes, textures."""
+    elements = list(parse(text).walk())
+    named = [element.attributes.get(key, "") for element in elements for key in ("file", "filename")]
+    named += [element.content.strip() for element in elements if element.tag == "uri"]
+    return any(name and "://" not in name and not name.startswith("/") for name in named)
+
+
+def _text(
+    subject: Subject,
+    found: ConsistentRobot,
+    said: str,
+    inertias: Mapping[str, SpatialInertia],
+    drives: Mapping[str, Mapping[str, float]],
+) -> str:
+    """The file's text with inertias of links and numbers of joints, those of joints that follow others at 0."""
+    root = parse(subject.text)
+    changes = TextChanges(root, SIGNATURE)
+    model = found.base.unknown.model
+    file = _TEXTS[subject.robot.format](root, changes, model.name, subject.path)
+    before = subject.robot.model.link_inertias
+    file.write_links({
+        link: G
+        for link, G in inertias.items()
+        if link not in before or not np.array_equal(before[link].parameters, G.parameters)
+    })  # fmt: skip
+    for joint in model.velocity_names:
+        file.write_joint(joint, {kind: of_kind[joint] for kind, of_kind in drives.items() if joint in of_kind})
+    for body in model.bodies:
+        if body.follows:
+            file.write_joint(body.joint.name, dict.fromkeys(drives, 0.0), "part of the joint that it follows")
+    changes.add(root, f"<!-- {SIGNATURE}: {said.replace('--', '- -')} -->")
+    return changes.made(subject.text)
+
+
+def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
+    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now.
+
+    Such a link keeps a ``share`` of the whole body, which is one that can exist as the whole is.
+    """
+    model = found.base.unknown.model
+    wanted, folded = dict[str, SpatialInertia](), list[str]()
+    for i, (body, whole) in enumerate(zip(model.bodies, found.inertias, strict=True)):
+        if body.link not in model.link_inertias:
+            continue  # between two joints of one body
+        mine = {
+            link: frame.pose for link, frame in model.frames.items() if frame.body == i and link in model.link_inertias
+        }
+        others = {link: model.link_inertias[link] for link in mine if link != body.link}
+        left = whole
+        for link, G in others.items():
+            left = left - G.in_frame(mine[link])
+        if others and (left.mass <= 0 or left.defects()):
+            heavy = [link for link, G in others.items() if G.parameters.any()]
+            part = SpatialInertia(share * whole.parameters)
+            others = {
+                link: part.in_frame(se3.inverse(mine[link])) if share else SpatialInertia.zero() for link in heavy
+            }
+            left = SpatialInertia((1.0 - share * len(heavy)) * whole.parameters)
+            folded += heavy
+        wanted |= {**others, body.link: left}
+    return wanted, folded
+
+
+def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
+    """What joints are to have by kind: friction that was sought, and motor inertias, none where none was sought."""
+    model = found.base.unknown.model
+    sought = {kind: found.of_joints(kind) for kind in ("viscous", "coulomb", "stribeck")}
+    inertias = dict.fromkeys(model.velocity_names, 0.0) | found.of_joints("motor_inertia")
+    return {kind: values for kind, values in sought.items() if values} | {"motor_inertia": inertias}
+
+
+def _again(text: str, subject: Subject, found: ConsistentRobot) -> Model:
+    """The text read as the robot's file was."""
+    folders = [] if subject.path is None else [subject.path.resolve().parent]
+    given = {"include_paths": folders, "inertia": "accept", "model": subject.model}
+    model = load(text, **given).model  # type: ignore[arg-type]
+    joints = set(found.base.unknown.model.velocity_names)
+    return model if joints <= set(model.velocity_names) else load(text, **given, mimic="independent").model  # type: ignore[arg-type]
+
+
+def _off(again: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """By how much numbers of joints are not as they are to be, those that are beyond rounding."""
+    friction = again.friction
+    above = np.asarray(friction.static) - friction.coulomb
+    has = {"viscous": friction.viscous, "coulomb": friction.coulomb, "stribeck": above, "motor_inertia": again.armature}
+    place = {name: k for k, name in enumerate(again.velocity_names)}
+    found: dict[str, dict[str, float]] = {}
+    for kind, of_kind in drives.items():
+        size = max(map(abs, of_kind.values()), default=0.0)
+        for joint, value in of_kind.items():
+            off = float(has[kind][place[joint]]) - value if joint in place else -value
+            if abs(off) > _SAME * size:
+                found.setdefault(kind, {})[joint] = off
+    return found
+
+
+def _difference(again: Model, found: ConsistentRobot) -> float:
+    """Largest difference of torques of the text read again, as a share of the largest torque, over random states."""
+    model = found.base.unknown.model
+    bodies = [np.zeros(10) for _ in model.bodies]
+    for link, frame in model.frames.items():
+        if frame.body != BASE and link in again.link_inertias:
+            bodies[frame.body] = bodies[frame.body] + again.link_inertias[link].in_frame(frame.pose).parameters
+    rng = np.random.default_rng(0)
+    robot = found.base.unknown.robot
+    q = np.stack([robot.random_configuration(rng) for _ in range(_STATES)])
+    dq, ddq = rng.normal(size=(2, _STATES, robot.nv))
+    Y = robot.regressor(q, dq, ddq)
+    right = Y @ np.concatenate([G.parameters for G in found.inertias])
+    return float(np.abs(Y @ np.concatenate(bodies) - right).max() / max(np.abs(right).max(), 1e-300))
+
+
+def check_written(found: ConsistentRobot) -> list[str]:
+    """Sentences on what the robot became; raises ValueRangeError where it must not be written.
+
+    Every body must be one that can exist, M positive, and rows held out no worse than by the file's bodies with friction.
+    """
+    model = found.base.unknown.model
+    for body, G in zip(model.bodies, found.inertias, strict=True):
+        if body.link in model.link_inertias and (said := G.defects()):
+            raise ValueRangeError(f"the body of {body.link!r} cannot exist: {'; '.join(said)}. Nothing is written.")
+    robot = found.robot
+    rng = np.random.default_rng(0)
+    q = np.stack([robot.random_configuration(rng) for _ in range(_STATES)])
+    if np.linalg.eigvalsh(robot.mass_matrix(q)).min() <= 0:
+        raise ValueRangeError("the mass matrix is not positive at some configuration. Nothing is written.")
+    if found.held_out > max(_AS_GOOD * found.of_file, found.of_file + _IMMATERIAL):
+        raise ValueRangeError(
+            f"rows held out are explained to {percent(found.held_out, 3)}, and to {percent(found.of_file, 3)} by the file's "
+            "own bodies with friction. Nothing is written."
+        )
+    said = []
+    if found.held_out > found.of_file:
+        said.append("the file's own bodies with friction explain rows held out as well")
+    mass, before = (
+        sum(float(b.mass) for b in bodies) for bodies in (found.inertias, [b.inertia for b in model.bodies])
+    )
+    if before > 0 and abs(mass / before - 1.0) > 0.2:
+        said.append(f"the moving bodies weigh {number(mass)} kg, in the file {number(before)} kg")
+    if found.repaired:
+        said.append(
+            f"the file's inertia of {', '.join(found.repaired)} was thickened first, as no body of volume has it"
+        )
+    return said
+
+
+# ── Writing what was identified: the robot's file and the actuator file, both or neither, and what to know of them
+
+_SAME_of_robot_writing = 1e-12
+_KINDS = {
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "stribeck": "static friction above Coulomb's",
+    "motor_inertia": "motor inertia",
+}
+
+
+def write_identified(
+    found: IdentifiedRobot,
+    path: str | Path | None,
+    actuators: str | Path | None,
+    given: Mapping[str, object] | None,
+    logs: Sequence[str],
+    *,
+    force: bool,
+) -> tuple[str, ...]:
+    """Write them, and return what to know; raises as :meth:`IdentifiedRobot.write` does, nothing written then."""
+    if found.verdict.word is Word.LOOK_AGAIN and not force:
+        raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
+    if found.payload_frame is not None:
+        raise ValueRangeError("a payload alone is no robot to write. Take found.payload, or with_payload of the robot.")
+    consistent = found.consistent
+    notes = check_written(consistent)
+    if together := _numbers(consistent.of_several_joints):
+        notes.append(
+            f"no file can say what one motor does to several joints: {together}. Without it the torques of these joints are "
+            "not predicted as they are here"
+        )
+    notes += consistent.outside(found.interval(), found.standard_deviations)
+    made = None if path is None else written_robot(found.original, consistent, _headline(found, logs))
+    text = None if actuators is None else actuator_text(found.original.model, consistent, given)
+    if text is not None and not same_actuators(text, consistent) <= _SAME_of_robot_writing:
+        raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
+    if path is not None and made is not None:
+        with replacing(path) as scratch:
+            scratch.write_bytes(made.data)
+        notes += _notes(made, as_path(path), beside=text is not None)
+    if actuators is not None and text is not None:
+        with replacing(actuators) as scratch:
+            scratch.write_text(text, encoding="utf-8")
+    return tuple(notes)
+
+
+def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
+    """The comment at the top of the robot's file."""
+    from .. import __version__
+
+    said = (
+        f"version {__version__}, {date.today().isoformat()}{' from ' + ', '.join(logs) if logs else ''}: {found.base.count} "
+        f"groups, {percent(found.held_out.all, 3)} of the torques left in rows held out ({found.held_out.kind}), pull to the "
+        f"file {number(found.consistent.fit.strength)}"
+    )
+    together = _numbers(found.consistent.of_several_joints)
+    return f"{said}; not in it: {together}" if together else said
+
+
+def _notes(made: WrittenRobot, path: Path, *, beside: bool) -> list[str]:
+    """What to know of the robot's file; ``beside``: an actuator file is written too."""
+    notes = [f"{link} is part of the link that carries it now" for link in made.folded]
+    if made.folder is not None and path.resolve().parent != made.folder:
+        notes.append(
+            f"the robot's file names other files from the folder it came from, {made.folder}: keep the new one there"
+        )
+    where = "the actuator file has it" if beside else "it stands in an actuator file only, and none is written"
+    return notes + [
+        f"the robot's file has no place for this {_KINDS[kind]}; {where}: {_numbers(values)}"
+        for kind, values in made.missing.items()
+    ]
+
+
+def _numbers(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {number(value)}" for name, value in values.items())

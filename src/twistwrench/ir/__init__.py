@@ -1,0 +1,1 @@
+"""Straight-line programs: expressions, tracing, derivatives, loops."""

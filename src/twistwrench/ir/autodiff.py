@@ -1,0 +1,191 @@
+"""Derivatives of traced expressions, by forward and by reverse mode. They are expressions of the same trace.
+
+A sweep follows the chain rule through what the results are made of, once for each direction (forward) or once for each result
+(reverse). It begins, or ends, at *known* expressions, whose derivatives along the directions are given: inputs as a rule,
+and whatever else one knows a shorter formula for than the chain rule finds. What lies behind a known expression is not
+looked at, so any mixture of inputs and expressions made of them is right.
+
+Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapters 3 (both modes) and 5 (reverse before forward).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..typing import Array
+from .expr import Expr
+from .tracer import operands_of, reached
+
+Known = Mapping[Expr, Mapping[int, Expr]]
+"""The derivative of an expression along each direction, by the direction's number; those not there are zero."""
+
+
+class Work(NamedTuple):
+    """Additions and multiplications that a Jacobian takes in either mode, before folding."""
+
+    forward: int
+    reverse: int
+
+
+def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str = "auto") -> Array:
+    """Derivatives of the results along the directions; (len(results), directions).
+
+    ``mode``: ``"forward"``, ``"reverse"``, or ``"auto"``, whichever :func:`work` says takes fewer operations.
+    """
+    if mode == "auto":
+        counted = work(results, known)
+        mode = "forward" if counted.forward <= counted.reverse else "reverse"
+    J = np.full((len(results), directions), 0.0, object)
+    if mode == "forward":
+        for direction, column in enumerate(_forward(results, known, directions)):
+            J[:, direction] = column
+        return J
+    rows: dict[Expr, Array] = {}  # a symmetric matrix has many an entry twice
+    for r, result in enumerate(results):
+        if result not in rows:
+            rows[result] = gradient([result], [result.trace.one], known, directions)
+        J[r] = rows[result]
+    return J
+
+
+def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> list[Any]:
+    """The derivative of each result along one combination of the directions, by forward mode."""
+    mixed: dict[Expr, dict[int, Expr]] = {}
+    for e, row in known.items():
+        rate = e.trace.zero
+        for d, slope in row.items():
+            rate = rate + slope * direction[d]
+        mixed[e] = {} if rate is e.trace.zero else {0: rate}
+    return _forward(results, mixed, 1)[0]
+
+
+def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
+    """The derivative of Σ weights · results along every direction, weights held, by reverse mode; (directions,)."""
+    nodes = _active(results, known)
+    adjoint: dict[Expr, Any] = {}
+    for result, weight in zip(results, weights, strict=True):
+        adjoint[result] = adjoint[result] + weight if result in adjoint else weight
+    total = np.full(directions, 0.0, object)
+    for node in reversed(nodes):
+        mine = adjoint.get(node)
+        if mine is None:
+            continue
+        if node in known:
+            for d, slope in known[node].items():
+                total[d] = total[d] + slope * mine
+            continue
+        for operand, slope in _slopes(node, nodes):
+            part = slope * mine
+            adjoint[operand] = adjoint[operand] + part if operand in adjoint else part
+    return total
+
+
+def work(results: Sequence[Expr], known: Known) -> Work:
+    """Count both modes: which directions each expression depends on, and which results depend on it.
+
+    A product costs a multiplication for each factor that varies and an addition if both do; sums cost what they add.
+    """
+    reach = _active(results, known)
+    used = dict.fromkeys(reach, 0)  # results that depend on it, a bit each
+    for k, result in enumerate(dict.fromkeys(r for r in results if r in reach)):
+        used[result] |= 1 << k
+    forward = reverse = 0
+    for node in reversed(reach):
+        if node in known:
+            ends = sum(slope is not node.trace.one for slope in known[node].values())
+            reverse += 2 * ends * used[node].bit_count()
+            continue
+        operands = [x for x in _made_of(node) if x in reach]
+        multiplies = node.op not in ("add", "sub", "neg")
+        for x in operands:
+            forward += multiplies * reach[x].bit_count()
+            reverse += multiplies * used[node].bit_count() + (used[x] & used[node]).bit_count()
+            used[x] |= used[node]
+        if len(operands) == 2:
+            forward += (reach[operands[0]] & reach[operands[1]]).bit_count()
+    return Work(forward, reverse)
+
+
+# ── the chain rule ──
+
+
+def _taken(node: Expr, a: Any, b: Any) -> Any:
+    """1 where a minimum or maximum is its first operand, 0 where it is the second, and a half of each where they meet."""
+    apart = b - a if node.op == "min" else a - b
+    return 0.5 + 0.5 * apart.sign()
+
+
+_RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
+    "add": (lambda f, a, b: 1.0, lambda f, a, b: 1.0),
+    "sub": (lambda f, a, b: 1.0, lambda f, a, b: -1.0),
+    "neg": (lambda f, a, b: -1.0,),
+    "mul": (lambda f, a, b: b, lambda f, a, b: a),
+    "div": (lambda f, a, b: 1.0 / b, lambda f, a, b: -(f * (1.0 / b))),
+    "sqrt": (lambda f, a, b: 0.5 / f,),
+    "sin": (lambda f, a, b: a.cos(),),
+    "cos": (lambda f, a, b: -a.sin(),),
+    "exp": (lambda f, a, b: f,),
+    "sign": (lambda f, a, b: 0.0,),  # it jumps, and stays
+    "min": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
+    "max": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
+    "tanh": (lambda f, a, b: 1.0 - f * f,),
+    "log": (lambda f, a, b: 1.0 / a,),
+    "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
+}
+"""The derivative of f(a, b) by each operand."""
+
+
+def _made_of(node: Expr) -> tuple[Expr, ...]:
+    """The operands of an operation, or of the function that it computes."""
+    composed = node.trace.composed
+    if composed and node.index in composed:
+        return composed[node.index].operands
+    return operands_of(node)
+
+
+def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
+    """The operands of an operation that vary, each with the derivative by it."""
+    composed, operands = node.trace.composed.get(node.index), _made_of(node)
+    if not operands:
+        return []
+    rules = _RULES[node.op if composed is None else composed.name]
+    a, b = (*operands, None)[:2]
+    return [(x, rule(node, a, b)) for x, rule in zip(operands, rules, strict=True) if x in active]
+
+
+def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:
+    """One sweep for each direction: what follows from it in the order it was computed."""
+    active = _active(results, known)
+    steps = [(node, reach, () if node in known else _slopes(node, active)) for node, reach in active.items()]
+    found = []
+    for d in range(directions):
+        rates: dict[Expr, Any] = {}
+        for node, reach, slopes in steps:
+            if not reach >> d & 1:
+                continue
+            if node in known:
+                rates[node] = known[node][d]
+                continue
+            total: Any = 0.0
+            for operand, slope in slopes:
+                if operand in rates:
+                    total = total + slope * rates[operand]
+            rates[node] = total
+        found.append([rates.get(result, 0.0) for result in results])
+    return found
+
+
+def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
+    """What the results are made of as far back as the known, if it varies: with its directions as bits, operands first."""
+    masks: dict[Expr, int] = {}
+    for node in sorted(reached(results, lambda x: () if x in known else _made_of(x)), key=lambda x: x.index):
+        mask = sum(1 << d for d in known.get(node, ()))
+        if node not in known and node.op != "sign":
+            for x in _made_of(node):
+                mask |= masks.get(x, 0)
+        if mask:
+            masks[node] = mask
+    return masks

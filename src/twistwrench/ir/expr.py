@@ -1,0 +1,179 @@
+"""Symbols that record the arithmetic done on them.
+
+An :class:`Expr` belongs to one :class:`~twistwrench.ir.tracer.Trace`, which keeps every distinct expression once and
+folds constants as they appear. Expressions live in NumPy object arrays, so algorithms written with NumPy operators run
+on them unchanged: ``np.sin`` of an object array calls each element's ``.sin()``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .program import arctan2, log, tanh
+
+if TYPE_CHECKING:
+    from .tracer import Trace
+
+
+class Expr:
+    """One value of a traced program. Equal expressions of one trace are the same object."""
+
+    __slots__ = ("a", "b", "index", "op", "trace", "value")
+    __array_priority__ = 1000.0  # NumPy scalars and arrays hand their operators over to the ones below
+
+    def __init__(self, trace: Trace, op: str, a: Expr | None, b: Expr | None, value: float, index: int) -> None:
+        self.trace, self.op, self.a, self.b, self.value, self.index = trace, op, a, b, value, index
+
+    def __repr__(self) -> str:
+        return f"Expr(%{self.index} = {self.op})"
+
+    # Tracing a humanoid makes a hundred thousand of these calls, so each operator goes its shortest way.
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.add, self, other)
+        return self.trace.add(self, other if type(other) is Expr else self.trace.lift(other))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.subtract, self, other)
+        return self.trace.sub(self, other if type(other) is Expr else self.trace.lift(other))
+
+    def __rsub__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.subtract, other, self)
+        return self.trace.sub(self.trace.lift(other), self)
+
+    def __mul__(self, other: Any) -> Any:
+        if type(other) is Expr:
+            return self.trace.mul(self, other)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.multiply, self, other)
+        return self.trace.scale(float(other), self)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.divide, self, other)
+        return self.trace.div(self, self.trace.lift(other))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.divide, other, self)
+        return self.trace.div(self.trace.lift(other), self)
+
+    def __neg__(self) -> Expr:
+        return self.trace.neg(self)
+
+    def __pos__(self) -> Expr:
+        return self
+
+    def __abs__(self) -> Any:
+        return self * self.sign()
+
+    def __pow__(self, power: Any) -> Any:
+        """Whole and half powers by products and a square root, others, of positive numbers, by exp and log."""
+        if isinstance(power, np.ndarray):
+            return _elementwise(np.power, self, power)
+        if isinstance(power, Expr):
+            return (power * self.log()).exp()
+        twice = 2 * float(power) if isinstance(power, int | float | np.number) else np.nan
+        if not abs(twice) <= _LARGEST_POWER:
+            raise TypeError(f"a traced value to the power of {power!r}: powers up to 64 can be traced.")
+        if twice != int(twice):
+            return (float(power) * self.log()).exp()
+        if twice < 0:
+            return 1.0 / self ** (-power)
+        whole, half = divmod(int(twice), 2)
+        result, square = self.sqrt() if half else self.trace.one, self
+        while whole:
+            result, square, whole = (result * square if whole & 1 else result), square * square, whole >> 1
+        return result
+
+    def __rpow__(self, base: Any) -> Any:
+        return _elementwise(np.power, base, self) if isinstance(base, np.ndarray) else self.trace.lift(base) ** self
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        raise TypeError("traced values cannot be compared: an algorithm must not branch on the robot's state.")
+
+    __hash__ = object.__hash__
+
+    def __bool__(self) -> bool:
+        raise TypeError("a traced value has no truth: an algorithm must not branch on the robot's state.")
+
+    def conjugate(self) -> Expr:
+        """The value itself: everything here is real. NumPy's ``vecdot`` and friends ask for it."""
+        return self
+
+    def sin(self) -> Expr:
+        """Sine; what ``np.sin`` calls."""
+        return self.trace.sin(self)
+
+    def cos(self) -> Expr:
+        """Cosine; what ``np.cos`` calls."""
+        return self.trace.cos(self)
+
+    def turned(self, by: Any) -> Expr:
+        """The angle and another, whose sines and cosines are those of the two."""
+        return self.trace.turned(self, self.trace.lift(by))
+
+    def sqrt(self) -> Expr:
+        """Square root; what ``np.sqrt`` calls."""
+        return self.trace.sqrt(self)
+
+    def tan(self) -> Any:
+        """Tangent; what ``np.tan`` calls."""
+        return self.sin() / self.cos()
+
+    def exp(self) -> Expr:
+        """e to its power; what ``np.exp`` calls."""
+        return self.trace.exp(self)
+
+    def log(self) -> Expr:
+        """Natural logarithm; what ``np.log`` calls."""
+        return log(self)
+
+    def tanh(self) -> Expr:
+        """Hyperbolic tangent; what ``np.tanh`` calls."""
+        return tanh(self)
+
+    def arctan(self) -> Expr:
+        """Arc tangent; what ``np.arctan`` calls."""
+        return arctan2(self, self.trace.one)
+
+    def arctan2(self, x: Any) -> Expr:
+        """The angle of the point (x, the value); what ``np.arctan2`` calls."""
+        return arctan2(self, self.trace.lift(x))
+
+    def hypot(self, other: Any) -> Any:
+        """Root of the sum of two squares; what ``np.hypot`` calls. It is not differentiable at 0: NaN."""
+        return (self * self + other * other).sqrt()
+
+    def clip(self, lower: Any, upper: Any) -> Expr:
+        """The value, or the limit it is beyond; NaN stays NaN."""
+        trace = self.trace
+        return trace.max(trace.lift(lower), trace.min(trace.lift(upper), self))
+
+    def sign(self) -> Expr:
+        """-1, 0 or 1."""
+        return self.trace.sign(self)
+
+
+_LARGEST_POWER = 128
+
+
+def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:
+    """A symbol with every element of an array; wrapped, for NumPy would hand a bare symbol back to its operators."""
+    wrapped = np.empty((), object)
+    if isinstance(a, Expr):
+        wrapped[()] = a
+        return ufunc(wrapped, b.astype(object))
+    wrapped[()] = b
+    return ufunc(a.astype(object), wrapped)

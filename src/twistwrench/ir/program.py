@@ -1,0 +1,221 @@
+"""The arrays that go into a program and come out, and the signature that NumPy reads of them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .expr import Expr
+
+
+class Port(NamedTuple):
+    """A named array that goes in or comes out."""
+
+    name: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return math.prod(self.shape)
+
+
+def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
+    """The gufunc signature of operands with those sizes."""
+    ins, outs = (
+        ",".join("(" + ",".join(map(str, sizes)) + ")" for sizes in operands) for operands in (inputs, outputs)
+    )
+    return f"{ins}->{outs}"
+
+
+@cache
+def axes_of(signature: str) -> list[list[int]]:
+    """By operand, where NumPy puts the size of each axis in a loop's ``dims``: by names and numbers as they first appear.
+
+    >>> axes_of("(7),(k,7)->(m,7)")
+    [[1], [2, 1], [3, 1]]
+    """
+    names: list[str] = []
+    operands = []
+    for operand in re.findall(r"\(([^)]*)\)", signature):
+        sizes = [size for size in operand.split(",") if size]
+        names += [size for size in dict.fromkeys(sizes) if size not in names]
+        operands.append([1 + names.index(size) for size in sizes])
+    return operands
+
+
+# ── A program: straight-line instructions in order, no loops, no branches, every rounding explicit
+
+FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
+"""The fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
+
+ARITY = {
+    "const": 0, "input": 0, "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1,
+    "sqrt": 1, "sin": 1, "cos": 1, "sign": 1, "exp": 1, "min": 2, "max": 2, **dict.fromkeys(FUSED, 3),
+}  # fmt: skip
+"""Every operation there is, and how many operands it takes.
+
+``min`` is a if a < b, else b, and ``max`` a if a > b, else b, as processors have it: the second of two that do not compare.
+"""
+
+
+class Instruction(NamedTuple):
+    """One operation on earlier results. ``value`` is a constant's value or an input's number."""
+
+    op: str
+    args: tuple[int, ...]
+    value: float
+
+
+@dataclass(frozen=True, repr=False)
+class Program:
+    """What a kernel computes for one sample.
+
+    Input elements are numbered through all input ports in C order; ``results`` gives, for every output element in the same
+    order, the number of the instruction that makes it.
+    """
+
+    instructions: tuple[Instruction, ...]
+    """The operations, each of earlier results."""
+    results: tuple[int, ...]
+    """Number of the instruction that makes each output element, in C order."""
+    inputs: tuple[Port, ...]
+    """Names and shapes of the inputs."""
+    outputs: tuple[Port, ...]
+    """Names and shapes of the outputs."""
+
+    def __repr__(self) -> str:
+        ends = (", ".join(port.name for port in ports) for ports in (self.inputs, self.outputs))
+        return f"<Program {' → '.join(ends)}, {self.signature}: {len(self.instructions)} instructions>"
+
+    def counts(self) -> dict[str, int]:
+        """Operation counts: how often each operation occurs; constants and inputs left out.
+
+        Returns
+        -------
+        counts : {operation: int}
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.pendulum().program("gravity_forces").counts()
+        {'sin': 1, 'mul': 1}
+        """
+        return dict(Counter(i.op for i in self.instructions if ARITY[i.op]))
+
+    @property
+    def flops(self) -> int:
+        """Additions, multiplications and divisions; a fused product counts two, sines and cosines are not counted."""
+        c = self.counts()
+        return sum(c.get(op, 0) for op in ("add", "sub", "mul", "div")) + 2 * sum(c.get(op, 0) for op in FUSED)
+
+    @property
+    def multiplications(self) -> int:
+        """Operations of the multiplier: products, fused ones included."""
+        c = self.counts()
+        return c.get("mul", 0) + sum(c.get(op, 0) for op in FUSED)
+
+    @cached_property
+    def zeros(self) -> tuple[bool, ...]:
+        """Of each element of the outputs whether it is zero, whatever the inputs."""
+        made = (self.instructions[result] for result in self.results)
+        return tuple(x.op == "const" and x.value == 0.0 for x in made)
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of everything the program computes; equal programs have equal digests, in every process."""
+        import hashlib
+
+        state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
+        for op, args, value in self.instructions:
+            state.update(f"{op}{args}{value!r}\n".encode())
+        return state.hexdigest()
+
+    @property
+    def signature(self) -> str:
+        """The gufunc signature with the program's own sizes, as in ``(7),(7)->(7,7)``."""
+        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+
+
+# ── Functions that targets do not have, made of those they have: tanh, log and arctan2
+
+# Each result is an ordinary expression, so every target computes it, and a :class:`Composed` tells the chain rule what it is:
+# its derivative is the function's own, not that of the formula that computes it. Errors are below 1e-15, of 1 where the
+# function is smaller, in double precision.
+
+_LARGEST = float(np.finfo(float).max)
+_SMALLEST = float(np.finfo(float).tiny)
+_TERMS = 11
+_ROOTS = 10
+
+
+class Composed(NamedTuple):
+    """What an expression computes."""
+
+    name: str
+    """The function."""
+    operands: tuple[Expr, ...]
+    """What it is applied to."""
+
+
+def tanh(x: Expr) -> Expr:
+    """(1 - e) / (1 + e) with e = exp(-2 |x|), and the sign of x."""
+    e = (-2.0 * abs(x)).exp()
+    return _noted("tanh", x.sign() * ((1.0 - e) / (1.0 + e)), 1.0, x)
+
+
+def log(x: Expr) -> Expr:
+    """Natural logarithm: roots bring x near 1, where 2 artanh((r - 1) / (r + 1)) is about ln r; Halley's step does the rest.
+
+    Of 0 it is -inf, of negative numbers NaN.
+    """
+    trace, r = x.trace, x
+    for _ in range(_ROOTS):  # then sqrt(1/2) < r < 2
+        r = r.sqrt()
+    s = (r - 1.0) / (r + 1.0)
+    y = 2.0 ** (_ROOTS + 1) * (s * _odd(s * s, 1.0))
+    for _ in range(2):
+        e = y.exp()
+        y = y + (x - e) / trace.max(trace.constant(_SMALLEST), 0.5 * x + 0.5 * e)
+    at_zero = 1.0 - 1.0 / x.sign()  # 0 where x > 0, -inf at 0
+    return _noted("log", y + at_zero, _LARGEST, x)
+
+
+def arctan2(y: Expr, x: Expr) -> Expr:
+    """The angle of the point (x, y), from -pi to pi; 0 at the origin. Abramowitz and Stegun (1964), section 4.4."""
+    trace, h, w = y.trace, abs(y), abs(x)
+    longer = trace.max(h, w)
+    t: Any = trace.min(h, w) / trace.max(trace.constant(_SMALLEST), longer)
+    for _ in range(2):  # half the angle, twice: t < tan(pi / 16)
+        t = t / (1.0 + (1.0 + t * t).sqrt())
+    angle = 4.0 * (t * _odd(t * t, -1.0))
+    steep, back = 0.5 + 0.5 * (h - w).sign(), 0.5 - 0.5 * x.sign()
+    angle = angle + steep * (0.5 * math.pi - 2.0 * angle)
+    angle = angle + back * (math.pi - 2.0 * angle)
+    up = y.sign()
+    return _noted("arctan2", (up + (1.0 - up * up)) * (longer.sign() * angle), math.pi, y, x)
+
+
+def _odd(square: Any, sign: float) -> Any:
+    """1 + s z / 3 + z^2 / 5 + s z^3 / 7 + ..., by Horner's scheme: artanh(t) / t or arctan(t) / t at z = t^2."""
+    total: Any = 0.0
+    for k in reversed(range(_TERMS)):
+        total = total * square + sign**k / (2 * k + 1)
+    return total
+
+
+def _noted(name: str, value: Any, most: float, *operands: Expr) -> Expr:
+    """The value, none above ``most``, as an expression that no folding looks into, with what it is."""
+    trace = operands[0].trace
+    found = trace.min(trace.constant(most), trace.lift(value))  # so that NaN stays NaN
+    if found.op != "const":
+        trace.composed[found.index] = Composed(name, operands)
+    return found

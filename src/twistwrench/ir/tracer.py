@@ -1,0 +1,340 @@
+"""From expressions to a program: choose an order, fuse products into the sums that use them, number what remains.
+
+The order matters more than anything a compiler does afterwards, because a program has thousands of values and a processor
+a few dozen registers. Programs keep the order in which the algorithm made their values, sines and cosines first: what
+belongs together in time stays together. Depth first from the results spills half as much again (see bench/NOTES.md).
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from ..errors import KernelError
+from ..typing import Array
+from .expr import Expr
+from .program import FUSED, Composed, Instruction, Port, Program
+
+
+def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Program:
+    """The program that computes ``results``."""
+    nodes = _needed(results)
+    instructions, numbers = _emit(nodes, _fusions(nodes, results))
+    return Program(tuple(instructions), tuple(numbers[r.index] for r in results), inputs, outputs)
+
+
+def _needed(results: Sequence[Expr]) -> list[Expr]:
+    """Everything the results need, in the order it was made; sines, cosines and what they need come first."""
+    early = reached([node for node in reached(results) if node.op in ("sin", "cos")])
+    first = {node.index for node in early}
+    return sorted(reached(results), key=lambda node: (node.index not in first, node.index))
+
+
+def operands_of(node: Expr) -> tuple[Expr, ...]:
+    """None, one or two."""
+    return () if node.a is None else (node.a,) if node.b is None else (node.a, node.b)
+
+
+def reached(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
+    """All expressions the results are made of; iterative, for programs may be deep."""
+    seen: dict[int, Expr] = {}
+    stack = list(results)
+    while stack:
+        node = stack.pop()
+        if node.index not in seen:
+            seen[node.index] = node
+            stack.extend(operands(node))
+    return list(seen.values())
+
+
+_FUSED_BY_SIGNS = {signs: op for op, signs in FUSED.items()}
+
+
+def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[str, Expr, Expr]]:
+    """Sums that take in a product nobody else uses: index of the sum → (fused operation, product, other operand)."""
+    uses: dict[int, int] = {}
+    for node in nodes:
+        for x in operands_of(node):
+            uses[x.index] = uses.get(x.index, 0) + 1
+    for r in results:
+        uses[r.index] = uses.get(r.index, 0) + 1
+    fused: dict[int, tuple[str, Expr, Expr]] = {}
+    for node in nodes:
+        if node.op not in ("add", "sub") or node.a is None or node.b is None:
+            continue
+        sign = 1 if node.op == "add" else -1
+        if node.b.op == "mul" and uses[node.b.index] == 1:
+            fused[node.index] = _FUSED_BY_SIGNS[sign, 1], node.b, node.a
+        elif node.a.op == "mul" and uses[node.a.index] == 1:
+            fused[node.index] = _FUSED_BY_SIGNS[1, sign], node.a, node.b
+    return fused
+
+
+def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tuple[list[Instruction], dict[int, int]]:
+    swallowed = {product.index for _, product, _ in fused.values()}
+    instructions: list[Instruction] = []
+    numbers: dict[int, int] = {}
+    for node in nodes:
+        if node.index in swallowed:
+            continue
+        if node.index in fused:
+            op, product, other = fused[node.index]
+            operands: tuple[Expr | None, ...] = (product.a, product.b, other)
+        else:
+            op, operands = node.op, (node.a, node.b)
+        args = tuple(numbers[x.index] for x in operands if x is not None)
+        numbers[node.index] = len(instructions)
+        instructions.append(Instruction(op, args, node.value))
+    return instructions, numbers
+
+
+# ── The trace: a table of every distinct expression, and the folding that happens as they are made
+
+# Constants fold, 0 and 1 vanish, negations float up and out, common subexpressions are found by construction. Folding may
+# reassociate constants (``2 * (3 * x)`` is ``6 * x``) but never drops a term that is not exactly zero.
+
+LARGEST = 2_000_000
+"""Expressions a trace may have: each takes half a kilobyte until the program is made of them, so a gigabyte is the most."""
+
+
+class Trace:
+    """Owner of the expressions of one program."""
+
+    def __init__(self) -> None:
+        self._table: dict[tuple[Any, ...], Expr] = {}
+        self._turned: dict[int, tuple[Expr, Expr]] = {}
+        self.composed: dict[int, Composed] = {}
+        self.zero = self.constant(0.0)
+        self.one = self.constant(1.0)
+
+    def _make(self, op: str, a: Expr | None = None, b: Expr | None = None, value: float = 0.0) -> Expr:
+        key = (op, -1 if a is None else a.index, -1 if b is None else b.index, value)
+        found = self._table.get(key)
+        if found is None:
+            if (a is not None and a.trace is not self) or (b is not None and b.trace is not self):
+                raise ValueError("an expression of another trace was mixed in.")
+            if len(self._table) >= LARGEST:
+                raise KernelError(
+                    f"this takes more than {LARGEST:,} operations a state, too many for a program without loops. "
+                    "robot.reference evaluates one state by the algorithm itself; a robot with some joints locked has less."
+                )
+            found = self._table[key] = Expr(self, op, a, b, value, len(self._table))
+        return found
+
+    def forget(self) -> None:
+        """Let go of all expressions: they hold this trace, and a ring of millions waits long for Python's collector."""
+        self._table.clear()
+        self._turned.clear()
+        self.composed.clear()
+
+    def constant(self, value: float) -> Expr:
+        """A constant; -0.0 is 0.0."""
+        return self._make("const", value=float(value) + 0.0)
+
+    def input(self, number: int) -> Expr:
+        """The program's input of that number."""
+        return self._make("input", value=number)
+
+    def inputs(self, first: int, shape: tuple[int, ...]) -> Array:
+        """An object array of inputs, numbered in C order from ``first``."""
+        array = np.empty(shape, object)
+        flat = array.reshape(-1)
+        for k in range(flat.size):
+            flat[k] = self.input(first + k)
+        return array
+
+    def lift(self, value: Any) -> Expr:
+        """An expression from an expression or a number."""
+        if isinstance(value, Expr):
+            if value.trace is not self:
+                raise ValueError("an expression of another trace was mixed in.")
+            return value
+        return self.constant(value)
+
+    # ── arithmetic ──
+
+    def add(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a + b."""
+        if a.op == "const":
+            a, b = b, a
+        if b.op == "const":
+            if a.op == "const":
+                return self.constant(a.value + b.value)
+            if b.value == 0.0:
+                return a
+        if b.op == "neg":
+            return self.sub(a, b.a)  # type: ignore[arg-type]
+        if a.op == "neg":
+            return self.sub(b, a.a)  # type: ignore[arg-type]
+        if a.index > b.index:
+            a, b = b, a
+        return self._make("add", a, b)
+
+    def sub(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a - b."""
+        if a is b:
+            return self.zero
+        if b.op == "const":
+            if a.op == "const":
+                return self.constant(a.value - b.value)
+            if b.value == 0.0:
+                return a
+        if a is self.zero:
+            return self.neg(b)
+        if b.op == "neg":
+            return self.add(a, b.a)  # type: ignore[arg-type]
+        if a.op == "neg":
+            return self.neg(self.add(a.a, b))  # type: ignore[arg-type]
+        return self._make("sub", a, b)
+
+    def neg(self, a: Expr) -> Expr:
+        """Fold and make -a."""
+        if a.op == "const":
+            return self.constant(-a.value)
+        if a.op == "neg":
+            return a.a  # type: ignore[return-value]
+        if a.op == "sub":
+            return self._make("sub", a.b, a.a)
+        return self._make("neg", a)
+
+    def mul(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a * b; a constant factor comes first and is positive."""
+        if b.op == "const":
+            a, b = b, a
+        if a.op == "const":
+            return self.scale(a.value, b)
+        if a.op == "neg":
+            return self.neg(self.mul(a.a, b))  # type: ignore[arg-type]
+        if b.op == "neg":
+            return self.neg(self.mul(a, b.a))  # type: ignore[arg-type]
+        if a.index > b.index:
+            a, b = b, a
+        return self._make("mul", a, b)
+
+    def scale(self, factor: float, b: Expr) -> Expr:
+        """Fold and make a number times b."""
+        if b.op == "const":
+            return self.constant(factor * b.value)
+        if factor == 0.0:
+            return self.zero
+        if factor < 0.0:
+            return self.neg(self.scale(-factor, b))
+        if factor == 1.0:
+            return b
+        if b.op == "neg":
+            return self.neg(self.scale(factor, b.a))  # type: ignore[arg-type]
+        if b.op == "mul" and b.a is not None and b.a.op == "const":
+            return self.scale(factor * b.a.value, b.b)  # type: ignore[arg-type]
+        return self._make("mul", self.constant(factor), b)
+
+    def div(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a / b; by a constant it is a product with the reciprocal."""
+        if b.op == "const" and b.value != 0.0:
+            return self.scale(1.0 / b.value, a)
+        if a is self.zero:
+            return a
+        if a.op == "neg":
+            return self.neg(self.div(a.a, b))  # type: ignore[arg-type]
+        if b.op == "neg":
+            return self.neg(self.div(a, b.a))  # type: ignore[arg-type]
+        return self._make("div", a, b)
+
+    # ── functions ──
+
+    def turned(self, a: Expr, b: Expr) -> Expr:
+        """a + b, whose sine and cosine are made of those of a and b: where code looks at the sizes of inputs, not of sums."""
+        total = self.add(a, b)
+        if total is not a and total is not b:
+            self._turned[total.index] = a, b
+        return total
+
+    def sin(self, a: Expr) -> Expr:
+        """Fold and make sin a; odd."""
+        if a.op == "const":
+            return self.constant(math.sin(a.value))
+        if a.index in self._turned:
+            x, y = self._turned[a.index]
+            return self.add(self.mul(self.sin(x), self.cos(y)), self.mul(self.cos(x), self.sin(y)))
+        return self.neg(self.sin(a.a)) if a.op == "neg" and a.a is not None else self._make("sin", a)
+
+    def cos(self, a: Expr) -> Expr:
+        """Fold and make cos a; even."""
+        if a.op == "const":
+            return self.constant(math.cos(a.value))
+        if a.index in self._turned:
+            x, y = self._turned[a.index]
+            return self.sub(self.mul(self.cos(x), self.cos(y)), self.mul(self.sin(x), self.sin(y)))
+        return self.cos(a.a) if a.op == "neg" and a.a is not None else self._make("cos", a)
+
+    def sqrt(self, a: Expr) -> Expr:
+        """Fold and make the square root."""
+        return self.constant(math.sqrt(a.value)) if a.op == "const" else self._make("sqrt", a)
+
+    def exp(self, a: Expr) -> Expr:
+        """Fold and make e to the power of a."""
+        return self.constant(math.exp(a.value)) if a.op == "const" else self._make("exp", a)
+
+    def min(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a if a < b, else b."""
+        if a.op == "const" and (a.value == math.inf or b.op == "const"):
+            return a if b.op == "const" and a.value < b.value else b
+        return b if a is b else self._make("min", a, b)
+
+    def max(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a if a > b, else b."""
+        if a.op == "const" and (a.value == -math.inf or b.op == "const"):
+            return a if b.op == "const" and a.value > b.value else b
+        return b if a is b else self._make("max", a, b)
+
+    def sign(self, a: Expr) -> Expr:
+        """Fold and make the sign; odd."""
+        if a.op == "const":
+            return self.constant((a.value > 0) - (a.value < 0))
+        return self.neg(self.sign(a.a)) if a.op == "neg" and a.a is not None else self._make("sign", a)
+
+
+def trace(
+    function: Callable[..., Any], inputs: Sequence[tuple[str, tuple[int, ...]]], outputs: Sequence[str]
+) -> Program:
+    """Run ``function`` on symbols and return what it did as a program.
+
+    ``inputs`` are (name, shape) pairs, passed in order as object arrays; the function returns one array or a tuple of
+    arrays, which ``outputs`` names.
+
+    >>> program = trace(lambda x, y: x * y + 1.0, [("x", ()), ("y", ())], ["z"])
+    >>> program.counts()["fma"], program.outputs[0].shape
+    (1, ())
+    """
+    owner = Trace()
+    arguments, ports, number = [], [], 0
+    for name, shape in inputs:
+        array = owner.inputs(number, shape)
+        arguments.append(array if shape else array[()])
+        ports.append(Port(name, shape))
+        number += math.prod(shape)
+    try:
+        with _uncollected():
+            returned = function(*arguments)
+            arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
+            results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
+            out_ports = tuple(Port(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
+            return build(results, tuple(ports), out_ports)
+    finally:
+        owner.forget()
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without Python's collector of rings: there are none to find yet, and looking takes up to a quarter of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

@@ -1,0 +1,305 @@
+"""Buffers of one block of samples, and what copies samples into them and out of them, whatever their strides.
+
+Buffers lie on the stack, those of large programs in memory that each call takes and frees: a thread's stack may be small.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from ..ir.program import Port, Program
+from .ir_builder import LlvmWriter
+from .target_machine import Precision
+
+Step = tuple[str, list[str]]
+"""The distance between samples, and those within one, axis by axis [bytes]."""
+
+RANK = 3
+"""Most axes an array of one sample may have."""
+
+ON_STACK = 16_000
+"""Bytes of buffers and frame that a call may have on the stack: threads may have no more than 64 kB of it."""
+
+LINE = 64
+"""Bytes of a cache line: buffers start with one."""
+
+
+def buffer_size(w: LlvmWriter, port: Port) -> int:
+    """Bytes that a block of samples takes."""
+    return max(port.size, 1) * w.lanes * w.precision.bytes
+
+
+def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
+    """Call ``@block``, or another function of places."""
+    w.do(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
+
+
+def take(
+    w: LlvmWriter, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
+) -> tuple[str, str, list[str]]:
+    """Memory for buffers of those sizes: what to free, the label control is in, the buffers. Without it, results are NaN."""
+    lines = [-(-size // LINE) * LINE for size in sizes]
+    taken = w.new(f"call ptr @malloc(i64 {sum(lines) + LINE})")
+    none, some = w.label("nomemory"), w.label("memory")
+    w.do(f"br i1 {w.new(f'icmp eq ptr {taken}, null')}, label %{none}, label %{some}")
+    w.begin(none)
+    for place, shape, step in outputs:
+        w.do(f"call void @spoil(ptr {place}, i64 {samples}, {_lengths(shape, step)})")
+    w.do("ret void")
+    w.begin(some)
+    beyond = w.new(f"add i64 {w.new(f'ptrtoint ptr {taken} to i64')}, {LINE - 1}")
+    place = w.new(f"inttoptr i64 {w.new(f'and i64 {beyond}, {-LINE}')} to ptr")
+    return taken, some, [w.at(place, sum(lines[:k])) for k in range(len(lines))]
+
+
+def call_copy(
+    w: LlvmWriter, which: str, buffer: str, place: str, count: str, shape: Sequence[int | str], step: Step
+) -> None:
+    """Call ``@gather`` or ``@scatter`` for so many samples at ``place``."""
+    w.do(f"call void @{which}(ptr {buffer}, ptr {place}, i64 {count}, {_lengths(shape, step)})")
+
+
+def _lengths(shape: Sequence[int | str], step: Step) -> str:
+    """The distance between samples, then length and stride of each axis, as arguments."""
+    outer, inner = step
+    lengths = [1] * (RANK - len(shape)) + list(shape)
+    strides = ["0"] * (RANK - len(shape)) + inner
+    sizes = ", ".join(f"i64 {n}, i64 {s}" for n, s in zip(lengths, strides, strict=True))
+    return f"i64 {outer}, {sizes}"
+
+
+def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
+    """``gather`` copies strided samples into a packed buffer and pads it to a block; ``scatter`` copies them out."""
+    w = LlvmWriter(precision, lanes)
+    word = f"i{precision.bits}"
+    per_sample = w.new(f"mul i64 {w.new('mul i64 %n0, %n1')}, %n2")
+    size = w.new(f"mul i64 {per_sample}, {precision.bytes}")
+    with w.loop("%count", "entry") as row:
+        place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
+        packed = w.at("%buffer", w.new(f"mul i64 {row}, {size}"))
+        with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j:
+            line = w.new(f"add i64 {w.new(f'mul i64 {i}, %n1')}, {j}")
+            number = w.new(f"mul i64 {line}, %n2")
+            near = w.at(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
+            far = w.at(w.at(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
+            with w.loop("%n2", w.after) as k:  # all that is left to do for an element: this takes most of a single call
+                close, away = (
+                    w.at(near, w.new(f"mul i64 {k}, {precision.bytes}")),
+                    w.at(far, w.new(f"mul i64 {k}, %s2")),
+                )
+                here, there = (away, close) if inward else (close, away)
+                value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
+                w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")
+    if inward:
+        _pad(w, word, per_sample, size)
+    arguments = "ptr %buffer, ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
+    body = "\n".join(w.lines)
+    return f"define internal void @{name}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
+    """Repeat the last sample in the rows of the block that are left."""
+    last = w.at("%buffer", w.new(f"mul i64 {w.new('sub i64 %count, 1')}, {size}"))
+    missing = w.new(f"sub i64 {w.lanes}, %count")
+    with w.loop(per_sample, w.after) as k:
+        source = w.at(last, w.new(f"mul i64 {k}, {w.precision.bytes}"))
+        value = w.new(f"load {word}, ptr {source}, align {w.precision.bytes}")
+        with w.loop(missing, w.after) as row:
+            target = w.at(source, w.new(f"mul i64 {w.new(f'add i64 {row}, 1')}, {size}"))
+            w.do(f"store {word} {value}, ptr {target}, align {w.precision.bytes}")
+
+
+def streaming(precision: Precision, lanes: int) -> str:
+    """``stream`` copies a packed buffer of so many vectors past the caches, to where a vector may stand."""
+    w = LlvmWriter(precision, lanes)
+    size = lanes * precision.bytes
+    with w.loop("%count", "entry") as k:
+        offset = w.new(f"mul i64 {k}, {size}")
+        vector = w.new(f"load {w.vector}, ptr {w.at('%buffer', offset)}, align {size}")
+        w.do(f"store {w.vector} {vector}, ptr {w.at('%place', offset)}, align {size}, !nontemporal !{{i32 1}}")
+    body = "\n".join(w.lines)
+    arguments = "ptr %buffer, ptr %place, i64 %count"
+    return f"define internal void @stream({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+def spoiling(precision: Precision, lanes: int) -> str:
+    """Write NaN into every entry of strided samples."""
+    w = LlvmWriter(precision, lanes)
+    with w.loop("%count", "entry") as row:
+        place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
+        with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:
+            offset = w.new(f"add i64 {w.new(f'mul i64 {i}, %s0')}, {w.new(f'mul i64 {j}, %s1')}")
+            offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {k}, %s2')}")
+            nan = w.number(math.nan)
+            w.do(f"store {w.element} {nan}, ptr {w.at(place, offset)}, align {precision.bytes}")
+    arguments = "ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
+    body = "\n".join(w.lines)
+    return f"define internal void @spoil({arguments}) noinline cold {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+# ── The loop NumPy calls: blocks of whole rows straight from the arrays, everything else through a small buffer
+
+# ``void loop(char **args, intp *dims, intp *steps, void *data)`` is the shape of a gufunc's inner loop: ``dims[0]`` samples,
+# ``steps`` first the distance between samples of each operand, then the distances within one. Where all operands are
+# contiguous rows the block reads and writes them in place. What has other strides or is broadcast, and the last few rows, are
+# copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of
+# their own.
+# Large results go past the caches, from a buffer of one block in whole vectors.
+
+Loop = Callable[[str, Program, Precision, int, int, int], str]
+"""What makes the assembly of a loop around blocks; its arguments are those of :func:`loop`."""
+
+BEYOND_CACHES = 1 << 24
+"""Bytes of results that are written past the caches: they would drive out everything, the code of large programs too."""
+
+
+SHORTEST_PIECE, SHORTEST_ROW = 16, 256
+"""Bytes that processors write past their caches at once, at least; and of a sample's results, fewer of which gain nothing."""
+
+
+def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1) -> str:
+    """Assembly of the loop function and its copying helpers.
+
+    With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call. With a
+    ``group``, so many blocks of rows in place are one call of ``@blocks``.
+    """
+    ports = [*program.inputs, *program.outputs]
+    w = LlvmWriter(precision, lanes)
+    large = frame + sum(buffer_size(w, port) for port in ports) > ON_STACK
+    row = precision.bytes * sum(port.size for port in program.outputs)
+    piece = lanes * precision.bytes if row >= SHORTEST_ROW and group == 1 else 0
+    piece = piece if piece >= SHORTEST_PIECE else 0
+    _body(w, ports, len(program.inputs), frame, large, group, piece)
+    return "\n".join(
+        [
+            copying("gather", precision, lanes, inward=True),
+            copying("scatter", precision, lanes, inward=False),
+            *([streaming(precision, lanes)] if piece else []),
+            *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] if large else []),
+            f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
+            *w.lines,
+            "  ret void\n}\n",
+        ]
+    )
+
+
+def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
+    size = w.precision.bytes
+    samples = w.new("load i64, ptr %dims, align 8")
+    bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
+    step, following = [], 8 * len(ports)
+    for k, port in enumerate(ports):
+        outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
+        inner = [
+            w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in range(len(port.shape))
+        ]
+        following += 8 * len(port.shape)
+        step.append((outer, inner))
+    taken, start = "", "entry"
+    if large:
+        sizes = [*(buffer_size(w, port) for port in ports), frame]
+        spoiled = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
+        taken, start, (*buffers, room) = take(w, sizes, samples, spoiled)
+    else:
+        buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
+        room = w.new(f"alloca [{frame} x i8], align {LINE}") if frame else ""
+    further = [room] if frame else []
+    if frame:
+        w.do(f"call void @prepare(ptr {room})")
+    direct = [_is_direct(w, port, *step[k], size) for k, port in enumerate(ports)]
+    every = direct[0]
+    for flag in direct[1:]:
+        every = w.new(f"and i1 {every}, {flag}")
+    whole = w.new(f"sdiv i64 {samples}, {w.lanes}")
+    quick = w.new(f"select i1 {every}, i64 {whole}, i64 0")
+    outputs = list(zip(bases, ports, strict=True))[inputs:]
+    at, left = bases, quick
+    if piece:
+        many = _many_and_aligned(w, samples, outputs, piece)
+        past = w.new(f"select i1 {many}, i64 {quick}, i64 0")
+        start = _blocks_past_caches(w, ports, bases, past, start, buffers[inputs:], further)
+        at = _moved(w, ports, bases, past, 1)
+        left = w.new(f"sub i64 {quick}, {past}")
+    if group > 1:
+        groups = w.new(f"sdiv i64 {quick}, {group}")
+        start = _blocks_in_place(w, ports, bases, groups, start, further, group)
+        at = _moved(w, ports, bases, groups, group)
+        left = w.new(f"sub i64 {quick}, {w.new(f'mul i64 {groups}, {group}')}")
+    _blocks_in_place(w, ports, at, left, start, further)
+    done = w.new(f"mul i64 {quick}, {w.lanes}")
+    left = w.new(f"sub i64 {samples}, {done}")
+    with w.loop(w.blocks(left), w.after) as block:
+        first = w.new(f"add i64 {done}, {w.new(f'mul i64 {block}, {w.lanes}')}")
+        count, short = w.share(samples, first)
+        whole_rows = w.new(f"xor i1 {short}, true")
+        later = w.new(f"icmp sgt i64 {block}, 0")
+        places, pointers, copied = [], [], []
+        for k in range(len(ports)):
+            places.append(w.at(bases[k], w.new(f"mul i64 {first}, {step[k][0]}")))
+            in_place = w.new(f"and i1 {direct[k]}, {whole_rows}")
+            pointers.append(w.new(f"select i1 {in_place}, ptr {places[k]}, ptr {buffers[k]}"))
+            copied.append(w.new(f"xor i1 {in_place}, true"))
+        for k in range(inputs):  # a sample given once for all is copied once
+            same = w.new(f"and i1 {later}, {w.new(f'icmp eq i64 {step[k][0]}, 0')}")
+            with w.when(w.new(f"and i1 {copied[k]}, {w.new(f'xor i1 {same}, true')}")):
+                call_copy(w, "gather", buffers[k], places[k], count, ports[k].shape, step[k])
+        call_block(w, [*pointers, *further])
+        for k in range(inputs, len(ports)):
+            with w.when(copied[k]):
+                call_copy(w, "scatter", buffers[k], places[k], count, ports[k].shape, step[k])
+    if taken:
+        w.do(f"call void @free(ptr {taken})")
+
+
+def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int) -> str:
+    """True if results should be written past the caches, and can be: blocks and arrays are multiples of ``piece`` bytes."""
+    sizes = [port.size * w.precision.bytes for _, port in outputs]
+    if any(w.lanes * size % piece for size in sizes):
+        return "false"
+    yes = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // sum(sizes)}")
+    for base, _ in outputs:
+        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {piece - 1}")
+        yes = w.new(f"and i1 {yes}, {w.new(f'icmp eq i64 {odd}, 0')}")
+    return yes
+
+
+def _blocks_past_caches(
+    w: LlvmWriter, ports: list[Port], bases: list[str], count: str, label: str, buffers: list[str], further: list[str]
+) -> str:
+    """So many blocks of rows in place, results by way of buffers; returns the label control is in afterwards."""
+    inputs = len(ports) - len(buffers)
+    with w.loop(count, label) as k:
+        places = _moved(w, ports, bases, k, 1)
+        call_block(w, [*places[:inputs], *buffers, *further])
+        for buffer, place, port in zip(buffers, places[inputs:], ports[inputs:], strict=True):
+            w.do(f"call void @stream(ptr {buffer}, ptr {place}, i64 {port.size})")
+    with w.when(w.new(f"icmp sgt i64 {count}, 0")):
+        w.do("fence seq_cst")  # such writes reach other threads in any order
+    return w.after
+
+
+def _moved(w: LlvmWriter, ports: list[Port], bases: list[str], count: str, group: int) -> list[str]:
+    """Where the arrays go on after so many groups of blocks."""
+    rows = group * w.lanes * w.precision.bytes
+    return [w.at(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
+
+
+def _blocks_in_place(
+    w: LlvmWriter, ports: list[Port], bases: list[str], count: str, label: str, further: list[str], group: int = 1
+) -> str:
+    """Call so many blocks, or groups of them, on the arrays themselves; returns the label control is in afterwards."""
+    with w.loop(count, label) as k:
+        call_block(w, [*_moved(w, ports, bases, k, group), *further], "block" if group == 1 else "blocks")
+    return w.after
+
+
+def _is_direct(w: LlvmWriter, port: Port, outer: str, inner: list[str], size: int) -> str:
+    """Whether samples follow each other as the block wants them: C order without gaps."""
+    expected, flag = size, "true"
+    for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
+        same = w.new(f"icmp eq i64 {stride}, {expected}")
+        flag = same if flag == "true" else w.new(f"and i1 {flag}, {same}")
+        expected *= length
+    same = w.new(f"icmp eq i64 {outer}, {expected}")
+    return same if flag == "true" else w.new(f"and i1 {flag}, {same}")

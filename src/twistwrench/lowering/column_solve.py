@@ -1,0 +1,162 @@
+"""The columns of results in a frame, one after the other: a function for each group, and the loop that calls it.
+
+A column's entries are as far apart as a row of its matrix is long. Its solution takes their places. What a function reads of
+the frame beside its column is not in the matrices, so the two pointers it takes share nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from ..ir.loops import ColumnGroup, ColumnGroups
+from .block import Emitter
+from .ir_builder import LlvmWriter
+from .spill_frame import RowPlaces, load_home, store_home
+from .target_machine import Precision
+
+
+def column_programs(columns: ColumnGroups, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
+    """A table of the groups' columns, and their functions."""
+    for number, group in enumerate(columns.groups):
+        w = writer()
+        places = [columns.entry(matrix, 0, column) for matrix, column in group.places]
+        listed = ", ".join(f"i64 {place * w.lanes * w.precision.bytes}" for place in places)
+        yield f"@columns{number} = internal constant [{len(places)} x i64] [{listed}]"
+        e = _Column(w, columns, group)
+        e.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
+        body = "\n".join(w.lines)
+        head = f'define internal void @column{number}(ptr noalias %frame, ptr noalias %column) noinline "stackrealign"'
+        yield f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+def column_loop(w: LlvmWriter, columns: ColumnGroups, label: str) -> str:
+    """Call the functions; takes the label control comes from and returns the one it is in afterwards."""
+    for number, group in enumerate(columns.groups):
+        for entry, value in _constants(columns, group):  # the columns of the last block are in their places
+            store_home(w, w.splat(value), entry)
+        with w.loop(str(len(group.places)), label) as k:
+            place = w.new(f"load i64, ptr {w.at(f'@columns{number}', w.new(f'mul i64 {k}, 8'))}, align 8")
+            w.do(f"call void @column{number}(ptr %frame, ptr {w.at('%frame', place)})")
+        label = w.after
+    return label
+
+
+def _constants(columns: ColumnGroups, group: ColumnGroup) -> Iterator[tuple[int, float]]:
+    """The constants among the entries that a group's program takes."""
+    program = columns.program
+    first = sum(port.size for port in group.program.inputs[:-1])
+    rows = [int(x.value) - first for x in group.program.instructions if x.op == "input" and x.value >= first]
+    for matrix, column in group.places:
+        for row in rows:
+            entry = columns.entry(matrix, row, column)
+            op, _, value = program.instructions[program.results[entry]]
+            if op == "const":
+                yield entry, value
+
+
+class _Column(Emitter):
+    """An emitter that finds what columns share in the frame, and a column in its places."""
+
+    def __init__(self, w: LlvmWriter, columns: ColumnGroups, group: ColumnGroup) -> None:
+        super().__init__(w, group.program)
+        self.shared = columns.first_entries[-columns.shared]
+        self.row = group.program.inputs[-1].size
+        self.before = sum(port.size for port in group.program.inputs[:-1])
+
+    def input(self, number: int) -> str:
+        """The vector of an input."""
+        if number < self.before:
+            return load_home(self.w, self.shared + number)
+        return load_home(self.w, (number - self.before) * self.row, "%column")
+
+    def output(self, number: int, value: str) -> None:
+        """Put an entry of the solution into its place."""
+        store_home(self.w, value, number * self.row, "%column")
+
+
+# ── The columns of one sample's results in SIMD lanes: columns that follow each other lie side by side in the rows of a matrix
+
+# Lanes compute what a block of samples computes with one column after the other, so the bits are the same.
+
+WIDTH = 64
+"""Bytes of a vector of columns; processors with shorter ones take two or four in its place."""
+
+
+def lane_column_programs(
+    columns: ColumnGroups, places: RowPlaces, precision: Precision, *, fused: bool
+) -> Iterator[str]:
+    """A function for each group: so many columns, from the place of the first row of the first on."""
+    for number, group in enumerate(columns.groups):
+        w = LlvmWriter(precision, WIDTH // precision.bytes, fused=fused)
+        lanes = ", ".join(f"i64 {k}" for k in range(w.lanes))
+        first = w.new(f"insertelement <{w.lanes} x i64> poison, i64 %count, i32 0")
+        count = w.new(
+            f"shufflevector <{w.lanes} x i64> {first}, <{w.lanes} x i64> poison, <{w.lanes} x i32> zeroinitializer"
+        )
+        e = _Columns(w, columns, group, places, w.new(f"icmp ult <{w.lanes} x i64> <{lanes}>, {count}"))
+        e.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
+        body = "\n".join(w.lines)
+        head = f"define internal void @column{number}(ptr noalias %frame, ptr noalias %column, i64 %count) noinline"
+        yield f'{head} "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
+
+
+def call_lane_columns(w: LlvmWriter, columns: ColumnGroups, places: RowPlaces) -> None:
+    """Call the functions."""
+    for number, group in enumerate(columns.groups):
+        for matrix, column, count in _runs(group, WIDTH // w.precision.bytes):
+            entry, base = places.place(columns.entry(matrix, 0, column))
+            place = w.at(base, entry * w.precision.bytes)
+            w.do(f"call void @column{number}(ptr %frame, ptr {place}, i64 {count})")
+
+
+def _runs(group: ColumnGroup, most: int) -> Iterator[tuple[int, int, int]]:
+    """Columns of a group that follow each other, at most so many: the matrix, the first, and how many."""
+    start, count = group.places[0], 0
+    for matrix, column in group.places:
+        if count == most or (matrix, column) != (start[0], start[1] + count):
+            yield *start, count
+            start, count = (matrix, column), 0
+        count += 1
+    yield *start, count
+
+
+class _Columns(Emitter):
+    """An emitter that finds what columns share in the frame, a number for all lanes, and columns in the rows of a matrix."""
+
+    def __init__(self, w: LlvmWriter, columns: ColumnGroups, group: ColumnGroup, places: RowPlaces, mask: str) -> None:
+        super().__init__(w, group.program)
+        self.mask = f"{w.mask} {mask}"
+        self.shared, _ = places.place(columns.first_entries[-columns.shared])
+        self.row = group.program.inputs[-1].size * w.precision.bytes
+        self.before = sum(port.size for port in group.program.inputs[:-1])
+
+    def meet(self, number: int) -> None:
+        """Leave an input until it is used."""
+
+    def value(self, number: int) -> str:
+        """The vector of an instruction."""
+        op, _, value = self.program.instructions[number]
+        if op == "input" and number not in self.values:
+            self.values[number] = self.input(int(value))
+        return super().value(number)
+
+    def input(self, number: int) -> str:
+        """The vector of an input."""
+        w, size = self.w, self.w.precision.bytes
+        if number >= self.before:
+            place = w.at("%column", (number - self.before) * self.row)
+            zeros = f"{w.vector} zeroinitializer"
+            return w.new(
+                f"call {w.vector} @llvm.masked.load.{w.suffix}.p0(ptr {place}, i32 {size}, {self.mask}, {zeros})"
+            )
+        place = w.at("%frame", (self.shared + number) * size)
+        shared = w.new(f"load {w.element}, ptr {place}, align {size}")
+        first = w.new(f"insertelement {w.vector} poison, {w.element} {shared}, i32 0")
+        return w.new(f"shufflevector {w.vector} {first}, {w.vector} poison, <{w.lanes} x i32> zeroinitializer")
+
+    def output(self, number: int, value: str) -> None:
+        """Put an entry of the solutions into its row."""
+        w, place = self.w, self.w.at("%column", number * self.row)
+        w.do(
+            f"call void @llvm.masked.store.{w.suffix}.p0({w.vector} {value}, ptr {place}, i32 {w.precision.bytes}, {self.mask})"
+        )

@@ -1,0 +1,46 @@
+"""LLVM assembly of a program with its loop: one function, or sections if the program is long.
+
+Loops are imported when first needed: the first kernel of an arm needs few modules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..ir.loops import ColumnGroups, Form, Products, Recurrence, program_of
+from ..ir.program import Program
+from .batch_loop import Loop, loop
+from .block import assembly
+from .target_machine import Machine, Precision
+
+LONG = 2000
+"""Programs beyond this many instructions are emitted in sections; from here on they run faster, too (bench/NOTES.md)."""
+
+
+def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
+    """The texts to compile and to link together."""
+    program, around = program_of(given), _around(given, machine)
+    cut = given if isinstance(given, ColumnGroups) else program
+    if cut is not program or len(program.instructions) > LONG:
+        from .partition import in_sections
+
+        yield from in_sections(cut, precision, machine, around)
+    else:
+        yield assembly(program, precision, machine, around)
+
+
+def _around(given: Form, machine: Machine) -> Loop:
+    """The loop around the blocks."""
+    if isinstance(given, Program | ColumnGroups):
+        return loop
+    if isinstance(given, Recurrence):
+        from .scan_loop import loop_over
+
+        return loop_over(given)
+    if isinstance(given, Products):
+        from .product_loop import products_over
+
+        return products_over(given, fused=machine.fused)
+    from .search_loop import search_over
+
+    return search_over(given)

@@ -1,0 +1,167 @@
+"""A long program as several functions, a section each, in modules of a few: compiled in linear time and memory.
+
+What crosses from a section to a later one, and all entries of the results, go through a :class:`~.spill_frame.SpillFrame`;
+once the last section is done, rows of the results are made of it, tile by tile, in a loop. In one lane entries go into their
+rows at once. Instructions and their order stay the same, so results keep their bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from ..ir.loops import ColumnGroups
+from ..ir.program import Program
+from .batch_loop import Loop
+from .block import CUT_OUTPUTS, Emitter, declarations
+from .column_solve import call_lane_columns, column_loop, column_programs, lane_column_programs
+from .ir_builder import LlvmWriter
+from .spill_frame import (
+    FramePlaces,
+    RowPlaces,
+    SpillFrame,
+    frame_to_rows,
+    load_home,
+    preparation,
+    store_home,
+    zero_tiles,
+)
+from .target_machine import LOOP, Machine, Precision
+from .vector_math import wrapper
+from .vector_transpose import RowStorer
+
+SECTION = 400
+"""Instructions in a section, about."""
+
+EACH = 25
+"""Sections in a module."""
+
+
+def in_sections(given: Program | ColumnGroups, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
+    """The texts of the modules to compile and to link together."""
+    columns = given if isinstance(given, ColumnGroups) else ColumnGroups(given, 0, ())
+    frame = SpillFrame(columns.program, SECTION)
+    head, places = (
+        (_head, FramePlaces(columns)) if machine.lanes(precision) > 1 else (_head_of_one_lane, RowPlaces(columns))
+    )
+    yield head(columns, frame, precision, machine, around)
+    sections = list(enumerate(pairwise(frame.starts)))
+    for k in range(0, len(sections), EACH):
+        w = _writer(precision, machine)
+        parts = [_section(frame, places, precision, machine, *section) for section in sections[k : k + EACH]]
+        yield "\n".join([declarations(w), wrapper(precision, w.lanes), *parts])
+
+
+def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
+    return LlvmWriter(precision, machine.lanes(precision), fused=machine.fused)
+
+
+# ── the loop, and what it calls ──
+
+
+def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
+    """The loop, the preparation of the frame, and the block: it calls the sections, works on columns, and makes rows."""
+    w = _writer(precision, machine)
+    declared = _call_sections(w, frame, FramePlaces(columns).pointers)
+    tables = []
+    for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
+        zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
+        tables.append(zero_tiles(f"zeros{k}", zero, span))
+    label = column_loop(w, columns, "entry")
+    for k, (port, table) in enumerate(zip(columns.outputs, tables, strict=True)):
+        array, zeros = f"%a{len(columns.inputs) + k}", f"zeros{k}" if table else ""
+        label = frame_to_rows(w, array, port.size, columns.first_entries[k], label, zeros)
+    visible, room = replace(columns.program, outputs=columns.outputs), frame.size * w.lanes * precision.bytes
+    return "\n".join(
+        [
+            *declared,
+            preparation(_writer(precision, machine), frame.constants),
+            *tables,
+            *column_programs(columns, lambda: _writer(precision, machine)),
+            _block(w, RowPlaces(columns).pointers),
+            around(LOOP, visible, precision, w.lanes, room, 1),
+        ]
+    )
+
+
+def _head_of_one_lane(
+    columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop
+) -> str:
+    """The loop, and the block: it puts constant entries into their places, calls the sections, and works on columns."""
+    w, places = _writer(precision, machine), RowPlaces(columns)
+    for first, count, value in frame.constants:
+        places.fill(w, first, count, value)
+    declared = _call_sections(w, frame, places.pointers)
+    call_lane_columns(w, columns, places)
+    room = max(frame.size - places.starts[-1], 1) * precision.bytes
+    return "\n".join(
+        [
+            *declared,
+            preparation(_writer(precision, machine), ()),
+            *lane_column_programs(columns, places, precision, fused=machine.fused),
+            _block(w, places.pointers),
+            around(LOOP, replace(columns.program, outputs=columns.outputs), precision, w.lanes, room, 1),
+        ]
+    )
+
+
+def _call_sections(w: LlvmWriter, frame: SpillFrame, pointers: Sequence[str]) -> list[str]:
+    """Call all sections in their order; returns their declarations."""
+    sections, given = range(len(frame.starts) - 1), ", ".join(f"ptr {pointer}" for pointer in pointers)
+    for k in sections:
+        w.do(f"call void @section{k}({given})")
+    types = ", ".join(["ptr"] * len(pointers))
+    return [f"declare void @section{k}({types})" for k in sections]
+
+
+def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
+    arguments = ", ".join(f"ptr noalias {pointer}" for pointer in pointers)
+    body = "\n".join(w.lines)
+    return f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
+
+
+# ── one section ──
+
+
+def _section(
+    frame: SpillFrame, places: FramePlaces, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]
+) -> str:
+    w = _writer(precision, machine)
+    _Section(w, frame, places).walk(*bounds, frame.entries, large=False)
+    arguments = ", ".join(f"{places.pointer} {pointer}" for pointer in places.pointers)
+    body = "\n".join(w.lines)
+    return f'define void @section{number}({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
+
+
+class _Section(Emitter):
+    """An emitter that finds values of earlier sections in their homes, and leaves there what later ones need."""
+
+    def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FramePlaces) -> None:
+        super().__init__(w, frame.program)
+        self.frame, self.place, self.stored = frame, places.place, 0
+
+    def meet(self, number: int) -> None:
+        """Leave an input until it is used; a later section may be the first to."""
+
+    def value(self, number: int) -> str:
+        """The vector of an instruction, from where it is."""
+        op, _, value = self.program.instructions[number]
+        if op != "const" and number not in self.values:
+            self.values[number] = (
+                self.input(int(value)) if op == "input" else load_home(self.w, *self.place(self.frame.homes[number]))
+            )
+        return super().value(number)
+
+    def made(self, number: int, value: str) -> None:
+        """Take the vector of an instruction; as an entry of the results it comes into its home anyway."""
+        super().made(number, value)
+        if number in self.frame.homes and number not in self.frame.entries:
+            store_home(self.w, value, *self.place(self.frame.homes[number]))
+
+    def output(self, number: int, value: str) -> None:
+        """Put an entry of the results into its home."""
+        store_home(self.w, value, *self.place(number))
+        self.stored += 1
+        if self.stored % CUT_OUTPUTS == 0:
+            self.cut()

@@ -1,0 +1,231 @@
+"""The loop of products: the program for a block of samples, and then their matrices, sample by sample and tile by tile.
+
+A tile is some rows by some columns, which lie side by side in vectors; the last ones overlap their neighbours, and
+what is in both is made twice. Tiles of one kind take one product; the others take both, and of each entry the one that counts.
+The order of sums is that of the factors, so an entry's bits depend on no tile.
+"""
+
+from __future__ import annotations
+
+from ..ir.loops import AFTER, BEFORE, NEITHER, Product, Products
+from ..ir.program import Port, Program
+from .batch_loop import (
+    BEYOND_CACHES,
+    LINE,
+    SHORTEST_PIECE,
+    Loop,
+    Step,
+    buffer_size,
+    call_block,
+    call_copy,
+    copying,
+    spoiling,
+    streaming,
+    take,
+)
+from .ir_builder import LlvmWriter
+from .target_machine import Precision
+
+LEAST = 16
+"""Rows and columns of the smallest matrix."""
+_MIXED = 3
+
+
+def products_over(products: Products, *, fused: bool) -> Loop:
+    """What makes the loop of products around their program's blocks; ``fused``: the machine multiplies and adds at once."""
+
+    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+        loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame)
+        loop.write()
+        return "\n".join(
+            [
+                copying("gather", precision, lanes, inward=True),
+                copying("scatter", precision, 1, inward=False),
+                streaming(precision, lanes),
+                spoiling(precision, lanes),
+                "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n",
+                loop.tables(),
+                loop.declaration() if fused else "",
+                *(loop.matrix(number, matrix) for number, matrix in enumerate(products.matrices)),
+                f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
+                *loop.w.lines,
+                "  ret void\n}\n",
+            ]
+        )
+
+    return made
+
+
+def _starts(n: int, step: int) -> list[int]:
+    """Where tiles begin."""
+    return [*range(0, n - step, step), n - step]
+
+
+class _Matrices:
+    """The body of one loop, and the functions it calls."""
+
+    def __init__(self, products: Products, w: LlvmWriter, frame: int) -> None:
+        self.p, self.w, self.frame = products, w, frame
+        self.bytes, self.n = w.precision.bytes, len(products.relations)
+        # Sums that find registers, in vectors of another length than the program's, whose intrinsics are declared elsewhere.
+        self.height, self.width = 4 if w.lanes * self.bytes >= LINE else 2, 16 if w.lanes != 16 else 8
+        self.rows, self.columns = _starts(self.n, self.height), _starts(self.n, self.width)
+
+    def declaration(self) -> str:
+        """Of the one intrinsic."""
+        w = LlvmWriter(self.w.precision, self.width)
+        return f"declare {w.vector} @llvm.fma.{w.suffix}({', '.join([w.vector] * 3)})"
+
+    def tables(self) -> str:
+        """Where tiles begin, what they are, and what their entries are."""
+        kinds = []
+        for i in self.rows:
+            for j in self.columns:
+                found = {self.p.relations[r][c] for r in range(i, i + self.height) for c in range(j, j + self.width)}
+                kinds.append(found.pop() if len(found) == 1 else _MIXED)
+        entries = [kind for row in self.p.relations for kind in row]
+
+        def table(name: str, kind: str, numbers: list[int]) -> str:
+            listed = ", ".join(f"{kind} {x}" for x in numbers)
+            return f"@tile_{name} = internal constant [{len(numbers)} x {kind}] [{listed}], align {LINE}"
+
+        tables = ("rows", "i64", self.rows), ("columns", "i64", self.columns), ("kinds", "i8", kinds)
+        return "\n".join([*(table(*one) for one in tables), table("entries", "i8", entries)])
+
+    # ── one matrix of one sample ──
+
+    def matrix(self, number: int, matrix: Product) -> str:
+        """The function that makes a matrix of the factors of one sample."""
+        w = LlvmWriter(self.w.precision, self.width, fused=self.w.fused)
+        of = self.p.program.outputs
+        tile = w.new(f"alloca [{self.height * self.width} x {w.element}], align {LINE}")
+        with w.loop(str(len(self.rows)), "entry") as a:
+            i = self._entry(w, "@tile_rows", a)
+            with w.loop(str(len(self.columns)), w.after) as b:
+                j = self._entry(w, "@tile_columns", b)
+                place = w.new(f"add i64 {w.new(f'mul i64 {a}, {len(self.columns)}')}, {b}")
+                kind = w.new(f"load i8, ptr {w.at('@tile_kinds', place)}, align 1")
+                first = w.new(f"add i64 {w.new(f'mul i64 {i}, {self.n}')}, {j}")
+                corner = w.at("%matrix", w.new(f"mul i64 {first}, {self.bytes}"))
+                for which, factors in ((BEFORE, matrix.before), (AFTER, matrix.after)):
+                    with w.when(w.new(f"icmp eq i8 {kind}, {which}")):
+                        self._tile(w, factors, i, j, corner, self.n)
+                with w.when(w.new(f"icmp eq i8 {kind}, {NEITHER}")):
+                    for row in range(self.height):
+                        self._store(w, w.splat(0.0), w.at(corner, row * self.n * self.bytes))
+                with w.when(w.new(f"icmp eq i8 {kind}, {_MIXED}")):
+                    self._tile(w, matrix.before, i, j, tile, self.width)
+                    self._tile(w, matrix.after, i, j, corner, self.n)
+                    for row in range(self.height):
+                        self._choose(
+                            w, w.at("@tile_entries", first), row, w.at(tile, row * self.width * self.bytes), corner
+                        )
+        for r, c, x in matrix.added:
+            place = w.at("%matrix", (r * self.n + c) * self.bytes)
+            before = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
+            total = w.new(f"fadd {w.element} {before}, {w.number(x)}")
+            w.do(f"store {w.element} {total}, ptr {place}, align {self.bytes}")
+        arguments = ", ".join(["ptr %matrix", *(f"ptr %f{k}" for k in range(len(of)))])
+        body = "\n".join(w.lines)
+        return f"define internal void @matrix{number}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+    def _entry(self, w: LlvmWriter, table: str, number: str) -> str:
+        return w.new(f"load i64, ptr {w.at(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+
+    def _store(self, w: LlvmWriter, vector: str, place: str) -> None:
+        w.do(f"store {w.vector} {vector}, ptr {place}, align {self.bytes}")
+
+    def _load(self, w: LlvmWriter, place: str) -> str:
+        return w.new(f"load {w.vector}, ptr {place}, align {self.bytes}")
+
+    def _tile(self, w: LlvmWriter, factors: tuple[int, int], i: str, j: str, corner: str, width: int) -> None:
+        """One product for all entries of a tile."""
+        left, right = factors
+        count = self.p.program.outputs[left].shape[1]
+        first = w.at(f"%f{left}", w.new(f"mul i64 {i}, {count * self.bytes}"))
+        beside = w.at(f"%f{right}", w.new(f"mul i64 {j}, {self.bytes}"))
+        sums: list[str] = []
+        for k in range(count):
+            columns = self._load(w, w.at(beside, k * self.n * self.bytes))
+            for row in range(self.height):
+                place = w.at(first, (row * count + k) * self.bytes)
+                x = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
+                one = w.new(f"insertelement {w.vector} poison, {w.element} {x}, i32 0")
+                every = w.shuffle(one, one, [0] * self.width)
+                if k == 0:
+                    sums.append(w.binary("fmul", every, columns))
+                else:
+                    sums[row] = w.fma(every, columns, sums[row])
+        for row, vector in enumerate(sums):
+            self._store(w, vector, w.at(corner, row * width * self.bytes))
+
+    def _choose(self, w: LlvmWriter, entries: str, row: int, before: str, corner: str) -> None:
+        """Of each entry in a row of a tile the product that counts."""
+        place = w.at(corner, row * self.n * self.bytes)
+        kinds = w.new(f"load <{self.width} x i8>, ptr {w.at(entries, row * self.n)}, align 1")
+        after = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {AFTER})")
+        none = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {NEITHER})")
+        found = w.select(after, self._load(w, place), self._load(w, before))
+        self._store(w, w.select(none, w.splat(0.0), found), place)
+
+    # ── all samples ──
+
+    def write(self) -> None:
+        """Everything between the loop's head and its return."""
+        w, p = self.w, self.p
+        samples = w.new("load i64, ptr %dims, align 8")
+        ports = [*p.inputs, *p.outputs]
+        bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
+        strides: list[Step] = []
+        following = 8 * len(ports)
+        for k, port in enumerate(ports):
+            outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
+            axes = range(len(port.shape))
+            inner = [w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in axes]
+            following += 8 * len(port.shape)
+            strides.append((outer, inner))
+        count, factors = len(p.inputs), p.program.outputs
+        one = Port("one matrix", (-(-self.n * self.n // w.lanes),))
+        sizes = [buffer_size(w, port) for port in (*p.inputs, *factors, one)]
+        spoiled = [(bases[k], ports[k].shape, strides[k]) for k in range(count, len(ports))]
+        taken, label, (*buffers, matrix, room) = take(w, [*sizes, self.frame], samples, spoiled)
+        if self.frame:
+            w.do(f"call void @prepare(ptr {room})")
+        size = self.n * self.n * self.bytes
+        many = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // (size * len(p.matrices))}")
+        with w.loop(w.blocks(samples), label) as block:
+            first = w.new(f"mul i64 {block}, {w.lanes}")
+            some, _ = w.share(samples, first)
+            for k, port in enumerate(p.inputs):
+                place = w.at(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
+                call_copy(w, "gather", buffers[k], place, some, port.shape, strides[k])
+            call_block(w, [*buffers, *([room] if self.frame else [])])
+            with w.loop(some, w.after) as lane:
+                row = w.new(f"add i64 {first}, {lane}")
+                mine = [
+                    w.at(buffer, w.new(f"mul i64 {lane}, {port.size * self.bytes}"))
+                    for buffer, port in zip(buffers[count:], factors, strict=True)
+                ]
+                for number in range(len(p.matrices)):
+                    base, (outer, inner) = bases[count + number], strides[count + number]
+                    place = w.at(base, w.new(f"mul i64 {row}, {outer}"))
+                    plain = w.new(f"icmp eq i64 {inner[1]}, {self.bytes}")
+                    plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {inner[0]}, {self.n * self.bytes}')}")
+                    past = w.new(f"and i1 {self._may_go_past(many, place)}, {plain}")
+                    direct = w.new(f"and i1 {plain}, {w.new(f'xor i1 {past}, true')}")
+                    call_block(w, [w.new(f"select i1 {direct}, ptr {place}, ptr {matrix}"), *mine], f"matrix{number}")
+                    with w.when(past):
+                        w.do(f"call void @stream(ptr {matrix}, ptr {place}, i64 {size // (w.lanes * self.bytes)})")
+                    with w.when(w.new(f"xor i1 {plain}, true")):
+                        call_copy(w, "scatter", matrix, place, "1", (self.n, self.n), (outer, inner))
+        with w.when(many):
+            w.do("fence seq_cst")  # such writes reach other threads in any order
+        w.do(f"call void @free(ptr {taken})")
+
+    def _may_go_past(self, many: str, place: str) -> str:
+        """Whether a matrix is to be written past the caches, and can be."""
+        w, piece = self.w, self.w.lanes * self.bytes
+        if piece < SHORTEST_PIECE or self.n * self.n * self.bytes % piece:
+            return "false"
+        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {place} to i64')}, {piece - 1}")
+        return w.new(f"and i1 {many}, {w.new(f'icmp eq i64 {odd}, 0')}")

@@ -1,0 +1,214 @@
+"""The loop of a recurrence: block by block of samples, and for each of them all steps, one after the other.
+
+The shape is that of :mod:`.loop`. The state of a block stays in buffers from the first step to the last; what is given for
+every step alike is copied once, and rows of results are written where they belong as steps end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..ir.loops import Recurrence
+from ..ir.program import Port, Program, axes_of
+from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, spoiling, take
+from .ir_builder import LlvmWriter
+from .target_machine import Precision
+
+TABLE = "stages"
+"""Name of the constant with the rows of the recurrence's table, each repeated for every lane."""
+
+
+def loop_over(recurrence: Recurrence) -> Loop:
+    """What makes the loop of a recurrence around its program's blocks."""
+
+    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+        loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
+        loop.write()
+        return "\n".join(
+            [
+                copying("gather", precision, lanes, inward=True),
+                copying("scatter", precision, lanes, inward=False),
+                *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
+                "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)",
+                _table(recurrence, loop.w),
+                f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
+                *loop.w.lines,
+                "  ret void\n}\n",
+            ]
+        )
+
+    return made
+
+
+def _table(recurrence: Recurrence, w: LlvmWriter) -> str:
+    numbers = [w.number(x) for row in recurrence.table for x in list(row) * w.lanes]
+    if not numbers:
+        return ""
+    kind = f"[{len(numbers)} x {w.element}]"
+    return f"@{TABLE} = internal constant {kind} [{', '.join(f'{w.element} {x}' for x in numbers)}], align {LINE}"
+
+
+class _Operand:
+    """One array of the caller's: where it begins, its own shape and strides, and the stride of its axis of steps, if any."""
+
+    def __init__(self, port: Port, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
+        self.port, self.base, self.outer = port, base, outer
+        self.along = inner[0] if stepped else "0"
+        self.inner = inner[1:] if stepped else inner
+        self.strides = inner
+
+    @property
+    def step(self) -> Step:
+        """The strides of one step's samples."""
+        return self.outer, self.inner
+
+
+class _Steps:
+    """The body of one loop."""
+
+    def __init__(self, recurrence: Recurrence, w: LlvmWriter, frame: int) -> None:
+        self.r, self.w, self.frame = recurrence, w, frame
+        self.program = recurrence.program
+        self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})
+        fed = [*recurrence.states, *(recurrence.states[j] for j in self.starts)]
+        given = [self.program.inputs[k] for k in recurrence.given]
+        self.ports = [*fed, *given, *self.program.outputs]
+        self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
+
+    def write(self) -> None:
+        """Everything between the loop's head and its return."""
+        w, r = self.w, self.r
+        samples = w.new("load i64, ptr %dims, align 8")
+        operands = self._operands()
+        inputs, outputs = operands[: len(r.inputs)], operands[len(r.inputs) :]
+        kept = self._size(-1)
+        taken, label = self._places(samples, outputs, kept)
+        if self.frame:
+            w.do(f"call void @prepare(ptr {self.room})")
+        none = w.new(f"icmp slt i64 {kept}, 1")
+        every = w.new(f"sdiv i64 {self._size(len(r.inputs) - 1)}, {w.new(f'select i1 {none}, i64 1, i64 {kept}')}")
+        with w.loop(w.blocks(samples), label) as block:
+            first = w.new(f"mul i64 {block}, {w.lanes}")
+            self.count, short = w.share(samples, first)
+            self.whole = w.new(f"xor i1 {short}, true")
+            places = [w.at(x.base, w.new(f"mul i64 {first}, {x.outer}")) for x in operands]
+            for k, operand in enumerate(inputs[: r.visible]):
+                self._copy("gather", self.state[k], places[k], operand)
+            for k in range(r.visible, len(r.states)):
+                self._clear(self.state[k], r.states[k])
+            with w.loop(kept, w.after) as row, w.loop(every, w.after) as between:
+                number = w.new(f"add i64 {w.new(f'mul i64 {row}, {every}')}, {between}")
+                self._take_given(number, places[r.visible : len(inputs)], inputs[r.visible :])
+                begins = w.new(f"icmp eq i64 {between}, 0")
+                ends = w.new(f"icmp eq i64 {w.new(f'add i64 {between}, 1')}, {every}")
+                rows = [
+                    w.at(places[len(inputs) + k], w.new(f"mul i64 {row}, {x.along}")) for k, x in enumerate(outputs)
+                ]
+                self._step(begins, rows[r.visible :], outputs[r.visible :])
+                with w.when(ends):
+                    for k, operand in enumerate(outputs[: r.visible]):
+                        self._copy("scatter", self.state[k], rows[k], operand)
+        if taken:
+            w.do(f"call void @free(ptr {taken})")
+
+    # ── what there is ──
+
+    def _operands(self) -> list[_Operand]:
+        w, r = self.w, self.r
+        ports, stepped = [*r.inputs, *r.outputs], [k >= r.visible for k in range(len(r.inputs) + len(r.outputs))]
+        found, following = [], 8 * len(ports)
+        for k, (port, has_steps) in enumerate(zip(ports, stepped, strict=True)):
+            base = w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8")
+            outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
+            axes = len(port.shape) + has_steps
+            inner = [w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in range(axes)]
+            following += 8 * axes
+            found.append(_Operand(port, base, outer, inner, stepped=has_steps))
+        return found
+
+    def _size(self, operand: int) -> str:
+        """The length of the axis of steps, or of rows, of an operand."""
+        place = axes_of(self.r.signature)[operand][0]
+        return self.w.new(f"load i64, ptr {self.w.at('%dims', 8 * place)}, align 8")
+
+    def _places(self, samples: str, outputs: Sequence[_Operand], kept: str) -> tuple[str, str]:
+        """Find room for all buffers; returns what is to be freed, and the label control is in."""
+        w, taken, label = self.w, "", "entry"
+        if self.large:
+            sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
+            spoiled: list[tuple[str, list[int | str], Step]] = [
+                (x.base, [kept, *x.port.shape], (x.outer, x.strides)) for x in outputs
+            ]
+            taken, label, (*buffers, self.room) = take(w, sizes, samples, spoiled)
+        else:
+            buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
+            self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
+        states, starts = len(self.r.states), len(self.starts)
+        given = len(self.r.given)
+        self.state, buffers = buffers[:states], buffers[states:]
+        self.start, buffers = dict(zip(self.starts, buffers[:starts], strict=True)), buffers[starts:]
+        self.given, self.results = dict(zip(self.r.given, buffers[:given], strict=True)), buffers[given:]
+        return taken, label
+
+    # ── what is done ──
+
+    def _take_given(self, number: str, places: Sequence[str], operands: Sequence[_Operand]) -> None:
+        """Copy in what is given for this step, if it is not that of the step before."""
+        w = self.w
+        first = w.new(f"icmp eq i64 {number}, 0")
+        for buffer, place, operand in zip(self.given.values(), places, operands, strict=True):
+            changes = w.new(f"icmp ne i64 {operand.along}, 0")
+            with w.when(w.new(f"or i1 {first}, {changes}")):
+                here = w.at(place, w.new(f"mul i64 {number}, {operand.along}"))
+                self._copy("gather", buffer, here, operand)
+
+    def _step(self, begins: str, rows: Sequence[str], said: Sequence[_Operand]) -> None:
+        """Take the program as often as a step asks for."""
+        w, r = self.w, self.r
+        for j, start in self.start.items():
+            self._move(start, self.state[j], r.states[j])
+        further = [self.room] if self.frame else []
+        for stage in range(len(r.table)):
+            call_block(w, [*(self._input(k, stage) for k in range(len(r.sources))), *self.results, *further])
+            if stage == 0 and said:
+                with w.when(begins):
+                    for k, row, operand in zip(r.said, rows, said, strict=True):
+                        self._copy("scatter", self.results[k], row, operand)
+            for state, result, port in zip(self.state, self.results, r.states, strict=False):
+                self._move(state, result, port)
+
+    def _input(self, k: int, stage: int) -> str:
+        source = self.r.sources[k]
+        if source.kind == "given":
+            return self.given[k]
+        if source.kind == "stage":
+            row = buffer_size(self.w, self.program.inputs[k])
+            return self.w.at(f"@{TABLE}", stage * row)
+        return self.start[source.state] if source.kind == "start" else self.state[source.state]
+
+    def _copy(self, which: str, buffer: str, place: str, operand: _Operand) -> None:
+        """As :func:`.buffers.call_copy`, without a call where rows have no gaps and none is missing."""
+        w, size = self.w, self.w.precision.bytes
+        plain = self.whole
+        for stride in operand.inner:
+            plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {stride}, {size}')}")
+        with w.when(plain):
+            for lane in range(w.lanes):
+                near = w.at(buffer, lane * operand.port.size * size)
+                far = w.at(place, w.new(f"mul i64 {operand.outer}, {lane}"))
+                self._bytes(*((near, far) if which == "gather" else (far, near)), operand.port.size * size, size)
+        with w.when(w.new(f"xor i1 {plain}, true")):
+            call_copy(w, which, buffer, place, self.count, operand.port.shape, operand.step)
+
+    def _move(self, there: str, here: str, port: Port) -> None:
+        self._bytes(there, here, buffer_size(self.w, port), LINE)
+
+    def _bytes(self, there: str, here: str, count: int, align: int) -> None:
+        target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
+        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
+
+    def _clear(self, buffer: str, port: Port) -> None:
+        w = self.w
+        for k in range(port.size):
+            place = w.at(buffer, k * w.lanes * w.precision.bytes)
+            w.do(f"store {w.vector} zeroinitializer, ptr {place}, align {w.lanes * w.precision.bytes}")

@@ -1,0 +1,403 @@
+"""What the loop of a search keeps: its operands, its buffers, the integers of each lane, and how they are read and written."""
+
+from __future__ import annotations
+
+import math
+
+from ..ir.loops import ALLOWED, ATTEMPTS, PLACES, TIMES, Search
+from ..ir.program import Port, Program
+from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, spoiling, take
+from .ir_builder import LlvmWriter
+from .target_machine import Precision
+
+NONE = 1 << 62
+"""The number of an attempt that there is not."""
+
+OF_SAMPLE, OF_LANE = ("sample", "next", "winner", "flying", "nearest"), ("attempt", "times")
+"""Integers kept for each lane. Those of a sample are its lane's, or the first lane's where all have the same sample."""
+
+X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, SAID = range(8)
+"""Buffers; those of inputs follow."""
+
+
+class SearchState:
+    """Where everything is while a loop runs."""
+
+    def __init__(self, search: Search, w: LlvmWriter, frame: int) -> None:
+        self.s, self.w, self.frame = search, w, frame
+        self.bytes = w.precision.bytes
+        x, passed = search.program.outputs
+        self.ports = [x, passed, search.program.inputs[-1], x, passed, passed, Port("far", (PLACES,)), search.said]
+        self.ports += search.inputs
+        self.samples = ""
+        """How many there are."""
+        self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
+
+    # ── what there is ──
+
+    def operands(self) -> None:
+        """Where arrays begin, their strides, and whether their rows have no gaps."""
+        w, ports = self.w, [*self.s.inputs, *self.s.outputs]
+        self.bases: list[str] = []
+        self.strides: list[Step] = []
+        self.plain: list[str] = []
+        following = 8 * len(ports)
+        for k, port in enumerate(ports):
+            self.bases.append(w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8"))
+            outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
+            axes = range(len(port.shape))
+            inner = [w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in axes]
+            following += 8 * len(port.shape)
+            self.strides.append((outer, inner))
+            plain, expected = "true", self.bytes
+            for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
+                plain = self.both(plain, f"icmp eq i64 {stride}, {expected}")
+                expected *= length
+            self.plain.append(plain)
+
+    def room(self) -> str:
+        """Find room for all buffers; returns what is to be freed."""
+        w, taken = self.w, ""
+        w.after = "entry"
+        self.counts = w.new(f"alloca [{len(OF_SAMPLE + OF_LANE) * w.lanes} x i64], align {LINE}")
+        self.queue, self.working, self.found = (w.new("alloca i64, align 8") for _ in range(3))
+        self.least = w.new(f"alloca {w.element}, align 8")
+        if self.large:
+            sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
+            spoiled = [
+                (self.bases[k], port.shape, self.strides[k])
+                for k, port in enumerate(self.s.outputs, len(self.s.inputs))
+            ]
+            taken, w.after, (*self.buffers, self.frame_room) = take(w, sizes, self.samples, spoiled)
+        else:
+            self.buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
+            self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
+        if self.frame:
+            w.do(f"call void @prepare(ptr {self.frame_room})")
+        return taken
+
+    def tables(self) -> None:
+        """Find the settings and the places, without gaps."""
+        w = self.w
+        found = []
+        for k in range(2, len(self.s.inputs)):
+            buffer = self.buffers[SAID + 1 + k]
+            with w.when(w.new(f"xor i1 {self.plain[k]}, true")):
+                call_copy(w, "gather", buffer, self.bases[k], "1", self.s.inputs[k].shape, self.strides[k])
+            found.append(w.new(f"select i1 {self.plain[k]}, ptr {self.bases[k]}, ptr {buffer}"))
+        self.settings, self.places, self.reached = found
+        self.most_times, self.most_attempts = (
+            w.new(f"fptosi {w.element} {self.number(self.settings, k)} to i64") for k in (TIMES, ATTEMPTS)
+        )
+
+    # ── pieces ──
+
+    def place(self, name: str, lane: str) -> str:
+        """Where the integer of a lane is."""
+        names = OF_SAMPLE + OF_LANE
+        first = self.w.at(self.counts, names.index(name) * self.w.lanes * 8)
+        return self.w.at(first, self.w.new(f"mul i64 {lane}, 8"))
+
+    def count(self, name: str, lane: str) -> str:
+        """The integer of a lane."""
+        return self.w.new(f"load i64, ptr {self.place(name, lane)}, align 8")
+
+    def put(self, name: str, lane: str, value: str | int) -> None:
+        """Set the integer of a lane."""
+        self.w.do(f"store i64 {value}, ptr {self.place(name, lane)}, align 8")
+
+    def row(self, which: int, lane: str) -> str:
+        """Where the row of a lane begins in a buffer."""
+        return self.w.at(self.buffers[which], self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}"))
+
+    def number(self, place: str, entry: int) -> str:
+        """An entry of a row."""
+        return self.w.new(f"load {self.w.element}, ptr {self.w.at(place, entry * self.bytes)}, align {self.bytes}")
+
+    def store(self, place: str, entry: int, value: str) -> None:
+        """Set an entry of a row."""
+        self.w.do(f"store {self.w.element} {value}, ptr {self.w.at(place, entry * self.bytes)}, align {self.bytes}")
+
+    def move(self, there: str, here: str, count: int, align: int = 0) -> None:
+        """Copy so many bytes."""
+        align = align or self.bytes
+        target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
+        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
+
+    def clear(self, buffer: str, port: Port) -> None:
+        """Fill a buffer with zeros."""
+        w, size = self.w, self.w.lanes * self.bytes
+        with w.loop(str(port.size), w.after) as k:
+            w.do(f"store {w.vector} zeroinitializer, ptr {w.at(buffer, w.new(f'mul i64 {k}, {size}'))}, align {size}")
+
+    def either(self, condition: str, a: str | int, b: str | int) -> str:
+        """One of two integers."""
+        return self.w.new(f"select i1 {condition}, i64 {a}, i64 {b}")
+
+    def both(self, *conditions: str) -> str:
+        """Whether all hold; each is a value, or an instruction that gives one."""
+        found = "true"
+        for one in conditions:
+            value = self.w.new(one) if " " in one else one
+            found = value if found == "true" else self.w.new(f"and i1 {found}, {value}")
+        return found
+
+    def copied_in(self, k: int, there: str, sample: str) -> None:
+        """One sample of an input, to a row."""
+        w, port = self.w, self.s.inputs[k]
+        here = w.at(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
+        with w.when(self.plain[k]):
+            self.move(there, here, port.size * self.bytes)
+        with w.when(w.new(f"xor i1 {self.plain[k]}, true")):
+            call_copy(w, "gather", there, here, "1", port.shape, self.strides[k])
+
+    def copied_out(self, k: int, here: str, sample: str) -> None:
+        """A row, to one sample of a result."""
+        w, port, number = self.w, self.s.outputs[k], len(self.s.inputs) + k
+        there = w.at(self.bases[number], w.new(f"mul i64 {sample}, {self.strides[number][0]}"))
+        with w.when(self.plain[number]):
+            self.move(there, here, port.size * self.bytes)
+        with w.when(w.new(f"xor i1 {self.plain[number]}, true")):
+            call_copy(w, "scatter", here, there, "1", port.shape, self.strides[number])
+
+
+# ── The loop of a search: every lane makes an attempt of its own, and takes another when that has ended
+
+# With many samples each lane has one, and makes its attempts one after the other; with few, all lanes make attempts of one
+# sample side by side. Which attempt wins is the same: the first, in the order of starts, that is there; so attempts after one
+# that is there are given up, and those before it are waited for. The shape is that of :mod:`.batch_loop`; settings and places
+# are those of the first sample.
+
+
+def search_over(search: Search) -> Loop:
+    """What makes the loop of a search around its program's blocks."""
+
+    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+        loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
+        loop.write()
+        w = loop.w
+        tables = {"begins": search.begins, "least": search.least, "most": search.most}
+        return "\n".join(
+            [
+                copying("gather", precision, 1, inward=True),
+                copying("scatter", precision, 1, inward=False),
+                *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
+                "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)",
+                *(f"@{table} = internal constant {_constant(w, numbers)}" for table, numbers in tables.items()),
+                f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
+                *w.lines,
+                "  ret void\n}\n",
+            ]
+        )
+
+    return made
+
+
+def _constant(w: LlvmWriter, numbers: tuple[float, ...]) -> str:
+    listed = ", ".join(f"{w.element} {w.number(x)}" for x in numbers)
+    return f"[{len(numbers)} x {w.element}] [{listed}], align {LINE}"
+
+
+class _Attempts(SearchState):
+    """The body of one loop."""
+
+    def write(self) -> None:
+        """Everything between the loop's head and its return."""
+        w, lanes = self.w, str(self.w.lanes)
+        self.samples = w.new("load i64, ptr %dims, align 8")
+        self.operands()
+        taken = self.room()
+        self.tables()
+        few = w.new(f"icmp slt i64 {self.samples}, {w.lanes // 2}")
+        self.own = self.either(few, 0, 1)
+        if w.lanes > 1:
+            for k in (X, PASSED, GIVEN):  # lanes that never get work compute, too
+                self.clear(self.buffers[k], self.ports[k])
+        with w.loop(lanes, w.after) as lane:
+            for name, value in (("sample", -1), ("next", NONE), ("winner", NONE), ("flying", 0), ("attempt", -1)):
+                self.put(name, lane, value)
+        w.do(f"store i64 0, ptr {self.queue}, align 8")
+        head, body, found = w.label("search"), w.label("step"), w.label("found")
+        w.do(f"br label %{head}")
+        w.begin(head)
+        w.do(f"store i64 0, ptr {self.working}, align 8")
+        with w.loop(lanes, head) as lane:
+            self._begin(lane)
+        working = w.new(f"load i64, ptr {self.working}, align 8")
+        w.do(f"br i1 {w.new(f'icmp sgt i64 {working}, 0')}, label %{body}, label %{found}")
+        w.begin(body)
+        x, passed, given, moved, passed_on = self.buffers[:BEST]
+        call_block(w, [x, x, passed, given, moved, passed_on, *([self.frame_room] if self.frame else [])])
+        self.move(x, moved, buffer_size(w, self.ports[X]), LINE)
+        self.move(passed, passed_on, buffer_size(w, self.ports[PASSED]), LINE)
+        with w.loop(lanes, body) as lane:
+            self._end(lane)
+        w.do(f"br label %{head}")
+        w.begin(found)
+        if taken:
+            w.do(f"call void @free(ptr {taken})")
+
+    # ── attempts ──
+
+    def _begin(self, lane: str) -> None:
+        """Give a lane without work an attempt: of its sample, or of another when that is done with."""
+        w = self.w
+        with w.when(w.new(f"icmp slt i64 {self.count('attempt', lane)}, 0")):
+            mine = w.new(f"mul i64 {lane}, {self.own}")
+            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NONE}")
+            more = self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")
+            idle = w.new(f"icmp eq i64 {self.count('flying', mine)}, 0")
+            with w.when(self.both(f"xor i1 {more}, true", idle)):
+                with w.when(w.new(f"icmp sge i64 {self.count('sample', mine)}, 0")):
+                    self._say(mine)
+                self._take(mine)
+            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NONE}")
+            with w.when(self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")):
+                self._start(lane, mine)
+        with w.when(w.new(f"icmp sge i64 {self.count('attempt', lane)}, 0")):
+            w.do(f"store i64 1, ptr {self.working}, align 8")
+
+    def _take(self, mine: str) -> None:
+        """The next sample, if there is one."""
+        w = self.w
+        sample = w.new(f"load i64, ptr {self.queue}, align 8")
+        there = w.new(f"icmp slt i64 {sample}, {self.samples}")
+        self.put("sample", mine, self.either(there, sample, -1))
+        self.put("next", mine, self.either(there, 0, NONE))
+        self.put("winner", mine, NONE)
+        self.put("nearest", mine, NONE)
+        w.do(f"store i64 {self.either(there, w.new(f'add i64 {sample}, 1'), sample)}, ptr {self.queue}, align 8")
+
+    def _start(self, lane: str, mine: str) -> None:
+        """The next attempt of a sample."""
+        w = self.w
+        sample, attempt = self.count("sample", mine), self.count("next", mine)
+        self.put("attempt", lane, attempt)
+        self.put("times", lane, 0)
+        self.put("next", mine, w.new(f"add i64 {attempt}, 1"))
+        self.put("flying", mine, w.new(f"add i64 {self.count('flying', mine)}, 1"))
+        given, x, passed = (self.row(k, lane) for k in (GIVEN, X, PASSED))
+        self.copied_in(0, given, sample)
+        size = self.s.target.size * self.bytes
+        rest = self.ports[GIVEN].size * self.bytes - size
+        self.move(w.at(given, size), w.at(self.settings, ALLOWED * self.bytes), rest)
+        with w.when(w.new(f"icmp eq i64 {attempt}, 0")):
+            self.copied_in(1, x, sample)
+            self._bring_inside(x)
+        with w.when(w.new(f"icmp eq i64 {attempt}, 1")):
+            self._distances(given, mine)
+        with w.when(w.new(f"icmp sgt i64 {attempt}, 0")):
+            nearest = self._nearest(mine)
+            size = self.ports[X].size * self.bytes
+            self.move(x, w.at(self.places, w.new(f"mul i64 {nearest}, {size}")), size)
+        size = self.ports[X].size * self.bytes
+        self.move(passed, x, size)
+        self.move(w.at(passed, size), "@begins", len(self.s.begins) * self.bytes)
+
+    def _bring_inside(self, x: str) -> None:
+        """Entries of x that are less than their least, or more than their most, become that."""
+        w, e = self.w, self.w.element
+        with w.loop(str(self.s.x.size), w.after) as k:
+            offset = w.new(f"mul i64 {k}, {self.bytes}")
+            place = w.at(x, offset)
+            value = self.number(place, 0)
+            for table, order in (("@least", "olt"), ("@most", "ogt")):
+                bound = self.number(w.at(table, offset), 0)
+                beyond = w.new(f"fcmp {order} {e} {value}, {bound}")
+                value = w.new(f"select i1 {beyond}, {e} {bound}, {e} {value}")
+            self.store(place, 0, value)
+
+    def _distances(self, target: str, mine: str) -> None:
+        """How far the places are from where a sample wants to be."""
+        w = self.w
+        far, first = self.row(FAR, mine), ALLOWED + self.ports[GIVEN].size - self.s.target.size
+        pairs = [
+            [
+                f"{w.vector} {self._everywhere(self.number(*there))}"
+                for there in ((target, entry), (self.settings, first + k))
+            ]
+            for k, entry in enumerate(self.s.near)
+        ]
+        with w.loop(str(PLACES // w.lanes), w.after) as k:
+            offset, total = w.new(f"mul i64 {k}, {w.lanes * self.bytes}"), w.splat(0.0)
+            for entry, (wanted, weight) in enumerate(pairs):
+                place = w.at(w.at(self.reached, entry * PLACES * self.bytes), offset)
+                gap = w.new(f"fsub {wanted}, {w.new(f'load {w.vector}, ptr {place}, align {self.bytes}')}")
+                total = w.binary("fadd", total, w.new(f"fmul {weight}, {w.binary('fmul', gap, gap)}"))
+            w.do(f"store {w.vector} {total}, ptr {w.at(far, offset)}, align {self.bytes}")
+
+    def _everywhere(self, number: str) -> str:
+        w = self.w
+        one = w.new(f"insertelement {w.vector} poison, {w.element} {number}, i32 0")
+        return w.shuffle(one, one, [0] * w.lanes)
+
+    def _nearest(self, mine: str) -> str:
+        """The number of the nearest place that is left; it is not left any more."""
+        w = self.w
+        far = self.row(FAR, mine)
+        found, least = self.found, self.least
+        w.do(f"store i64 0, ptr {found}, align 8")
+        w.do(f"store {w.element} {w.number(math.inf)}, ptr {least}, align 8")
+        with w.loop(str(PLACES), w.after) as k:
+            this = w.new(f"load {w.element}, ptr {w.at(far, w.new(f'mul i64 {k}, {self.bytes}'))}, align {self.bytes}")
+            before = w.new(f"load {w.element}, ptr {least}, align 8")
+            nearer = w.new(f"fcmp olt {w.element} {this}, {before}")
+            w.do(
+                f"store {w.element} {w.new(f'select i1 {nearer}, {w.element} {this}, {w.element} {before}')}, ptr {least}"
+            )
+            w.do(f"store i64 {self.either(nearer, k, w.new(f'load i64, ptr {found}, align 8'))}, ptr {found}, align 8")
+        nearest = w.new(f"load i64, ptr {found}, align 8")
+        place = w.at(far, w.new(f"mul i64 {nearest}, {self.bytes}"))
+        w.do(f"store {w.element} {w.number(math.inf)}, ptr {place}, align {self.bytes}")
+        return nearest
+
+    def _end(self, lane: str) -> None:
+        """See whether the attempt of a lane has ended, and what it found."""
+        w = self.w
+        attempt = self.count("attempt", lane)
+        with w.when(w.new(f"icmp sge i64 {attempt}, 0")):
+            mine = w.new(f"mul i64 {lane}, {self.own}")
+            times = w.new(f"add i64 {self.count('times', lane)}, 1")
+            self.put("times", lane, times)
+            winner = self.count("winner", mine)
+            late = w.new(f"icmp sgt i64 {attempt}, {winner}")
+            passed = self.row(PASSED, lane)
+            goes = self.number(passed, self.ports[PASSED].size - 1)
+            goes = w.new(f"fcmp ogt {w.element} {goes}, {w.number(0.0)}")
+            further = self.both(goes, f"icmp slt i64 {times}, {self.most_times}", f"xor i1 {late}, true")
+            with w.when(w.new(f"xor i1 {further}, true")):
+                self.put("attempt", lane, -1)
+                self.put("flying", mine, w.new(f"sub i64 {self.count('flying', mine)}, 1"))
+                with w.when(w.new(f"xor i1 {late}, true")):
+                    self._compare(mine, attempt, passed)
+
+    def _compare(self, mine: str, attempt: str, passed: str) -> None:
+        """Keep what an attempt found if it is there, or nearer than all before; of two as near, the earlier."""
+        w = self.w
+        there, cost = self.number(passed, self.s.x.size), self.number(passed, self.s.x.size + 1)
+        ends = w.new(f"fcmp one {w.element} {there}, {w.number(0.0)}")
+        self.put("winner", mine, self.either(ends, attempt, self.count("winner", mine)))
+        best = self.row(BEST, mine)
+        least, nearest = self.number(best, self.s.x.size + 1), self.count("nearest", mine)
+        known = f"fcmp ord {w.element} {cost}, {cost}"
+        nearer = self.both(known, f"fcmp ult {w.element} {cost}, {least}")  # than NaN, too
+        same = self.both(f"fcmp oeq {w.element} {cost}, {least}", f"icmp slt i64 {attempt}, {nearest}")
+        first = w.new(f"icmp eq i64 {nearest}, {NONE}")
+        better = ends
+        for one in (nearer, same, first):
+            better = w.new(f"or i1 {better}, {one}")
+        with w.when(better):
+            self.put("nearest", mine, attempt)
+            self.move(best, passed, self.ports[PASSED].size * self.bytes)
+
+    def _say(self, mine: str) -> None:
+        """Hand over what was found for a sample."""
+        w = self.w
+        sample, winner, best = self.count("sample", mine), self.count("winner", mine), self.row(BEST, mine)
+        none = w.new(f"icmp eq i64 {winner}, {NONE}")
+        starts = self.either(none, self.count("next", mine), w.new(f"add i64 {winner}, 1"))
+        said = self.row(SAID, mine)
+        self.store(said, 0, w.new(f"sitofp i64 {starts} to {w.element}"))
+        self.move(w.at(said, self.bytes), w.at(best, self.s.x.size * self.bytes), (self.s.said.size - 1) * self.bytes)
+        self.copied_out(0, best, sample)
+        self.copied_out(1, said, sample)

@@ -1,0 +1,241 @@
+"""Where a long program is cut, and where values that cross a cut are kept: a frame of vectors in memory.
+
+One function per part keeps the compiler's time linear in the length of the program. The frame begins with all entries of the
+results, in order; slots for the other values that a later part uses follow, each used again once its value is spent. Inputs
+and constants are not kept: every part takes them from where they are.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
+
+from ..ir.loops import ColumnGroups
+from ..ir.program import Program
+from .ir_builder import LlvmWriter
+from .vector_transpose import RowStorer
+
+AT_HAND = ("const", "input")
+"""What any part can take from where it is."""
+
+
+@dataclass(frozen=True)
+class SpillFrame:
+    """A program, cut into parts of about ``length`` instructions."""
+
+    program: Program
+    length: int
+
+    @cached_property
+    def starts(self) -> list[int]:
+        """The first instruction of each part, and the end; within half a length of even cuts, where the fewest values live."""
+        end = len(self.program.instructions)
+        born_and_dead = [0] * (end + 1)
+        for number, last in enumerate(self._last):
+            if last:
+                born_and_dead[number + 1] += 1
+                born_and_dead[last + 1] -= 1
+        living = list(accumulate(born_and_dead))
+        starts = [0]
+        while end - starts[-1] > self.length * 3 // 2:
+            low, high = starts[-1] + self.length // 2, starts[-1] + self.length * 3 // 2
+            starts.append(min(range(low, high), key=living.__getitem__))
+        return [*starts, end]
+
+    @cached_property
+    def _last(self) -> list[int]:
+        """The last instruction that uses each value; 0 of those nobody uses and those at hand."""
+        instructions = self.program.instructions
+        last = [0] * len(instructions)
+        for number, (_, args, _) in enumerate(instructions):
+            for a in args:
+                if instructions[a].op not in AT_HAND:
+                    last[a] = number
+        return last
+
+    @cached_property
+    def entries(self) -> dict[int, list[int]]:
+        """The entries of the results that each instruction makes, but for constants."""
+        entries: dict[int, list[int]] = {}
+        for k, result in enumerate(self.program.results):
+            if self.program.instructions[result].op != "const":
+                entries.setdefault(result, []).append(k)
+        return entries
+
+    @cached_property
+    def constants(self) -> list[tuple[int, int, float]]:
+        """Runs of entries that are one constant: the first, how many, and the value."""
+        runs: list[tuple[int, int, float]] = []
+        for k, result in enumerate(self.program.results):
+            op, _, value = self.program.instructions[result]
+            if op == "const":
+                if runs and runs[-1][0] + runs[-1][1] == k and runs[-1][2] == value:
+                    runs[-1] = runs[-1][0], runs[-1][1] + 1, value
+                else:
+                    runs.append((k, 1, value))
+        return runs
+
+    @cached_property
+    def homes(self) -> dict[int, int]:
+        """Where each value that a later part uses is kept: as an entry of the results if it is one, else in a slot."""
+        homes: dict[int, int] = {}
+        free: list[int] = []
+        spent: dict[int, list[int]] = {}
+        size = len(self.program.results)
+        for part, (first, end) in enumerate(pairwise(self.starts)):
+            for number in range(first, end):
+                last = self._last[number]
+                if last < end:
+                    continue
+                if number in self.entries:
+                    homes[number] = self.entries[number][0]
+                    continue
+                if not free:
+                    free.append(size)
+                    size += 1
+                homes[number] = free.pop()
+                spent.setdefault(bisect_right(self.starts, last) - 1, []).append(homes[number])
+            free.extend(spent.pop(part, ()))  # not before: the part may read the old value after it has made a new one
+        return homes
+
+    @cached_property
+    def size(self) -> int:
+        """Vectors."""
+        return max([len(self.program.results), *(home + 1 for home in self.homes.values())])
+
+
+# ── The frame of a long program, as text: vectors read and written, constant results put in, rows of results made of it
+
+
+def _at(w: LlvmWriter, home: int | str, base: str) -> str:
+    """The place of a vector of the frame."""
+    size = w.lanes * w.precision.bytes
+    return w.at(base, home * size if isinstance(home, int) else w.new(f"mul i64 {home}, {size}"))
+
+
+def load_home(w: LlvmWriter, home: int | str, base: str = "%frame") -> str:
+    """A vector from its place in the frame, or behind another ``base`` in it."""
+    return w.new(f"load {w.vector}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
+
+
+def store_home(w: LlvmWriter, value: str, home: int | str, base: str = "%frame") -> None:
+    """A vector to its place."""
+    w.do(f"store {w.vector} {value}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
+
+
+def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
+    """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
+
+    Takes the label control comes from and returns the one it is in afterwards. ``zeros``: a table as :func:`zero_tiles` makes.
+    """
+    whole = RowStorer(w, base, columns)
+    if not whole.starts:  # too narrow for tiles
+        for c in range(columns):
+            whole.put(c, load_home(w, entry + c))
+        return label
+    with w.loop(str(columns // whole.span), label) as tile:
+        first = w.new(f"mul i64 {tile}, {whole.span}")
+        if zeros:
+            full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
+            nothing = w.new(f"load i1, ptr {w.at(f'@{zeros}', tile)}, align 1")
+            w.do(f"br i1 {nothing}, label %{empty}, label %{full}")
+            w.begin(empty)
+            place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
+            RowStorer(w, place, columns).clear()
+            w.do(f"br label %{stored}")
+            w.begin(full)
+        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
+        if zeros:
+            w.do(f"br label %{stored}")
+            w.begin(stored)
+    label = w.after
+    if columns % whole.span:
+        last = columns - whole.span
+        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
+    return label
+
+
+def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
+    """A table of which tiles of a row are all zeros; empty if none is."""
+    tiles = [all(zero[k : k + span]) for k in range(0, len(zero) - span + 1, span)]
+    if not any(tiles):
+        return ""
+    return f"@{name} = internal constant [{len(tiles)} x i8] [{', '.join(f'i8 {int(t)}' for t in tiles)}]"
+
+
+def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> None:
+    place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
+    storer = RowStorer(w, place, columns)
+    for c in range(storer.span):
+        storer.put(c, load_home(w, w.new(f"add i64 {entry}, {c}")))
+
+
+def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
+    """Put constant entries of the results into the frame; the blocks of a call leave them alone. ``w`` is a fresh one."""
+    label = "entry"
+    for first, count, value in constants:
+        with w.loop(str(count), label) as k:
+            store_home(w, w.splat(value), w.new(f"add i64 {k}, {first}"))
+        label = w.after
+    body = "\n".join(w.lines)
+    return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+# ── Where sections keep values: all in the frame, or for blocks of one lane the entries of results in the rows themselves
+
+WIDEST_STORE = 64
+"""Bytes of constants that are written at once."""
+
+
+class FramePlaces:
+    """Every home is a vector of the frame."""
+
+    pointer = "ptr noalias"
+    """A pointer's type: where it shares memory with no other, loads are moved before stores."""
+
+    def __init__(self, columns: ColumnGroups) -> None:
+        self.inputs = len(columns.inputs)
+
+    @property
+    def pointers(self) -> list[str]:
+        """What a section takes: the inputs, and the frame."""
+        return [*(f"%a{k}" for k in range(self.inputs)), "%frame"]
+
+    def place(self, home: int) -> tuple[int, str]:
+        """The number of a home, and the pointer from which it is counted."""
+        return home, "%frame"
+
+
+class RowPlaces(FramePlaces):
+    """The homes of entries of results are the entries, where a vector is one number; the frame has the others."""
+
+    pointer = "ptr"
+    """Loads of results that were moved before stores would take registers for longer, which one lane wants for itself."""
+
+    def __init__(self, columns: ColumnGroups) -> None:
+        super().__init__(columns)
+        self.starts = [0, *accumulate(port.size for port in columns.outputs)]
+
+    @property
+    def pointers(self) -> list[str]:
+        """What a section takes: the inputs, the results, and the frame."""
+        return [*(f"%a{k}" for k in range(self.inputs + len(self.starts) - 1)), "%frame"]
+
+    def place(self, home: int) -> tuple[int, str]:
+        """The number of a home, and the pointer from which it is counted."""
+        result = bisect_right(self.starts, home) - 1
+        return home - self.starts[result], "%frame" if home >= self.starts[-1] else f"%a{self.inputs + result}"
+
+    def fill(self, w: LlvmWriter, first: int, count: int, value: float) -> None:
+        """Store a constant in so many homes from ``first`` on."""
+        size, end = w.precision.bytes, first + count
+        while first < end:
+            number, base = self.place(first)
+            nearest = min((start - first for start in self.starts if start > first), default=count)
+            together = min(end - first, nearest, WIDEST_STORE // size)
+            constant = f"splat ({w.element} {w.number(value)})"
+            w.do(f"store <{together} x {w.element}> {constant}, ptr {w.at(base, number * size)}, align {size}")
+            first += together

@@ -1,0 +1,230 @@
+"""What LLVM says of itself and of the processor at hand, kept on disk.
+
+Loading LLVM takes longer than all else that precedes a result from the cache, and all that is wanted of it then is these
+four lines. Where it is loaded, it is asked itself.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import struct
+import sys
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ..core import object_cache as disk
+from ..errors import ValueRangeError
+
+LOOP = "loop"
+"""Name of the function that has the shape of a ufunc's inner loop."""
+
+
+class CompilerFacts(NamedTuple):
+    """LLVM and the processor it runs on, in LLVM's words."""
+
+    version: str
+    triple: str
+    """What it makes code for."""
+    cpu: str
+    features: str
+    """Of the processor: each name behind a ``+`` if it is there, else behind a ``-``."""
+
+    @property
+    def present(self) -> frozenset[str]:
+        """The features that are there."""
+        return frozenset(name[1:] for name in self.features.split(",") if name.startswith("+"))
+
+
+def compiler() -> CompilerFacts:
+    """LLVM's own words where it is loaded; else those it said before, with this processor, if they were kept."""
+    return _asked() if "llvmlite.binding" in sys.modules else _kept()
+
+
+def _asked() -> CompilerFacts:
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten()
+    triple = llvm.get_process_triple()
+    if sys.platform == "win32" and not triple.endswith("-elf"):
+        triple += "-elf"  # the calling convention of Windows in object files that our loader reads
+    return CompilerFacts(str(llvm.llvm_version_info), triple, llvm.get_host_cpu_name(), features)
+
+
+@cache
+def _kept() -> CompilerFacts:
+    about = _processor()
+    if about is None:
+        return _asked()
+    key = disk.digest("compiler", *_llvmlite(), about).hex()
+    words = (disk.load(key) or b"").decode().split("\n")
+    if len(words) == len(CompilerFacts._fields):
+        return CompilerFacts(*words)
+    found = _asked()
+    disk.store(key, "\n".join(found).encode())
+    return found
+
+
+def _llvmlite() -> list[str]:
+    """Which llvmlite there is: its version, and size and time of its libraries."""
+    import llvmlite
+
+    folder = Path(str(llvmlite.__file__)).parent / "binding"
+    stats = [path.stat() for path in sorted(folder.glob("*llvmlite*"))]
+    return [llvmlite.__version__, *(f"{s.st_size} {s.st_mtime_ns}" for s in stats)]
+
+
+_CPUINFO = Path("/proc/cpuinfo")
+_OF_A_CORE = ("processor", "cpu MHz", "core id", "apicid", "initial apicid", "physical id", "bogomips", "BogoMIPS")
+"""What the system says of one core, or of one moment."""
+
+
+def _processor() -> str | None:
+    """What tells this processor from others; None where the system has no short way to say it.
+
+    The system's words are those of the machine; NumPy asks the processor itself, which an emulator may lend fewer features.
+    """
+    from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
+
+    seen: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
+    try:
+        with _CPUINFO.open("rb", buffering=0) as file:
+            text = (file.read(8192) or b"").decode("utf-8", "replace")
+    except OSError:
+        return None
+    first, end, _ = text.partition("\n\n")  # the first core
+    lines = [line for line in first.splitlines() if line.partition(":")[0].strip() not in _OF_A_CORE]
+    if not (end and seen and any(line.startswith(("flags", "Features")) for line in lines)):
+        return None
+    return "\n".join([platform.machine(), *lines, *(name for name, there in seen.items() if there)])
+
+
+# ── The processor code is made for: its name, its features, the width of its vectors, and whether it fuses
+
+# That is the processor at hand, or a lesser one named by ``TWISTWRENCH_CPU``, for one code on all machines of a cluster.
+
+VARIABLE = "TWISTWRENCH_CPU"
+
+
+@dataclass(frozen=True)
+class Precision:
+    """A floating-point type: LLVM's name for it, its size, and the letters NumPy uses."""
+
+    llvm: str
+    bytes: int
+    char: str
+    mantissa: int
+    """Stored bits of the significand."""
+
+    @property
+    def bits(self) -> int:
+        """Size in bits."""
+        return 8 * self.bytes
+
+    def rounded(self, value: float) -> float:
+        """The nearest number; infinity for what is beyond the largest, as NumPy rounds it."""
+        try:
+            return float(struct.unpack(self.char, struct.pack(self.char, value))[0])
+        except OverflowError:
+            return math.copysign(math.inf, value)
+
+    def pattern(self, value: float) -> int:
+        """The bits of the nearest number as a signed integer; those of positive numbers order like the numbers."""
+        return int.from_bytes(struct.pack(f"<{self.char}", self.rounded(value)), "little", signed=True)
+
+
+DOUBLE = Precision("double", 8, "d", 52)
+SINGLE = Precision("float", 4, "f", 23)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the compiler is told about a processor."""
+
+    triple: str
+    cpu: str
+    features: str
+    vector_bits: int
+    fused: bool = True
+    """Whether it multiplies and adds with one rounding. Where not, code rounds twice: emulating it takes hundreds of cycles."""
+
+    def narrowed(self, bits: int) -> Machine:
+        """The same with vectors of so many bits."""
+        return replace(self, vector_bits=bits)
+
+    def lanes(self, precision: Precision) -> int:
+        """Samples computed side by side."""
+        return self.vector_bits // precision.bits
+
+
+X86_LEVELS = {
+    "x86-64": ("sse2",),
+    "x86-64-v2": ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"),
+    "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"),
+    "x86-64-v4": ("avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"),
+}
+"""The levels of the x86-64 psABI, by LLVM's names: what each adds to the one before."""
+
+
+@cache
+def host() -> Machine:
+    """The processor this process runs on."""
+    about = compiler()
+    return _machine(about.triple, about.cpu, about.features, about.present)
+
+
+def choices() -> dict[str, Machine]:
+    """What ``TWISTWRENCH_CPU`` may name here: processors whose code this one runs, the host first."""
+    triple = host().triple
+    found = {"host": host()}
+    if _is_x86(triple):
+        present: frozenset[str] = frozenset()
+        for name, added in X86_LEVELS.items():
+            present |= {*added}
+            if not _lacking(name):
+                found[name] = _machine(triple, name, "", present)
+    elif triple.startswith(("aarch64", "arm64")):
+        found["armv8-a"] = _machine(triple, "generic", "", frozenset())
+    return found
+
+
+def chosen() -> Machine:
+    """The processor that code is made for: the host, or what ``TWISTWRENCH_CPU`` names.
+
+    Raises ValueRangeError for a name that means nothing, or a processor whose code this one cannot run.
+    """
+    name = os.environ.get(VARIABLE, "").strip().lower() or "host"
+    if name == "host":
+        return host()
+    allowed = choices()
+    if name not in allowed:
+        lacking = _lacking(name) if name in X86_LEVELS and _is_x86(host().triple) else []
+        why = f" {name} wants {', '.join(lacking)}." if lacking else ""
+        raise ValueRangeError(
+            f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{why}"
+            f" Allowed here: {', '.join(allowed)}."
+        )
+    return allowed[name]
+
+
+def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
+    """The widest vectors those features have; SSE2, NEON or their equal is in every 64-bit processor LLVM serves."""
+    if {"avx512f", "avx512dq"} <= present:
+        wide = ",".join(filter(None, [features, "-prefer-256-bit"]))
+        return Machine(triple, cpu, wide, 512)
+    fused = not _is_x86(triple) or bool({"fma", "fma4"} & present)
+    return Machine(triple, cpu, features, 256 if "avx" in present else 128, fused)
+
+
+def _is_x86(triple: str) -> bool:
+    return triple.startswith(("x86_64", "amd64", "i386", "i486", "i586", "i686"))
+
+
+def _lacking(level: str) -> list[str]:
+    """The features of an x86-64 level, and of those below it, that the host has not."""
+    present, names = compiler().present, list(X86_LEVELS)
+    wanted = [f for name in names[: names.index(level) + 1] for f in X86_LEVELS[name]]
+    return [f for f in wanted if f not in present]

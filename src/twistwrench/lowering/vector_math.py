@@ -1,0 +1,196 @@
+"""sin and cos in lanes: Cody–Waite reduction, minimax polynomials, and a correct path for huge angles.
+
+With a fused multiply–add, ``x - k π/2`` by the leading part of π/2 is exact as long as the result is below 1: both terms
+are multiples of the same small power of two. Two more parts leave an error below 1.5 units in the last place of the result
+up to :func:`limit`, near the zeros too. Beyond it each lane is first brought into ±π with the C library's sin, cos and
+atan2, which reduce correctly; the error is then 2.5 units of a result near 1 (tests/program/test_sincos.py measures all this).
+Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .ir_builder import LlvmWriter
+from .target_machine import Precision
+
+TWO_OVER_PI = 0.6366197723675814
+
+HALF_PI = {
+    64: (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33),
+    32: (1.5707963705062866, -4.371138828673793e-08, -1.7151244749032155e-15),
+}
+"""π/2 as a sum of numbers of the precision, by its bits."""
+HALF_PI_SHORT = {
+    64: (1.570796251296997, 7.549789415861596e-08, 5.39030083589187e-15, 2.0222659584103533e-21, 2.903855540388854e-28,
+         4.3359050650618903e-35),
+    32: (1.5703125, 0.00048065185546875, 3.1739473342895508e-06, 9.89530235528946e-10, 2.5579538487363607e-12,
+         5.390302953474238e-15),
+}  # fmt: skip
+"""The same for machines that do not fuse: all but the last are so short that k times them is exact up to the limit."""
+
+SINE = {
+    64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
+         8.33333333332211858878e-3, -1.66666666666666307295e-1),
+    32: (-1.9515295891e-4, 8.3321608736e-3, -1.6666654611e-1),
+}  # fmt: skip
+COSINE = {
+    64: (-1.13585365213876817300e-11, 2.08757008419747316778e-9, -2.75573141792967388112e-7, 2.48015872888517045348e-5,
+         -1.38888888888730564116e-3, 4.16666666666665929218e-2, -0.5, 1.0),
+    32: (2.443315711809948e-5, -1.388731625493765e-3, 4.166664568298827e-2, -0.5, 1.0),
+}  # fmt: skip
+
+
+def limit(precision: Precision) -> float:
+    """The largest angle the fast reduction is used for."""
+    return 2.0**30 if precision.bits == 64 else 2.0**15
+
+
+def limit_pattern(precision: Precision) -> int:
+    """The bits of the limit as an integer."""
+    return precision.pattern(limit(precision))
+
+
+def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
+    """Emit (sin x, cos x) of several angles within the limit, in lockstep; NaN and infinity give NaN.
+
+    Each step is done for all angles before the next: the processor finds independent work side by side, and a constant
+    is fetched once.
+    """
+    bits = w.precision.bits
+    magic = 1.5 * 2.0**w.precision.mantissa  # adding it leaves the nearest integer in the low bits
+    shifted = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]
+    turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
+    reduced = angles
+    for part in (HALF_PI if w.fused else HALF_PI_SHORT)[bits]:
+        reduced = [w.fma(k, w.splat(-part), r) for k, r in zip(turns, reduced, strict=True)]
+    squares = [w.binary("fmul", r, r) for r in reduced]
+    sines = _horner(w, SINE[bits], squares)
+    cubes = [w.binary("fmul", r, r2) for r, r2 in zip(reduced, squares, strict=True)]
+    sines = [w.fma(s, r3, r) for s, r3, r in zip(sines, cubes, reduced, strict=True)]
+    cosines = _horner(w, COSINE[bits], squares)
+    return [_quadrant(w, *triple) for triple in zip(shifted, sines, cosines, strict=True)]
+
+
+def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
+    values = [w.splat(coefficients[0])] * len(points)
+    for c in coefficients[1:]:
+        values = [w.fma(value, x, w.splat(c)) for value, x in zip(values, points, strict=True)]
+    return values
+
+
+def _quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
+    """Swap and turn signs by the quarter turns in the low bits of ``shifted``."""
+    bits = w.precision.bits
+    quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
+    # Moved to the sign's place: bit 0, whether to swap; bit 1, the sign of sin; their difference, the sign of cos.
+    low = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
+    high = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
+    odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
+    both = w.new(f"xor {w.integer} {low}, {high}")
+    return _flip(w, w.select(odd, cosine, sine), high), _flip(w, w.select(odd, sine, cosine), both)
+
+
+def _flip(w: LlvmWriter, value: str, sign: str) -> str:
+    """``value`` with its sign turned where the top bit of ``sign`` is set."""
+    top = w.new(f"and {w.integer} {sign}, {w.bits(-(1 << (w.precision.bits - 1)))}")
+    pattern = w.new(f"bitcast {w.vector} {value} to {w.integer}")
+    pattern = w.new(f"xor {w.integer} {pattern}, {top}")
+    return w.new(f"bitcast {w.integer} {pattern} to {w.vector}")
+
+
+def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
+    """Emit the check for huge angles: one branch, taken only if some lane of some angle needs it.
+
+    Takes the label control comes from; returns the angles to use and the label control is in afterwards.
+    """
+    bound, huge = w.bits(limit_pattern(w.precision)), None
+    for x in angles:  # compared as integers, which order like the sizes; a comparison of NaNs would raise a flag
+        size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
+        over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
+        huge = over if huge is None else w.new(f"or {w.mask} {huge}, {over}")
+    some = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
+    some = w.new(f"icmp ne i{w.lanes} {some}, 0")
+    far, near = w.label("far"), w.label("near")
+    w.do(f'br i1 {some}, label %{far}, label %{near}, !prof !{{!"branch_weights", i32 1, i32 100000}}')
+    w.begin(far)
+    wrapped = [w.new(f"call {w.vector} @{_wrapper_name(w)}({w.vector} {x})") for x in angles]
+    w.do(f"br label %{near}")
+    w.begin(near)
+    merged = [w.new(f"phi {w.vector} [{x}, %{block}], [{y}, %{far}]") for x, y in zip(angles, wrapped, strict=True)]
+    return merged, near
+
+
+def _wrapper_name(w: LlvmWriter) -> str:
+    return f"wrap.{w.suffix}"
+
+
+def wrapper(precision: Precision, lanes: int) -> str:
+    """The function :func:`wrap` calls: each lane beyond the limit is replaced by its equal within ±π."""
+    w = LlvmWriter(precision, lanes)
+    double = "double"
+    result = "%x"
+    for lane in range(lanes):
+        x = w.new(f"extractelement {w.vector} %x, i32 {lane}")
+        wide = x if precision.bits == 64 else w.new(f"fpext {w.element} {x} to {double}")
+        sine = w.new(f"call {double} @sin({double} {wide})")
+        cosine = w.new(f"call {double} @cos({double} {wide})")
+        angle = w.new(f"call {double} @atan2({double} {sine}, {double} {cosine})")
+        if precision.bits == 32:
+            angle = w.new(f"fptrunc {double} {angle} to {w.element}")
+        size = w.new(f"call {w.element} @llvm.fabs.f{precision.bits}({w.element} {x})")
+        pattern = w.new(f"bitcast {w.element} {size} to i{precision.bits}")
+        over = w.new(f"icmp sgt i{precision.bits} {pattern}, {limit_pattern(precision)}")
+        value = w.new(f"select i1 {over}, {w.element} {angle}, {w.element} {x}")
+        result = w.new(f"insertelement {w.vector} {result}, {w.element} {value}, i32 {lane}")
+    body = "\n".join(w.lines)
+    head = f"define internal {w.vector} @{_wrapper_name(w)}({w.vector} %x) noinline cold"
+    return f"{head} {{\n{body}\n  ret {w.vector} {result}\n}}\n"
+
+
+# ── exp in lanes: x = k ln 2 + r, a Taylor polynomial in |r| ≤ ln 2 / 2, and k put into the exponent
+
+# Two parts of ln 2 leave r good to the last bit: the first has trailing zeros enough that its product with k is exact. The
+# polynomial's remainder is below a quarter unit in the last place; the whole is within one (tests/program/test_exp.py).
+# Results below the smallest normal number are 0, beyond the largest infinity; NaN stays NaN.
+
+LN2 = {
+    64: (6.93147180369123816490e-01, 1.90821492927058770002e-10),
+    32: (6.93359375e-01, -2.12194440054690583e-04),
+}
+"""ln 2 as a sum of a short number and the rest."""
+
+DEGREE = {64: 13, 32: 7}
+"""Where the next term of the series, at ln 2 / 2, is below a quarter unit in the last place."""
+
+
+def bounds(precision: Precision) -> tuple[float, float]:
+    """Arguments below the first give 0, above the second infinity: where results stop being normal numbers."""
+    largest = 1023 if precision.bits == 64 else 127
+    return (1.0 - largest) * math.log(2.0) * (1 - 1e-6), (largest + 1.0) * math.log(2.0) * (1 - 1e-6)
+
+
+def exp(w: LlvmWriter, x: str) -> str:
+    """Emit e**x. What is out of bounds, NaN included, is found by its bits: a comparison of numbers would raise flags."""
+    bits, mantissa = w.precision.bits, w.precision.mantissa
+    low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
+    negative = w.new(f"icmp slt {w.integer} {w.new(f'bitcast {w.vector} {x} to {w.integer}')}, {w.bits(0)}")
+    size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
+    most = w.new(f"select {w.mask} {negative}, {w.integer} {low}, {w.integer} {high}")
+    out = w.new(f"icmp sgt {w.integer} {size}, {most}")
+    inside = w.select(out, w.splat(0.0), x)
+    magic = 1.5 * 2.0**mantissa  # adding it leaves the nearest integer in the low bits
+    shifted = w.fma(inside, w.splat(1.0 / math.log(2.0)), w.splat(magic))
+    k = w.binary("fsub", shifted, w.splat(magic))
+    r = inside
+    for part in LN2[bits]:
+        r = w.fma(k, w.splat(-part), r)
+    value = w.splat(1.0 / math.factorial(DEGREE[bits]))
+    for n in reversed(range(DEGREE[bits])):
+        value = w.fma(value, r, w.splat(1.0 / math.factorial(n)))
+    power = w.new(f"shl {w.integer} {w.new(f'bitcast {w.vector} {shifted} to {w.integer}')}, {w.bits(mantissa)}")
+    scaled = w.new(f"add {w.integer} {w.new(f'bitcast {w.vector} {value} to {w.integer}')}, {power}")
+    result = w.new(f"bitcast {w.integer} {scaled} to {w.vector}")
+    beyond = w.select(negative, w.splat(0.0), w.splat(math.inf))
+    nan = w.new(f"icmp sgt {w.integer} {size}, {w.bits(w.precision.pattern(math.inf))}")
+    return w.select(nan, x, w.select(out, beyond, result))

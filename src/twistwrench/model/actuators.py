@@ -1,0 +1,237 @@
+"""What drives a joint: a motor, its rotor, a gear, perhaps a spring behind it. Modern Robotics section 8.9."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.numbers import printed
+from ..errors import ValueRangeError
+from ..typing import Array
+
+__all__ = ["Actuator", "Motor", "Rotor"]
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Direct-current motor, or a servo motor by its equivalent one.
+
+    Notes
+    -----
+    MR section 8.9.1.
+
+    Examples
+    --------
+    >>> motor = Motor(torque_constant=0.1, resistance=0.5, voltage=48.0, current_peak=20.0)
+    >>> round(float(motor.voltage_at(current=10.0, speed=200.0)), 9)
+    25.0
+    >>> round(float(motor.greatest_torque(speed=430.0)), 9)  # the voltage, not the current, is the limit here
+    1.0
+    """
+
+    torque_constant: float
+    """k_t, N m/A; also V s/rad."""
+    resistance: float = 0.0
+    """R, ohm, between the terminals."""
+    inductance: float = 0.0
+    """L, H."""
+    voltage: float = np.inf
+    """V, of the supply."""
+    current_continuous: float = np.inf
+    """A, what the motor can carry for ever."""
+    current_peak: float = np.inf
+    """A, what it or its amplifier can carry at all."""
+    speed: float = np.inf
+    """rad/s, what its bearings and its rotor can stand."""
+
+    def current(self, torque: ArrayLike) -> Array:
+        """Current of a torque, i = τ / k_t.
+
+        Parameters
+        ----------
+        torque : (...) array_like, at the rotor [N m]
+
+        Returns
+        -------
+        current : (...) array [A]
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.5).current(2.0))
+        4.0
+        """
+        return np.asarray(torque, float) / self.torque_constant
+
+    def voltage_at(self, current: ArrayLike, speed: ArrayLike, current_rate: ArrayLike = 0.0) -> Array:
+        """Voltage that the windings need, V = k_t ω + R i + L di/dt.
+
+        Parameters
+        ----------
+        current : (...) array_like [A]
+        speed : (...) array_like, of the rotor [rad/s]
+        current_rate : (...) array_like, di/dt [A/s]
+
+        Returns
+        -------
+        voltage : (...) array [V]
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.1, resistance=0.5).voltage_at(current=10.0, speed=200.0))
+        25.0
+        """
+        i, w, di = (np.asarray(x, float) for x in (current, speed, current_rate))
+        return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
+
+    def heat(self, current: ArrayLike) -> Array:
+        """Heat in the windings, R i².
+
+        Parameters
+        ----------
+        current : (...) array_like [A]
+
+        Returns
+        -------
+        heat : (...) array [W]
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.5, resistance=2.0).heat(3.0))
+        18.0
+        """
+        return np.asarray(self.resistance * np.asarray(current, float) ** 2)
+
+    def greatest_torque(self, speed: ArrayLike, current: float | None = None) -> Array:
+        """Speed–torque curve: the greatest torque, by the current and by the voltage.
+
+        Parameters
+        ----------
+        speed : (...) array_like, of the rotor [rad/s]
+        current : float, optional [A]; None: the peak one
+
+        Returns
+        -------
+        torque : (...) array [N m]
+
+        Notes
+        -----
+        Where the motor runs faster than the voltage allows without a load, it is negative: it brakes. Beyond its top
+        speed, either way, nothing is allowed: -inf.
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.1, current_peak=20.0).greatest_torque(speed=0.0))
+        2.0
+        """
+        w = np.asarray(speed, float)
+        by_current = self.torque_constant * (self.current_peak if current is None else current)
+        if self.resistance == 0.0:
+            by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
+        else:
+            by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
+        within = np.where(np.abs(w) <= self.speed, np.minimum(by_current, by_voltage), -np.inf)
+        return np.where(np.isnan(w), np.nan, within)
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """Rotor: the spinning part of a motor, a body of revolution about its axis."""
+
+    inertia: float
+    """kg m², about the axis."""
+    extra: bool = False
+    """Whether the robot's links were weighed without it; else its inertia is part of the link that carries it."""
+    mass: float = 0.0
+    """kg, of an extra one."""
+    link: str | None = None
+    """The link that carries the motor; None is the parent of the joint."""
+    axis: Array | None = None
+    """(3,) its direction in that link's frame; None is the joint's own."""
+    place: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) m, its centre in that link's frame; from the joint's own frame where no link is named."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # arrays come out of a pickle writable
+
+    def __post_init__(self) -> None:
+        for name in ("axis", "place"):
+            if getattr(self, name) is not None:
+                array = np.array(getattr(self, name), float)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class Actuator:
+    """Actuator: all that drives one joint; the rotor turns ``ratio`` times as fast as the joint."""
+
+    joint: str
+    """The joint whose coordinate it moves."""
+    ratio: float = 1.0
+    """G; in rad/m at a sliding joint; negative where the rotor turns the other way."""
+    efficiency: float = 1.0
+    """Of the gear, η: what arrives of the power that goes through it, either way."""
+    motor: Motor | None = None
+    """None where none is described."""
+    rotor: Rotor | None = None
+    """None where none is described."""
+    stiffness: float = np.inf
+    """N m/rad or N/m, of the gear as seen at the joint; finite makes the joint flexible, with a coordinate on each side."""
+
+
+# ── Which numbers a drive can have
+
+_SMALLEST, LARGEST = 1e-18, 1e12
+"""In SI units: no drive has a number beyond these, and their squares are still far from overflow."""
+
+_RATIOS = 1e-6, 1e9
+"""Of gears: rad/rad, or rad/m of a spindle; a thread of a nanometre has 6e9."""
+
+
+def check_actuator(actuator: Actuator) -> None:
+    """Raise ValueRangeError for a number that no drive has."""
+    who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
+    if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
+        raise ValueRangeError(
+            f"{who} has the ratio {printed(actuator.ratio)}; it must be a number from {printed(_RATIOS[0])} to "
+            f"{printed(_RATIOS[1])}, or minus one."
+        )
+    if not 0 < actuator.efficiency <= 1:
+        raise ValueRangeError(
+            f"{who} has the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
+        )
+    if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
+        raise ValueRangeError(
+            f"{who} has the stiffness {printed(actuator.stiffness)}; it must be above 0 and at most {printed(LARGEST)}. "
+            "Leave it out where the gear is rigid."
+        )
+    if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
+        raise ValueRangeError(f"{who} has a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite.")
+    if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
+        raise ValueRangeError(
+            f"{who} has a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
+        )
+    if motor is not None:
+        if motor.current_continuous > motor.current_peak:
+            raise ValueRangeError(
+                f"{who} has current continuous {printed(motor.current_continuous)} A above current peak "
+                f"{printed(motor.current_peak)} A. Are they exchanged?"
+            )
+        if not _real(motor.torque_constant):
+            raise ValueRangeError(
+                f"{who} has the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
+            )
+        for field, value in vars(motor).items():
+            may_be_zero = field in ("resistance", "inductance")
+            if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
+                allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {printed(LARGEST)}"
+                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {printed(value)}; it must be {allowed}.")
+
+
+def _real(x: float) -> bool:
+    """Whether a drive can have this number."""
+    return bool(_SMALLEST <= x <= LARGEST)

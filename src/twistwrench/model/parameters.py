@@ -1,0 +1,254 @@
+"""Base parameters: inertia that a joint cannot feel moves to the body before it. Fewer numbers, the same torques.
+
+A part G_s of a body's inertia that the joint's motion leaves as it is, and that has no momentum in it (G_s A = 0), moves as
+if it were fixed to the parent. For a turning joint about w through the origin these are the mass, the first moment along
+w, and a rotational inertia J (1 - w w'); for a sliding joint, the whole rotational inertia. What is left has zeros in
+their places, and zeros cost nothing once traced.
+
+Source: Gautier and Khalil, "Direct calculation of minimum set of inertial parameters of serial robots", IEEE T-RA 6(3), 1990.
+The regrouped model has the same torques and mass matrix, but not the same energies, momenta or wrenches in the joints.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..core.numbers import printed
+from ..errors import InertiaError, UnknownNameError, ValueRangeError
+from ..joints import Joint
+from ..lie import so3
+from ..typing import Array
+from .friction import LAWS, Friction
+from .inertia_checks import moved_moments, reasons
+from .model import BASE, Model
+
+
+def regrouped(model: Model) -> Model:
+    """A model with the same joint-space dynamics and as many inertial parameters zero as moving them inward can make."""
+    inertias = [body.inertia for body in model.bodies]
+    for i in reversed(range(len(model.bodies))):
+        body = model.bodies[i]
+        unfelt = _unfelt(body.joint, inertias[i])
+        if unfelt is None:
+            continue
+        inertias[i] = _cleaned(inertias[i] - unfelt, inertias[i])
+        if body.parent != BASE:
+            inertias[body.parent] = inertias[body.parent] + unfelt.in_frame(body.placement)
+    bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, inertias, strict=True))
+    return replace(model, bodies=bodies)
+
+
+def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
+    """The part of a body's inertia its joint cannot feel; None where nothing is known to be."""
+    if joint.nv != 1:
+        return None
+    w, v = joint.axes[0, :3], joint.axes[0, 3:]
+    I = G.moment_about_origin
+    if not w.any():
+        return SpatialInertia.from_parameters([0, 0, 0, 0, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    if v.any():  # the axis passes beside the origin, or the joint is a helix
+        return None
+    w = w / np.linalg.norm(w)
+    across = np.eye(3)[(int(np.argmax(np.abs(w))) + 1) % 3]
+    across = across - (across @ w) * w
+    J = (across @ I @ across) / (across @ across) * (np.eye(3) - np.outer(w, w))
+    h = (G.first_moment @ w) * w
+    return SpatialInertia.from_parameters([G.mass, *h, J[0, 0], J[0, 1], J[1, 1], J[0, 2], J[1, 2], J[2, 2]])
+
+
+def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
+    """Differences that are round-off of what they came from are zero."""
+    p = G.parameters.copy()
+    scale = np.repeat(
+        [abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()], [1, 3, 6]
+    )
+    p[np.abs(p) <= 4e-16 * scale] = 0.0
+    return SpatialInertia.from_parameters(p)
+
+
+# ── Numbers of a model that may differ from sample to sample: masses, centres of mass, moments, lengths, friction
+
+# A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its own axes),
+# ``<joint>.x`` … (where the joint sits in the body that carries it), or ``<joint>.viscous`` and the other laws of
+# friction. A link may be one without mass: ``tool0.mass`` is a payload. Static friction that is Coulomb's stays so where only
+# ``<joint>.coulomb`` is given.
+
+_OF_LINKS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_OF_JOINTS = ("x", "y", "z")
+
+
+def nominal(model: Model) -> dict[str, float]:
+    """Every name, and the number the model has there."""
+    values: dict[str, float] = {}
+    for link, frame in model.frames.items():
+        if frame.body != BASE:
+            values.update(zip((f"{link}.{what}" for what in _OF_LINKS), _of_link(model, link), strict=True))
+    for body in model.bodies:
+        for what, x in zip(_OF_JOINTS, body.placement[:3, 3], strict=True):
+            values[f"{body.joint.name}.{what}"] = float(x)
+        if not body.follows and body.joint.nv == 1:
+            for law in LAWS:
+                values[f"{body.joint.name}.{law}"] = float(getattr(model.friction, law)[body.v_index])
+    return values
+
+
+def moves_joints(model: Model, names: Sequence[str]) -> bool:
+    """Whether lengths are among them. What is linear in the rest stays so when inertias are regrouped."""
+    places = {f"{body.joint.name}.{what}" for body in model.bodies for what in _OF_JOINTS}
+    return any(name in places for name in names)
+
+
+def _of_link(model: Model, link: str) -> list[float]:
+    G = model.link_inertias.get(link, SpatialInertia.zero())
+    I = G.moment_about_com
+    return [float(x) for x in (G.mass, *G.com, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2])]
+
+
+def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
+    """The names that patterns such as ``*.mass`` mean, each once, in the order of the patterns.
+
+    Raises :class:`~twistwrench.UnknownNameError` for a pattern that means none.
+    """
+    known = nominal(model)
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        mine = fnmatch.filter(known, pattern)
+        if not mine:
+            raise UnknownNameError.of("parameter", pattern, known)
+        found.update(dict.fromkeys(mine))
+    return tuple(found)
+
+
+def varied(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
+    """The model with these numbers, or symbols, in place of its own."""
+    new = dict(zip(names, values, strict=True))
+    bodies = [_body_moved(body, new) for body in model.bodies]
+    for link, frame in model.frames.items():
+        if any(f"{link}.{what}" in new for what in _OF_LINKS):
+            old = model.link_inertias.get(link, SpatialInertia.zero())
+            mine = [new.get(f"{link}.{what}", x) for what, x in zip(_OF_LINKS, _of_link(model, link), strict=True)]
+            body = bodies[frame.body]
+            rest = body.inertia - old.in_frame(frame.pose)
+            bodies[frame.body] = replace(body, inertia=rest + _inertia(mine).in_frame(frame.pose))
+    return replace(model, bodies=tuple(bodies), friction=_friction(model, new))
+
+
+def _body_moved(body: Any, new: dict[str, Any]) -> Any:
+    mine = {
+        k: new[f"{body.joint.name}.{what}"] for k, what in enumerate(_OF_JOINTS) if f"{body.joint.name}.{what}" in new
+    }
+    if not mine:
+        return body
+    placement = body.placement.astype(object)
+    for k, x in mine.items():
+        placement[k, 3] = x
+    return replace(body, placement=placement)
+
+
+def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
+    """From mass, centre of mass, and moments about it."""
+    m, c, I = numbers[0], np.array(numbers[1:4], object), numbers[4:]
+    about_com = np.array([[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]], object)
+    J = about_com - m * (so3.hat(c) @ so3.hat(c))  # Steiner
+    return SpatialInertia.from_parameters(
+        np.array([m, *(m * c), J[0, 0], J[0, 1], J[1, 1], J[0, 2], J[1, 2], J[2, 2]], object)
+    )
+
+
+def _friction(model: Model, new: dict[str, Any]) -> Friction:
+    columns = {law: getattr(model.friction, law).astype(object) for law in LAWS}
+    changed = False
+    for body in model.leaders:
+        for law in LAWS:
+            if (name := f"{body.joint.name}.{law}") in new:
+                columns[law][body.v_index], changed = new[name], True
+        coulomb, static = (f"{body.joint.name}.{law}" for law in ("coulomb", "static"))
+        if coulomb in new and static not in new:
+            i = body.v_index
+            if model.friction.static[i] == model.friction.coulomb[i]:
+                columns["static"][i] = new[coulomb]
+    return Friction(**columns) if changed else model.friction
+
+
+# ── Numbers that are given for a model sample by sample: refused where no robot has them, as loading refuses them
+
+_TENSOR = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_SLACK = 1e-6
+"""Of the sum of the principal moments, as of a body that is judged by itself."""
+
+
+def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
+    """Refuse masses and friction below zero, and moments of inertia that no body has; NaN passes.
+
+    ``given`` are numbers of any shape by the names of :func:`~twistwrench.model.parameters.nominal`. A tensor is
+    judged with the links that are fixed to its own, and left alone on a body that could not exist as it was loaded. Raises
+    InertiaError and ValueRangeError, naming the link or joint and the sample.
+    """
+    links = {link for link, frame in model.frames.items() if frame.body != BASE}
+    for name, values in given.items():
+        owner, _, what = name.rpartition(".")
+        if what == "mass" and (values < 0).any():
+            raise InertiaError(
+                f"parameters: {_at(name, values, values < 0, ' kg')}: link {owner!r} cannot have a negative mass. "
+                "Give 0 or more."
+            )
+        if what in LAWS:
+            _refuse_friction(name, what, values)
+    for link in sorted(links & {name.rpartition(".")[0] for name in given if name.rpartition(".")[2] in _TENSOR}):
+        _refuse_tensor(model, link, given)
+
+
+def _refuse_friction(name: str, what: str, values: Array) -> None:
+    bad, wanted = values < 0, "at least 0"
+    if what == "stribeck":
+        bad, wanted = values <= 0, "above 0"
+    if what == "load":
+        bad, wanted = (values < 0) | (values >= 1), "at least 0 and below 1"
+    if bad.any():
+        raise ValueRangeError(f"parameters: {_at(name, values, bad)}, and friction of a joint is {wanted} there.")
+
+
+def _refuse_tensor(model: Model, link: str, given: Mapping[str, Array]) -> None:
+    body, usual = model.frames[link].body, nominal(model)
+    if reasons(model.bodies[body].inertia, moved_moments(model, body)):
+        return
+    xx, xy, yy, xz, yz, zz = np.broadcast_arrays(
+        *(np.asarray(given.get(f"{link}.{what}", usual[f"{link}.{what}"]), float) for what in _TENSOR)
+    )
+    I = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*xx.shape, 3, 3)
+    known = np.isfinite(I).all(axis=(-2, -1))
+    A, B, C = np.moveaxis(np.linalg.eigvalsh(np.where(known[..., None, None], I, np.eye(3))), -1, 0)
+    slack = _SLACK * np.abs(A + B + C)
+    bad = (-slack > A) | (A + B + slack < C)
+    if not bad.any():
+        return
+    members = {f"{name}.": name for name, frame in model.frames.items() if frame.body == body}
+    mine = {n: x for n, x in given.items() if n[: n.rfind(".") + 1] in members}
+    whole = np.broadcast_shapes(*(x.shape for x in mine.values()))
+    for sample in map(tuple, np.argwhere(np.broadcast_to(bad, whole))):
+        values = [float(np.broadcast_to(x, whole)[sample]) for x in mine.values()]
+        with np.errstate(all="ignore"):
+            numbers = varied(model, list(mine), values).bodies[body].inertia.parameters.astype(float)
+        G = SpatialInertia.from_parameters(numbers)
+        if np.isfinite(numbers).all() and (found := reasons(G, moved_moments(model, body))):
+            place = f" in sample {_index(sample)}" if sample else ""
+            raise InertiaError(
+                f"parameters: link {link!r}{place} cannot exist: {'; '.join(found)}. Give moments of a body that can: "
+                "tw.SpatialInertia(…).nearest_consistent() finds them."
+            )
+
+
+def _at(name: str, values: Array, bad: Array, unit: str = "") -> str:
+    sample = tuple(np.argwhere(bad)[0])
+    place = f" in sample {_index(sample)}" if sample else ""
+    return f"{name!r} is {printed(float(values[sample]))}{unit}{place}"
+
+
+def _index(sample: tuple[int, ...]) -> str:
+    return str(int(sample[0])) if len(sample) == 1 else str(tuple(map(int, sample)))

@@ -1,0 +1,275 @@
+"""A model as links and joints again: what it can be written as, joined with others from, and cut out of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..lie import se3
+from ..typing import Array
+from .actuation import counted, with_actuators
+from .actuators import Actuator
+from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
+from .description import JointEntry, LinkEntry, SiteEntry
+from .friction import Friction
+from .limits import Limits
+from .model import BASE, Body, Model, find_tree
+
+_ROUNDING = 1e-13
+"""Of the inertia of a body and the sum of those of its links, relative to the largest number."""
+
+
+@dataclass(eq=False)
+class Outline:
+    """The links of a model with an inertia each, the joints between them, fixed ones too, and what is beside them.
+
+    Rotors are no bodies of it: they stay with the actuators.
+    """
+
+    name: str
+    gravity: Array
+    snap: float
+    source: str
+    root: str
+    """The link that stands still, or, of a floating base, the first one that moves."""
+    floating: bool
+    """Whether the root floats."""
+    links: dict[str, LinkEntry] = field(default_factory=dict)
+    """In document order."""
+    joints: list[JointEntry] = field(default_factory=list)
+    """Depth first, so that the moving ones are in the order of q; without armature and losses, which are beside."""
+    whole: dict[str, SpatialInertia] = field(default_factory=dict)
+    """Of the link that a moving joint carries, and of the root: with all that is fixed to it."""
+    friction: dict[str, Friction] = field(default_factory=dict)
+    """Of each joint that has coordinates of its own, by name, (nv of the joint,) each; of motors behind elastic gears too."""
+    armature: dict[str, Array] = field(default_factory=dict)
+    """Likewise, rotors apart."""
+    actuators: list[Actuator] = field(default_factory=list)
+    payloads: tuple[tuple[str, SpatialInertia], ...] = ()
+    additions: Additions = field(default_factory=Additions)
+    """Sites, springs, configurations, closures."""
+
+
+def outline(model: Model, *, extra: bool = True) -> Outline:
+    """The links and joints of a model. Links have the inertia of rotors that they were weighed with, of extra ones if asked.
+
+    Links that are fixed together and were described one by one are so again; what a link got since, as a payload at a site or
+    by a repair, is counted with the link whose joint moves it.
+
+    >>> import twistwrench as tw
+    >>> [(joint.name, joint.fixed) for joint in outline(tw.robots.planar_2r().model).joints]
+    [('joint1', False), ('joint2', False), ('tip_joint', True)]
+    """
+    return _Outliner(model, extra).outline()
+
+
+class _Outliner:
+    """One model on its way into links and joints."""
+
+    def __init__(self, model: Model, extra: bool) -> None:
+        self.model, self.extra = model, extra
+        self.bodies = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        rotors = (body for body in model.leaders if not body.joint.moves_body)
+        self.motors = {model.actuators[body.joint.name].joint: body for body in rotors}
+        """Motors behind elastic gears, whose coordinates are their own, by the joint they drive."""
+        self.by_column = {body.v_index: body for body in model.leaders}
+        held = set(model.frames) | set(self.bodies)
+        self.parents = {link: self._carrier(link, held) for link in held if link in model.mounts}
+        self.names = [*model.frames, *(link for link in self.bodies if link not in model.frames)]
+
+    def _carrier(self, link: str, held: set[str]) -> str:
+        """The link that carries it, of those that are left: hidden links whose joints were locked are none any more."""
+        parent = self.model.mounts[link][0]
+        while parent and parent not in held:
+            parent = self.model.mounts[parent][0]
+        return parent
+
+    def outline(self) -> Outline:
+        """The whole."""
+        model = self.model
+        top = next((link for link in self.names if not self.parents.get(link, "")), "world")
+        floating = top in self.bodies
+        still = top if floating or top not in self.parents else _unused("world", self.names)
+        found = Outline(
+            name=model.name,
+            gravity=model.gravity,
+            snap=model.snap,
+            source=model.source,
+            root=still,
+            floating=floating,
+            actuators=list(model.actuators.values()),
+            payloads=model.payloads,
+        )
+        if still != top:  # a free root that was locked stands somewhere in the base frame
+            self.parents[top] = still
+            found.links[still] = LinkEntry(still, SpatialInertia.zero(), "")
+        self._add_links(found)
+        for link in self._depth_first(found.root):
+            if link != found.root:
+                found.joints.append(self._joint(link))
+        if floating:
+            self._note(found, model.bodies[self.bodies[found.root]])
+        for link in self._moving(found):
+            self._note(found, model.bodies[self.bodies[link]])
+        self._add_others(found)
+        return found
+
+    def _moving(self, found: Outline) -> Iterator[str]:
+        return (joint.child for joint in found.joints if not joint.fixed and joint.mimic is None)
+
+    def _add_links(self, found: Outline) -> None:
+        model = self.model
+        whole = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        whole[BASE] = model.base_inertia
+        for body in model.bodies:
+            if not body.joint.moves_body and (self.extra or counted(model, body)):
+                whole[body.parent] = whole[body.parent] + body.inertia.in_frame(body.placement)
+        rest = dict(whole)
+        for name, frame in model.frames.items():
+            own = model.link_inertias.get(name, SpatialInertia.zero())
+            if own.parameters.any():
+                rest[frame.body] = rest[frame.body] - own.in_frame(frame.pose)
+        for name in self.names:
+            own = model.link_inertias.get(name, SpatialInertia.zero())
+            i = self.bodies.get(name, BASE)
+            if (i != BASE or name == found.root) and _matters(rest[i], whole[i]):
+                own = own + rest[i]
+            hidden = name not in model.frames
+            found.links[name] = LinkEntry(name, own, "", name in model.shaped, hidden)
+        found.whole = {link: whole[i] for link, i in self.bodies.items()}
+        found.whole.setdefault(found.root, whole[BASE])
+
+    def _depth_first(self, root: str) -> Iterator[str]:
+        """The links so that the bodies come in their order."""
+        children: dict[str, list[str]] = {name: [] for name in (root, *self.names)}
+        for link in self.names:
+            if link != root and link in self.parents:
+                children[self.parents[link]].append(link)
+        first = {link: self.bodies.get(link, len(self.bodies)) for link in children}
+        ordered, stack = [], [root]
+        while stack:
+            ordered.append(stack.pop())
+            stack.extend(children[ordered[-1]])
+        for link in reversed(ordered):
+            parent = self.parents.get(link, "")
+            if parent in first:
+                first[parent] = min(first[parent], first[link])
+        stack = [root]
+        while stack:
+            link = stack.pop()
+            yield link
+            stack.extend(reversed(sorted(children[link], key=first.__getitem__)))  # noqa: C413  what is equal stays in order
+
+    def _pose(self, link: str) -> tuple[int, Array]:
+        """The body that a link is fixed to, and its pose there."""
+        if link in self.bodies:
+            return self.bodies[link], np.eye(4)
+        if link in self.model.frames:
+            frame = self.model.frames[link]
+            return frame.body, frame.pose
+        return BASE, np.eye(4)
+
+    def _joint(self, link: str) -> JointEntry:
+        from ..joints.joint import Fixed
+
+        model, parent = self.model, self.parents[link]
+        name = model.mounts[link][1]
+        _, T_parent = self._pose(parent)
+        if link not in self.bodies:
+            _, T = self._pose(link)
+            return _entry(Fixed(name, np.zeros((0, 6))), parent, link, _seen_from(T_parent, T), _NO_LIMITS)
+        body = model.bodies[self.bodies[link]]
+        place = body.places[1]
+        limits = Limits(*(getattr(model.limits, what)[place] for what in vars(_NO_LIMITS)))
+        if name in self.motors:  # which has the limit of effort
+            limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
+        entry = _entry(body.joint, parent, link, _seen_from(T_parent, body.placement), limits)
+        if not body.follows:
+            return entry
+        leader = self.by_column[body.v_index]
+        ends = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
+        free = np.full(1, np.inf)
+        effort = np.array([body.effort])
+        reach = Limits(ends[0], ends[1], free, effort) if body.ratio else Limits(-free, free, free, effort)
+        return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
+
+    def _note(self, found: Outline, body: Body) -> None:
+        """Friction and armature of a joint, and of the motor behind its elastic gear."""
+        for one in filter(None, (body, self.motors.get(body.joint.name))):
+            at = one.places[1]
+            found.friction[one.joint.name] = self.model.friction.at(np.arange(at.start, at.stop))
+            found.armature[one.joint.name] = self.model.armature[at]
+
+    def _add_others(self, found: Outline) -> None:
+        model, more = self.model, found.additions
+        for name, frame in model.sites.items():
+            link = found.root if frame.body == BASE else model.bodies[frame.body].link
+            more.sites[name] = SiteEntry(name, link, frame.pose)
+        there = {joint.name for joint in found.joints} | {ROOT_JOINT}
+        more.springs = [s for s in model.springs if all(joint in there for joint, _ in s.terms)]
+        leaders = [body for body in model.leaders if body.joint.moves_body]
+        for name, q in model.configurations.items():
+            more.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
+        more.closures = dict(model.closures)
+
+
+_NO_LIMITS = Limits(*(np.zeros(0),) * 4)
+
+
+def _entry(joint: object, parent: str, child: str, placement: Array, limits: Limits) -> JointEntry:
+    return JointEntry(joint, parent, child, placement, limits, 0.0, 0.0, None, "")  # type: ignore[arg-type]
+
+
+def _seen_from(T_ab: Array, T_ac: Array) -> Array:
+    """T_bc; nothing is rounded where {b} is {a}."""
+    return T_ac if np.array_equal(T_ab, np.eye(4)) else np.asarray(se3.inverse(T_ab) @ T_ac)
+
+
+def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
+    """Whether the difference between a body and its links is more than rounding."""
+    most, size = np.abs(rest.parameters), np.abs(whole.parameters)
+    parts = (slice(0, 1), slice(1, 4), slice(4, 10))
+    return any(most[part].max() > _ROUNDING * max(size[part].max(), size.max() * 1e-3) for part in parts)
+
+
+def _unused(name: str, taken: list[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
+
+
+# ── The model of an outline: the way back
+
+
+def assembled(found: Outline) -> Model:
+    """The model of an outline: the way back. Nothing is judged again, and nothing is said of it.
+
+    >>> import twistwrench as tw
+    >>> from twistwrench.model.parts import outline
+    >>> arm = tw.robots.ur5().model
+    >>> assembled(outline(arm)).joint_names == arm.joint_names
+    True
+    """
+    tree = find_tree(found.links, found.joints)
+    model = assemble(
+        found.name,
+        found.links,
+        tree,
+        find_drives(found.joints),
+        floating_base=found.floating,
+        snap=found.snap,
+        gravity=found.gravity,
+        source=found.source,
+        additions=found.additions,
+    )
+    armature = [found.armature[name] for name in model.joint_names]
+    model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
+    model = with_actuators(model, found.actuators)
+    laws = [found.friction[name] for name in model.joint_names]  # of motors too
+    columns = {
+        what: np.concatenate([np.zeros(0), *(getattr(law, what) for law in laws)]) for what in vars(model.friction)
+    }
+    return replace(model, friction=Friction(**columns), tip=default_tip(model))

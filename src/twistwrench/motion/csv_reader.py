@@ -1,0 +1,530 @@
+"""How the cells of a line of a CSV file are told apart: commas, semicolons, tabs or blanks."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.files import as_path
+from ..core.tables import meant_text
+from ..errors import NotFoundError, TrajectoryError, ValueRangeError
+from ..typing import Array
+from .text_source import TextSource
+
+_NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
+_SEPARATORS = (";", "\t", ",", None)
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
+
+
+def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
+    """Whether a cell is a finite decimal number and nothing else.
+
+    >>> is_number(" -1.5e3 "), is_number("1_000"), is_number("0,5"), is_number("0,5", decimal_comma=True)
+    (True, False, False, True)
+    """
+    if decimal_comma:
+        if "." in cell:
+            return False
+        cell = cell.replace(",", ".")
+    return _NUMBER.fullmatch(cell) is not None
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What stands between the cells of a line; None for blanks. A comma marks decimals wherever it separates nothing."""
+
+    separator: str | None = ","
+
+    @classmethod
+    def of(cls, header: str, row: str | None) -> Dialect:
+        """That of a header and the row below it (None if there is none): the one that cuts both into as many cells."""
+        cut = {s: cls(s).cells(header) for s in _SEPARATORS}
+        many = {s: len(cells) for s, cells in cut.items() if len(cells) > 1}
+        if not many:  # one column
+            return cls(";") if row is not None and _DECIMAL_COMMA.fullmatch(row) else cls()
+        if set(many) == {None} and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
+            return cls()
+        for s, count in many.items():
+            if row is not None and len(cls(s).cells(row)) == count:
+                return cls(s)
+        return cls(next(s for s in (";", "\t", ",", None) if s in many))
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of one line without the blanks about them; a quote that never ends counts as a character."""
+        if self.separator is None:
+            return [cell.strip('"') for cell in line.split()]
+        try:
+            cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True, strict=True), [])
+        except csv.Error:
+            cells = line.split(self.separator)
+        return [meant_text(cell.strip()) for cell in cells]
+
+    def has_decimal_commas(self, text: str | bytes) -> bool:
+        """Whether commas in a text are decimal ones."""
+        return self.separator != "," and ("," in text if isinstance(text, str) else b"," in text)
+
+    def number(self, cell: str) -> float | None:
+        """The finite number of a cell, with a decimal comma where commas separate nothing; None for what is none.
+
+        >>> Dialect(";").number("-0,5"), Dialect(";").number("0.5"), Dialect(",").number("1e3"), Dialect(",").number("x")
+        (-0.5, 0.5, 1000.0, None)
+        """
+        comma = self.has_decimal_commas(cell)
+        value = float(cell.replace(",", ".")) if is_number(cell, decimal_comma=comma) else math.inf
+        return value if math.isfinite(value) else None
+
+    @property
+    def name(self) -> str:
+        """As it is called in a sentence."""
+        return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}[self.separator]
+
+
+# ── What is wrong with the rows of a CSV file: the first line to blame, in words
+
+_GAPS = ("nan", "inf", "infinity")
+"""What stands for a number that is not there, whatever its sign."""
+
+
+def blame(
+    text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
+) -> TrajectoryError:
+    """The error of the first bad line of ``text``, whose first line has number ``line``.
+
+    Only called once a block is known to be bad, so it may be slow.
+    """
+    decimal_comma = dialect.has_decimal_commas(text)
+    lines = text.decode("utf-8", "replace").split("\n")
+
+    def gap(raw: str) -> str | None:
+        cells = dialect.cells(raw)
+        if _passed_over(raw) or len(cells) != len(header):
+            return None
+        return _gap([cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma)
+
+    for count, raw in enumerate(lines):
+        if _passed_over(raw):
+            continue
+        if missing := gap(raw):
+            last = next((k for k in range(count + 1, len(lines)) if not gap(lines[k])), len(lines)) - 1
+            more = f", and so on to line {line + last}" if last > count else ""
+            these = "these rows" if more else "the row"
+            return TrajectoryError(
+                f"{path}: line {line + count}{missing}{more}. Samples must be finite: fill or remove {these}."
+            )
+        reason = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
+        cells = dialect.cells(raw)
+        reason = reason or _number_fault(
+            [cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma
+        )
+        if reason:
+            return TrajectoryError(f"{path}: line {line + count}{reason}")
+    return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save it as plain CSV.")
+
+
+def _passed_over(raw: str) -> bool:
+    """Whether a line is no row: blank, or a comment."""
+    return not raw.strip() or raw.lstrip(" \t").startswith("#")
+
+
+def _gap(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+    """The first of these that is not finite, where all others are numbers; None where there is none."""
+    found = None
+    for name, field in zip(names, fields, strict=True):
+        if field.lower().lstrip("+-") in _GAPS:
+            infinite = True
+        elif is_number(field, decimal_comma=decimal_comma):
+            infinite = not math.isfinite(float(field.replace(",", ".")))
+        else:
+            return None
+        if infinite and found is None:
+            found = f", column {name!r} is {field[:40]!r}"
+    return found
+
+
+def _bytes_fault(raw: str) -> str | None:
+    if "\ufffd" in raw:
+        return f" is not UTF-8 text: {_shown(raw)}. Save it as CSV in UTF-8."
+    odd = next((c for c in raw if (c < " " and c != "\t") or c == "\x7f"), None)
+    if odd is None:
+        return None
+    return f" has a control character, {odd!r}: {_shown(raw)}. The file may be damaged or binary; write the row again."
+
+
+def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | None:
+    fields = dialect.cells(raw)
+    if raw.count('"') % 2:
+        return f" has a quote that never ends: {_shown(raw)}. Remove the quote."
+    if len(fields) == len(header):
+        return None
+    if dialect.separator == "," and ";" in raw:
+        return f": semicolons between values: {_shown(raw)}, and commas in the header. Separate all rows as the header."
+    counted = f" has {len(fields)} values, and the header names {len(header)} columns: {_shown(raw)}."
+    if len(fields) < len(header):
+        return f"{counted} The row is cut short; complete or remove it."
+    if dialect.separator == "," and len(fields) >= 2 * len(header) - 1:
+        return (
+            f"{counted} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
+            "(0.5, not 0,5)."
+        )
+    return f"{counted} Remove what is too much."
+
+
+def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+    for name, field in zip(names, fields, strict=True):
+        shown = field[:40]
+        column = f", column {name!r}"
+        if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _GAPS:
+            continue
+        if "_" in field:
+            return f"{column} is {shown!r}. Numbers are written without underscores."
+        if decimal_comma and "." in field:
+            return f"{column} is {shown!r}, with a point where other rows have decimal commas. Write all of them alike."
+        if "," in field and not decimal_comma and is_number(field, decimal_comma=True):
+            return f"{column} is {shown!r}. Where commas separate values, decimals are written with a point (0.5)."
+        said = "is blank" if not field else f"is {shown!r}, which is no number"
+        return f"{column} {said}. Every row needs a number such as -0.25 in every column that is used."
+    return None
+
+
+def _shown(raw: str) -> str:
+    return repr(raw if len(raw) <= 60 else raw[:57] + "…")
+
+
+# ── Rows of a CSV file as numbers, a block of lines at a time: NumPy's reader, and cell by cell what that does not know
+
+_CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
+_COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
+
+
+def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+    """The ``used`` columns of lines that have ``columns`` cells each → (rows, len(used)); the same bits as ``float()``.
+
+    Blank lines and lines that begin with # are passed over. None where a line has another number of cells, or a used cell is
+    no finite number.
+    """
+    if text.translate(None, _CONTROL) != text:
+        return None
+    if b"#" in text:
+        text = _COMMENTS.sub(b"", text)
+    plain = text.isascii() and b'"' not in text
+    if dialect.has_decimal_commas(text):
+        plain = plain and b"." not in text
+        text = text.replace(b",", b".") if plain else text
+    table = _by_numpy(text, dialect, columns, used) if plain else None
+    return _by_cells(text, dialect, columns, used) if table is None else table
+
+
+def tidy(text: bytes) -> bytes:
+    """Lines that end in a newline alone, the last one too; b"" if nothing but blanks is there."""
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n")
+    if text.isspace() or not text:
+        return b""
+    return text if text.endswith(b"\n") else text + b"\n"
+
+
+def _by_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+    if not text.strip():
+        return np.zeros((0, len(used)))
+    every = len(used) == columns
+    if not every and not _whole(text, dialect, columns):
+        return None
+    try:
+        table = np.loadtxt(
+            io.BytesIO(text),
+            delimiter=dialect.separator,
+            comments=None,
+            usecols=None if every else list(used),
+            ndmin=2,
+        )
+    except (ValueError, IndexError, OverflowError):
+        return None
+    table = table[:, list(used)] if every and table.shape[1] == columns else table
+    return np.asarray(table) if table.shape[1] == len(used) and np.isfinite(table).all() else None
+
+
+def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
+    """Whether every line has that many cells, blank lines aside."""
+    if dialect.separator is None:
+        return all(len(line.split()) in (0, columns) for line in text.split(b"\n"))
+    raw = np.frombuffer(text, np.uint8)
+    starts = np.r_[0, np.flatnonzero(raw == 10) + 1][:-1]
+    counts = np.add.reduceat(raw == ord(dialect.separator), starts, dtype=np.int64)
+    return bool(((counts == columns - 1) | (raw[starts] == 10)).all())
+
+
+def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+    """Cell by cell: quotes, text in columns that are not used, decimal commas among points elsewhere."""
+    try:
+        lines = text.decode("utf-8").split("\n")
+    except UnicodeDecodeError:
+        return None
+    decimal_comma = dialect.has_decimal_commas(text)
+    rows = []
+    for line in lines:
+        if not line.strip():
+            continue
+        cells = dialect.cells(line)
+        if len(cells) != columns:
+            return None
+        row = [cells[k] for k in used]
+        if not all(is_number(cell, decimal_comma=decimal_comma) for cell in row):
+            return None
+        rows.append([float(cell.replace(",", ".")) for cell in row])
+    table = np.array(rows, float).reshape(len(rows), len(used))
+    return table if np.isfinite(table).all() else None
+
+
+# ── Consecutive rows of a motion file, and where in the file each of them stands
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows as they were read."""
+
+    table: NDArray[Any]
+    """(n, columns), as the numbers stand in the file."""
+    size: int
+    """Bytes of the file that they took."""
+    place: Callable[[int], str]
+    """Of a row: ``line 12``, or ``row 3`` where the file has no lines."""
+
+
+# ── A CSV file of numbers under a header, read in blocks of lines: memory stays bounded however long it is
+
+_BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
+_LONGEST_LINE = 1 << 22
+_TAIL, _LINES_ABOVE = 1 << 14, 8
+
+
+class EmptyTableError(TrajectoryError):
+    """A file without a line that says anything."""
+
+
+@contextmanager
+def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
+    """Say of a table that is no motion what it is: ``what`` was looked for, and what it has to look like (``form``).
+
+    Raises NotFoundError, and ValueRangeError in place of TrajectoryError.
+    """
+    try:
+        yield
+    except NotFoundError:
+        raise NotFoundError(f"no {what} {str(path)!r}. Give a CSV file: {form}.") from None
+    except EmptyTableError:
+        raise ValueRangeError(f"{path}: the {what} is empty. Give a CSV file: {form}.") from None
+    except TrajectoryError as problem:
+        raise ValueRangeError(str(problem)) from None
+
+
+@dataclass(frozen=True, eq=False)
+class CsvFile:
+    """A file whose header has been read; the rows stay in it."""
+
+    source: TextSource
+    header: tuple[str, ...]
+    header_line: int
+    """Line of the header, counting from 1."""
+    data_offset: int
+    """Where the first row begins [bytes]."""
+    dialect: Dialect
+    seems_cut: bool = False
+    """Whether the last line has no end, and its last number fewer decimals than all of those above: 0.5 below 0.123."""
+
+    @classmethod
+    def open(cls, path: str | Path) -> CsvFile:
+        r"""Read the header, and see from the row below it how cells are separated.
+
+        Commas, semicolons, tabs or blanks; decimal commas where commas separate nothing; UTF-8 or UTF-16; packed by gzip or
+        not. Lines that begin with # are comments, but for one right above rows without another header: it is theirs, as
+        ``numpy.savetxt`` writes it. Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "log.csv")
+        ...     _ = path.write_text("time;elbow [deg]\n0;1,5\n1;2,5\n")
+        ...     file = CsvFile.open(path)
+        ...     file.header, [block.table.tolist() for block in file.blocks([0, 1])]
+        (('time', 'elbow [deg]'), [[[0.0, 1.5], [1.0, 2.5]]])
+        """
+        source = TextSource.of(as_path(path))
+        with source.open() as file:
+            text, line, offset, comment = _header(file, source.path)
+            row = _first_row(file)
+            dialect = Dialect.of(text, row)
+            cut = _seems_cut(file, source.size, offset, dialect)
+        cells = dialect.cells(text)
+        if comment is not None and all(map(_numeric, cells)):
+            names = dialect.cells(comment[0])
+            if len(names) == len(cells) and not any(map(_numeric, names)):
+                cells, line, offset = names, *comment[1:]
+        return cls(source, tuple(cells), line, offset, dialect, cut)
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+        return self.source.path
+
+    @property
+    def size(self) -> int:
+        """Of its text [bytes]."""
+        return self.source.size
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence where the file seems to be cut short."""
+        if not self.seems_cut:
+            return ()
+        return (
+            "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
+            "short there. Complete or remove the row.",
+        )
+
+    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
+        """All rows, in blocks: of the ``used`` columns. Rows are checked to be whole, and numbers to be finite numbers."""
+        line = self.header_line + 1
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            for text, size in _lines(file, self.path):
+                yield self._block(text, size, line, used)
+                line += text.count(b"\n")
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """The number of each line of a short file, counting from 1, and its cells; no blank lines and comments.
+
+        Raises TrajectoryError for a line with another number of cells than the header, and for a long file.
+        """
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            text = file.read(_LONGEST_LINE + 1)
+        if len(text) > _LONGEST_LINE:
+            raise TrajectoryError(f"{self.path}: has more than {_LONGEST_LINE} bytes, too many for such a table.")
+        for line, raw in enumerate(tidy(text).split(b"\n"), self.header_line + 1):
+            if _is_row(raw):
+                cells = self.dialect.cells(_decoded(raw, self.path, line))
+                if len(cells) != len(self.header):
+                    raise blame(raw, self.path, line, self.header, (), self.dialect)
+                yield line, cells
+
+    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
+        """Up to ``count`` runs of about ``rows`` consecutive rows spread evenly over the file, its ends included.
+
+        Their rows' places are unknown. None of a file so short that it is better read whole.
+        """
+        width = self._bytes_per_row() * rows
+        body = self.size - self.data_offset
+        if body <= count * width:
+            return None
+        found = []
+        with self.source.open() as file:
+            for k in range(count):
+                file.seek(self.data_offset + (body - width) * k // (count - 1))
+                if k:
+                    file.readline(_LONGEST_LINE)  # the rest of a line that was cut
+                text = file.read(width)
+                found.append(self._block(text[: text.rfind(b"\n") + 1], 0, 0, used))
+        return found
+
+    def _bytes_per_row(self) -> int:
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            text = file.read(_BLOCK)
+        return max(1, len(text) // max(1, text.count(b"\n")))
+
+    def _block(self, text: bytes, size: int, line: int, used: Sequence[int]) -> Block:
+        text = tidy(text)
+        table = parse_block(text, self.dialect, len(self.header), used)
+        if table is None:
+            raise blame(text, self.path, line, self.header, used, self.dialect)
+
+        def place(row: int) -> str:
+            lines = [k for k, raw in enumerate(text.split(b"\n")) if _is_row(raw)]
+            return f"line {line + lines[row]}"
+
+        return Block(table, size, place)
+
+
+def _numeric(cell: str) -> bool:
+    return is_number(cell) or is_number(cell, decimal_comma=True)
+
+
+def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, int] | None]:
+    """The first line that is neither blank nor a comment, its number, and where the next one begins.
+
+    The fourth is the comment before it: its text, its number, and where the next line begins; None without one.
+    """
+    comment, number = None, 0
+    while raw := file.readline(_LONGEST_LINE):
+        number += 1
+        text = _decoded(raw, path, number).strip(" \r\n")
+        if not text.strip():
+            continue
+        if not text.lstrip().startswith("#"):
+            return text, number, file.tell(), comment
+        comment = (text.strip().lstrip("#").strip(), number, file.tell())
+    raise EmptyTableError(
+        f"{path}: the file is empty. A motion file has a header, time and joint names separated by commas, then rows."
+    )
+
+
+def _first_row(file: BinaryIO) -> str | None:
+    while raw := file.readline(_LONGEST_LINE):
+        text = raw.decode("utf-8", "replace").strip(" \r\n")
+        if text.strip() and not text.lstrip().startswith("#"):
+            return text
+    return None
+
+
+def _seems_cut(file: BinaryIO, size: int, offset: int, dialect: Dialect) -> bool:
+    file.seek(max(offset, size - _TAIL))
+    lines = file.read(_TAIL).decode("utf-8", "replace").split("\n")[1:]
+    if len(lines) <= _LINES_ABOVE or not lines[-1].strip():
+        return False
+    ends = [dialect.cells(line)[-1:] for line in lines[-_LINES_ABOVE - 1 :] if line.strip()]
+    digits = [len(re.split("[.,]", end[0])[-1]) if end and re.search("[.,]", end[0]) else 0 for end in ends]
+    return len(set(digits[:-1])) == 1 and digits[-1] < digits[0]
+
+
+def _decoded(raw: bytes, path: Path, number: int) -> str:
+    if len(raw) >= _LONGEST_LINE:
+        raise _long_line(path)
+    try:
+        return raw.decode("utf-8-sig" if number == 1 else "utf-8")
+    except UnicodeDecodeError:
+        raise TrajectoryError(f"{path}: line {number} is not UTF-8 text. Save it as CSV in UTF-8.") from None
+
+
+def _is_row(raw: bytes) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    return bool(raw.strip()) and not raw.lstrip(b" \t").startswith(b"#")
+
+
+def _lines(file: BinaryIO, path: Path) -> Iterator[tuple[bytes, int]]:
+    """Blocks of whole lines, and how many bytes were read for each."""
+    rest = b""
+    while text := file.read(_BLOCK):
+        size, text = len(text), rest + text
+        cut = text.rfind(b"\n") + 1
+        if not cut and len(text) > _LONGEST_LINE:
+            raise _long_line(path)
+        rest = text[cut:]
+        if cut:
+            yield text[:cut], size
+    if rest:
+        yield rest, len(rest)
+
+
+def _long_line(path: Path) -> TrajectoryError:
+    return TrajectoryError(f"{path}: a line of more than {_LONGEST_LINE} bytes. Rows must end in newlines.")

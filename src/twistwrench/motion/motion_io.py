@@ -1,0 +1,266 @@
+"""A motion as columns, in files and in tables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core import arguments
+from ..core.files import as_path
+from ..errors import MissingExtraError, ShapeError, TrajectoryError
+from ..joints.units import unit_of, units_of
+from ..model.model import Model
+from ..typing import Array
+from .array_stream import NpzFile
+from .column_names import time_column, time_meaning
+from .coordinates import Coordinates
+
+
+class MotionFiles:
+    """The methods of a motion that give its columns."""
+
+    def columns(self: Any, *, degrees: bool = False) -> dict[str, Array]:
+        """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
+
+        Parameters
+        ----------
+        degrees : bool, angles in degrees, which their columns' names then say: ``elbow [deg]``, ``elbow.vel [deg/s]``
+
+        Returns
+        -------
+        columns : {name: (n,) array}, time first
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> list(motion.columns())[:3]
+        ['time', 'joint1', 'joint2']
+        """
+        names = self.coordinates
+        unit = np.degrees(1.0) if degrees else 1.0
+        q = self.q * np.where(names.angular, unit, 1.0)
+        turning = np.where(names.angular_velocity, unit, 1.0)
+        parts: Mapping[str, Array | None] = {"dq": self.dq * turning, "ddq": self.ddq * turning, "tau": self.tau}
+        found = {
+            time_column(names.names): self.time,
+            **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
+        }
+        for part, values in parts.items():
+            if values is not None:
+                found |= {name: values[:, k] for k, name in enumerate(names.headers(part, degrees=degrees))}
+        return found
+
+    def to_csv(self: Any, path: str | Path, *, degrees: bool = False) -> Path:
+        """Write a CSV file that ``twistwrench torques`` reads.
+
+        Parameters
+        ----------
+        path : str or Path
+        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        ValueRangeError
+            Nothing can be written.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
+        time
+        """
+        from .array_files import TableFile
+
+        path, columns = as_path(path), self.columns(degrees=degrees)
+        with TableFile.writing(path, list(columns)) as file:
+            if file is not None:
+                file.write(np.column_stack(list(columns.values())))
+        return path
+
+    def to_pandas(self: Any) -> Any:
+        """Data frame with the time [s] as its index and a column for each entry.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+
+        Raises
+        ------
+        MissingExtraError
+            There is no pandas.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.to_pandas().shape
+        (101, 6)
+        """
+        try:
+            import pandas  # type: ignore[import-untyped]
+        except ImportError:
+            raise MissingExtraError.of("pandas", "tables", "Making a DataFrame") from None
+        columns = self.columns()
+        return pandas.DataFrame(columns).set_index(next(iter(columns)))
+
+    def to_xarray(self: Any) -> Any:
+        """Dataset of q, dq, ddq, and tau where it is known, whose axes are named: time, coordinate, joint.
+
+        Returns
+        -------
+        dataset : xarray.Dataset
+
+        Raises
+        ------
+        MissingExtraError
+            There is no xarray.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.to_xarray().dq.sel(joint="joint2").shape
+        (101,)
+        """
+        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, **({} if self.tau is None else {"tau": self.tau})}
+        return labelled_dataset(self.robot.model, self.time, arrays)
+
+
+# ── States over time as an xarray dataset: axes with the names of samples, times and joints
+
+
+def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) -> Any:
+    """An ``xarray.Dataset`` of q and what else there is, each (..., n, nq) or (..., n, nv).
+
+    Axes are ``sample`` (``sample_0``, ``sample_1``, … where there are several), ``time`` [s], ``coordinate`` for q and
+    ``joint`` for all else. Torques of steps, one fewer than the times, end with NaN. Raises MissingExtraError.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise MissingExtraError.of("xarray", "tables", "Making a Dataset") from None
+    kinds = Coordinates.of(model)
+    batch = next(iter(arrays.values())).ndim - 2
+    samples = ("sample",) if batch == 1 else tuple(f"sample_{k}" for k in range(batch))
+    coords = {
+        "time": ("time", times, {"units": "s"}),
+        "coordinate": list(kinds.names),
+        "joint": list(kinds.velocity_names),
+    }
+    variables = {}
+    for name, array in arrays.items():
+        axis = "coordinate" if name == "q" else "joint"
+        missing = len(times) - array.shape[-2]
+        if missing:
+            array = np.concatenate([array, np.full((*array.shape[:-2], missing, array.shape[-1]), np.nan)], axis=-2)
+        variables[name] = ((*samples, "time", axis), array, {"units": _units(name, kinds)})
+    return xarray.Dataset(variables, coords, {"robot": model.name})
+
+
+def _units(name: str, kinds: Coordinates) -> str:
+    """The unit of all entries, or those of each, as they stand in a row."""
+    if name == "q":
+        quaternion = np.zeros(len(kinds.names), bool)
+        for part in kinds.quaternions:
+            quaternion[part] = True
+        each = ["1" if one else unit_of("q", bool(turns)) for one, turns in zip(quaternion, kinds.angular, strict=True)]
+    else:
+        each = [unit.replace("²", "^2") for unit in units_of(name, kinds.angular_velocity)]
+    return each[0] if len(set(each)) == 1 else ", ".join(each)
+
+
+# ── A pandas DataFrame as the motion file that it could have been read from
+
+_NAME = "the DataFrame"
+_COLUMN = re.compile(r"--columns '([^'=]+)=([^']*)'( …)?")
+_HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
+
+
+def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
+    """Its index, where it is a time, and its columns of numbers; and a sentence on those that are none.
+
+    Raises ShapeError for what is no DataFrame.
+    """
+    if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
+        raise ShapeError(
+            f"Motion.from_dataframe: the frame is {arguments.shown(frame)}: give a pandas DataFrame with a column "
+            "for each joint."
+        )
+    timed = any(time_meaning(str(name)) is not None for name in frame.columns)
+    found, ignored = [], []
+    for name, column in frame.items():
+        try:
+            found.append(_column(str(name), column))
+        except (TypeError, ValueError):
+            ignored.append(str(name))
+    named = {str(name) for name in frame.columns}
+    found = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in named] + found
+    table = np.column_stack([x for _, x in found]) if found else np.zeros((len(frame), 0))
+    said = (f"Columns that are no numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
+    return NpzFile(Path(_NAME), tuple(name for name, _ in found), table, 8 * table.size), said
+
+
+def _column(name: str, values: Any) -> tuple[str, Array]:
+    """Numbers and what they are called; dates and spans are seconds since the first. TypeError, ValueError: none."""
+    kind = getattr(values.dtype, "kind", "")
+    if kind not in "mM":
+        return name, np.asarray(values, float)
+    spans = np.asarray(values, "datetime64[ns]" if kind == "M" else "timedelta64[ns]")
+    return f"{name} [s]", (spans - spans[:1]) / np.timedelta64(1, "s")
+
+
+def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
+    """The index, dates and spans in seconds since the first; nothing where it only counts rows.
+
+    Its name is kept where it means time, or another column does (``timed``); else floats that increase are the time.
+    """
+    if getattr(index.dtype, "kind", "") in "mM":
+        return [_column("time", index)]
+    values = np.asarray(index)
+    counts = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
+    if values.ndim != 1 or values.dtype.kind not in "iuf" or (index.name is None and counts):
+        return []
+    means_time = timed or (index.name is not None and time_meaning(str(index.name)) is not None)
+    increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
+    name = "time" if index.name is None or (increases and not means_time) else str(index.name)
+    return [(name, values.astype(float))]
+
+
+def in_python_words(text: str) -> str:
+    """A sentence on a log with its options as keyword arguments, for who has no command line.
+
+    >>> in_python_words("Say which they are: --columns 'a=COLUMN'; or hold joints still: --lock-missing, or --lock a=0.")
+    "Say which they are: columns={'a': 'COLUMN'}; or hold joints still: tw.load(…, lock={joint: 0})."
+    """
+    given = [(found[1], found[2]) for found in _COLUMN.finditer(text)]
+    said = ", ".join(f"{key!r}: {column!r}" for key, column in given)
+    text = _COLUMN.sub("\0", text, count=1)
+    text = re.sub(r" ?" + _COLUMN.pattern, "", text).replace("\0", f"columns={{{said}}}")
+    text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
+    return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")
+
+
+@contextmanager
+def errors_in_python_words() -> Iterator[None]:
+    """Errors on a log with the advice of :func:`in_python_words`."""
+    try:
+        yield
+    except TrajectoryError as problem:
+        raise TrajectoryError(in_python_words(str(problem))) from None

@@ -1,0 +1,492 @@
+"""What the doctor found, drawn: the shapes of a link, and the solid ellipsoid of its inertia before and after the repair."""
+
+from __future__ import annotations
+
+import html
+import io
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..bodies.mesh import hull_faces
+from ..core.numbers import number, percent
+from ..core.tables import html_table
+from ..errors import ValueRangeError
+from ..joints.units import unit_of, units_of
+from ..motion.coordinates import Coordinates
+from ..typing import Array
+from ..viz.scene import equal_inertia_ellipsoid
+from .style import (
+    AXIS,
+    BLUE,
+    GREEN,
+    LINE,
+    ORANGE,
+    PALE,
+    QUIET,
+    SMALL,
+    STYLE,
+    VERMILION,
+    figure,
+    panel_grid,
+    panels,
+    require_matplotlib,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..diagnosis import DoctorReport
+    from ..identification import IdentifiedRobot
+
+_MOST = 6
+"""Links in one picture: those with the worst findings."""
+VIEWS = ((0, 1), (0, 2), (1, 2))
+"""Axes of a link that lie in each of the three pictures of it."""
+
+
+def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
+    """Draw the links whose inertia the doctor repairs: shapes, and ellipsoids of inertia before and after.
+
+    Parameters
+    ----------
+    report : DoctorReport
+    path : str or Path; the suffix says the kind, .png if there is none
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    ValueRangeError
+        No finding changes an inertia, so there is nothing to draw; or nothing can be written.
+    MissingExtraError
+        There is no matplotlib.
+
+    Notes
+    -----
+    The ellipsoid is the uniform solid with the same mass and moments, seen along an axis of the link. It is as large as the
+    body would be. Of a tensor that cannot exist, what is negative is drawn as nearly nothing.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> text = tw.robots.path_of("ur5").read_text().replace('iyz="0" izz="0.0021942"', 'iyz="0" izz="0.21942"')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_diagnosis(tw.doctor(text), f"{folder}/wrists").suffix
+    '.png'
+    """
+    pairs = links_drawn(report)
+    if not pairs:
+        raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
+    height = 2.5 * len(pairs) + 0.9
+    with figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
+        grid = drawn.subplots(len(pairs), 3, squeeze=False)
+        for row, (link, check, after) in zip(grid, pairs, strict=True):
+            before = report.subject.robot.model.link_inertias[link]
+            for axes, view in zip(row, VIEWS, strict=True):
+                _draw(axes, report, link, before, after, view)
+            row[0].set_title(f"{link}: {check}", loc="left")
+        grid[0][2].legend(fontsize=SMALL, frameon=False, loc="upper right")
+        return save(drawn, path)
+
+
+def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
+    """The links whose inertia a finding changes in effect, each with the check's name and the inertia it gets."""
+    found: dict[str, tuple[str, SpatialInertia]] = {}
+    for finding in report.findings:
+        if finding.repair is not None and finding.effect.inertia_joint:
+            for link, inertia in finding.repair.inertias.items():
+                found.setdefault(link, (finding.check, inertia))
+    return [(link, check, inertia) for link, (check, inertia) in found.items()][:_MOST]
+
+
+def _draw(
+    axes: Axes, report: DoctorReport, link: str, before: SpatialInertia, after: SpatialInertia, view: tuple[int, int]
+) -> None:
+    described = report.subject.robot.links.get(link)
+    label: str | None = "shapes"
+    for shape in described.shapes.solids if described is not None else ():
+        outline = _outline(shape.points[:, list(view)])
+        axes.fill(*outline.T, color=PALE, zorder=1, label=label)
+        label = None
+    # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
+    draw_inertias(axes, [(after, BLUE, "-", "repaired"), (before, VERMILION, "--", "in the file")], view)
+
+
+def draw_inertias(axes: Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]) -> None:
+    """Outlines of the uniform ellipsoids that have these inertias, and their centres of mass: inertia, colour, style, name.
+
+    ``view`` are the axes of the link that lie in the picture.
+    """
+    for inertia, colour, style, name in inertias:
+        for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
+            outline = _outline(solid.vertices[:, list(view)])
+            x, y = np.concatenate([outline, outline[:1]]).T
+            axes.plot(x, y, color=colour, linestyle=style, linewidth=1.4, label=name, zorder=3)
+        axes.plot(*inertia.com[list(view)], "+", color=colour, zorder=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=SMALL)
+    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=SMALL)
+    axes.tick_params(labelsize=SMALL, colors=QUIET)
+
+
+def _outline(points: Array) -> Array:
+    """The convex outline (n, 2) of points, in order."""
+    edges = hull_faces(points)
+    if edges is None:
+        return points
+    used = np.unique(edges)
+    middle = points[used].mean(axis=0)
+    around = points[used] - middle
+    return np.asarray(points[used][np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
+
+
+# ── What identification found of friction, of single rows, and of bodies, drawn on axes that are given
+
+_BAND_of_identified_drawings, _FAR = 1.96, 4.0
+"""Deviations of a band that holds 95 %, and from which a residual is marked."""
+_SPEEDS, _USUAL = 201, 2.0
+"""Points of a curve, and the speed it goes to of a joint without a limit [rad/s, m/s]."""
+_BAR = 0.2
+"""Width, of four beside each other in a joint's unit."""
+_LAWS = ("viscous", "coulomb", "stribeck", "offset")
+
+
+def frictional(found: IdentifiedRobot) -> list[int]:
+    """The joints whose friction was identified."""
+    names = found.original.velocity_names
+    return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:3])]
+
+
+def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
+    """Friction over speed of each joint: viscous dq + coulomb tanh(dq / v) + offset, with a band of 95 %, and the file's."""
+    kinds, model = Coordinates.of(found.original.model), found.original.model
+    for axes, k in zip(grid, frictional(found), strict=True):
+        name, turns = found.original.velocity_names[k], bool(kinds.angular_velocity[k])
+        most = float(model.limits.velocity[k])
+        dq = np.linspace(-1, 1, _SPEEDS) * (most if np.isfinite(most) else _USUAL)
+        eased = np.tanh(dq / found.settings.friction_speed[k])
+        fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
+        of_law: dict[str, Array] = {
+            "viscous": dq,
+            "coulomb": eased,
+            "stribeck": fading * eased,
+            "offset": np.ones_like(dq),
+        }
+        places = [found.groups.index(f"{name}.{law}") if f"{name}.{law}" in found.groups else -1 for law in _LAWS]
+        kept = [(place, of_law[law]) for place, law in zip(places, _LAWS, strict=True) if place >= 0]
+        at, columns = [place for place, _ in kept], np.stack([column for _, column in kept], axis=1)
+        torque = columns @ found.values[at]
+        variance = np.einsum("ni,ij,nj->n", columns, found.covariance.matrix[np.ix_(at, at)], columns)
+        half = _BAND_of_identified_drawings * np.sqrt(np.maximum(variance, 0.0))
+        axes.fill_between(dq, torque - half, torque + half, color=PALE, linewidth=0, label="95 %")
+        axes.plot(dq, torque, color=LINE, linewidth=1.2, label="identified")
+        friction = model.friction
+        axes.plot(
+            dq, friction.viscous[k] * dq + friction.coulomb[k] * eased, "--", color=VERMILION, linewidth=1, label="file"
+        )
+        axes.axhline(0.0, color=AXIS, linewidth=0.8)
+        axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
+        axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
+        axes.tick_params(labelsize=SMALL)
+    grid[0].legend(fontsize=SMALL, frameon=False)
+
+
+def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
+    """What is left of the torques of rows held out, over time, beside what the training rows left; far rows are marked."""
+    kinds = Coordinates.of(found.original.model)
+    for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
+        sigma = float(found.sigma[j])
+        axes.axhspan(
+            -_BAND_of_identified_drawings * sigma,
+            _BAND_of_identified_drawings * sigma,
+            color=PALE,
+            linewidth=0,
+            label="95 % of training rows",
+        )
+        for rows in found.held_out.rows:
+            left = rows.measured[:, j] - rows.predicted[:, j]
+            far = np.abs(left) > _FAR * sigma
+            axes.plot(rows.time, left, ".", color=QUIET, markersize=1.5)
+            axes.plot(rows.time[far], left[far], ".", color=VERMILION, markersize=2.5)
+        axes.axhline(0.0, color=AXIS, linewidth=0.8)
+        axes.set_title(name, loc="left")
+        axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
+    grid[0].legend(fontsize=SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))  # above the points
+    grid[-1].set_xlabel("time in its log [s]")
+
+
+def draw_residual_bars(axes: Axes, found: IdentifiedRobot) -> None:
+    """What is left of each joint's torque by the file, by the file with friction, by the groups and by bodies that can exist.
+
+    Bars end at the whole torque; what is beyond is written on them.
+    """
+    left, names = found.residuals, list(found.held_out.names)
+    models = (
+        ("file", left.file, PALE),
+        ("file, friction fitted", left.with_friction, VERMILION),
+        ("identified", left.identified, BLUE),
+        ("bodies that can exist", left.consistent, GREEN),
+    )
+    at = np.arange(len(names))
+    for k, (label, shares, colour) in enumerate(models):
+        x = at + (k - 1.5) * _BAR
+        axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
+        for j in np.flatnonzero(shares > 1.0):
+            axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=SMALL)
+    axes.set_xticks(at, names, fontsize=SMALL)
+    axes.set_ylabel("% left in fifths held out")
+    axes.legend(fontsize=SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+
+
+def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
+    """Ellipsoids of inertia of the moving bodies, in the file and identified: a row for each body, seen along each axis."""
+    unknown, inertias = found.base.unknown, found.consistent.inertias
+    for row, i in zip(grid, unknown.bodies, strict=True):
+        body, inertia = unknown.model.bodies[i], inertias[i]
+        for axes, view in zip(row, VIEWS, strict=True):
+            draw_inertias(axes, [(inertia, BLUE, "-", "identified"), (body.inertia, VERMILION, "--", "file")], view)
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=SMALL)
+            axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=SMALL)
+            axes.tick_params(labelsize=SMALL, colors=QUIET)
+        row[0].set_title(body.link, loc="left")
+    grid[0][2].legend(fontsize=SMALL, frameon=False, loc="upper right")
+
+
+# ── What identification found, drawn: torques of rows held out, groups with their intervals, the pull to the file's bodies
+
+_BAND = 1.96
+_MOST_GROUPS, _NAMED_GROUPS, _LONGEST_NAME = 80, 30, 22
+_ABREAST = 4
+_PURPOSE = "Drawing the identification"
+
+
+def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
+    """Draw measured and predicted torques of rows held out, the groups with their intervals, and the pull to the file.
+
+    Parameters
+    ----------
+    found : IdentifiedRobot
+    path : str or Path; the suffix says the kind, .png if there is none
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+    ValueRangeError
+        Nothing can be written.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+    >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_identification(found, f"{folder}/fit").suffix
+    '.png'
+    """
+    names = found.held_out.names
+    height = 1.5 * len(names) + 4.6
+    title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
+    with figure(11.0, height, title, _PURPOSE) as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
+        _torques(panels(upper, len(names), 1, sharex=True), found)
+        left, right = lower.subplots(1, 2, width_ratios=[3, 2])
+        _groups(left, found)
+        _pull(right, found)
+        return save(drawn, path)
+
+
+def identification_page(found: IdentifiedRobot) -> str:
+    """Page of HTML that says and shows what was found, whole in itself.
+
+    Parameters
+    ----------
+    found : IdentifiedRobot
+
+    Returns
+    -------
+    page : str
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+    >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+    >>> identification_page(found).count("<svg")
+    6
+    """
+    return "\n".join(_page(found)) + "\n"
+
+
+def _page(found: IdentifiedRobot) -> Iterator[str]:
+    name, verdict = html.escape(found.original.name), found.verdict.word
+    yield "<!doctype html>"
+    yield f"<html lang='en'><meta charset='utf-8'><title>{name}: {verdict}</title>"
+    yield (
+        "<style>body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem}"
+        "table{border-collapse:collapse}td,th{padding:.15rem .7rem;text-align:right;border-bottom:1px solid #e6e8eb}"
+        "td:first-child,th:first-child{text-align:left}svg{max-width:100%;height:auto}.no{color:#c0392b}</style>"
+    )
+    yield f"<h1>{verdict}: identification of {name}</h1>"
+    yield f"<p>{percent(found.held_out.all, 3)} of the torques are left unexplained in rows held out.</p><ul>"
+    for doubt in found.doubts:
+        yield f"<li{' class=no' if doubt.refuses else ''}>{html.escape(doubt.sentence)}</li>"
+    for note in found.notes:
+        yield f"<li>{html.escape(note)}</li>"
+    yield (
+        f"</ul><p>{found.settings}; weights {found.method}; deviations from blocks of "
+        f"{number(found.covariance.block)} s.</p>"
+    )
+    yield "<h2>Torques of rows held out</h2>"
+    names = found.held_out.names
+    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(panels(drawn, len(names), 1, sharex=True), found))
+    yield "<h2>Residuals</h2>"
+    yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
+    yield "<h3>In time</h3>"
+    yield _svg(
+        10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(panels(drawn, len(names), 1, sharex=True), found)
+    )
+    if count := len(frictional(found)):
+        yield "<h2>Friction</h2>"
+        yield _svg(
+            10.0,
+            2.3 * panel_grid(count, _ABREAST)[0],
+            lambda drawn: draw_friction(panels(drawn, count, _ABREAST), found),
+        )
+    yield "<h2>Groups of parameters</h2>"
+    yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
+    rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
+    cells = ((group, *map(float, (value, sigma, *ends, before))) for group, value, sigma, ends, before in rows)
+    yield html_table("", ("group [SI units]", "value", "deviation", "95 % from", "to", "file"), cells)
+    yield "<h2>Bodies that can exist</h2>"
+    yield _svg(7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found))
+    consistent = found.consistent
+    yield (
+        f"<p>Pull γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} left in fifths held out, weighted; "
+        f"by the file's own bodies with friction {percent(consistent.of_file, 3)}.</p>"
+    )
+    unknown, inertias = found.base.unknown, consistent.inertias
+    count = len(unknown.bodies)
+    yield _svg(9.0, 2.5 * count, lambda drawn: draw_bodies(drawn.subplots(count, 3, squeeze=False), found))
+    bodies = ((unknown.model.bodies[i], inertias[i]) for i in unknown.bodies)
+    links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(number(x) for x in G.com)) for b, G in bodies)
+    yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
+    yield "</html>"
+
+
+def _svg(width: float, height: float, draw: Any) -> str:
+    """A picture as an element of a page."""
+    mpl = require_matplotlib(_PURPOSE)
+    with (
+        figure(width, height, "", _PURPOSE) as drawn,
+        mpl.rc_context(cast("Any", dict(STYLE) | {"svg.fonttype": "none"})),
+    ):
+        draw(drawn)
+        buffer = io.StringIO()
+        drawn.savefig(buffer, format="svg")
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _torques(grid: Any, found: IdentifiedRobot) -> None:
+    """Measured, and predicted with a band of 95 % of the residuals; logs behind each other."""
+    parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
+    turning = Coordinates.of(found.original.model).angular_velocity
+    units = units_of("tau", turning)
+    begin, ends = 0.0, dict[float, float]()
+    for rows in parts:
+        for log in np.unique(rows.log):
+            ends[float(log)] = max(ends.get(float(log), 0.0), float(rows.time[rows.log == log].max()))
+    offsets = {}
+    for log, end in sorted(ends.items()):
+        offsets[log], begin = begin, begin + end
+    for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
+        for k, rows in enumerate(parts):
+            t = rows.time + np.array([offsets[float(log)] for log in rows.log])
+            first = k == 0
+            axes.fill_between(
+                t,
+                rows.predicted[:, j] - _BAND * found.sigma[j],
+                rows.predicted[:, j] + _BAND * found.sigma[j],
+                color=PALE,
+                linewidth=0,
+                label="95 %" if first else None,
+            )
+            axes.plot(t, rows.measured[:, j], color=QUIET, linewidth=0.9, label="measured" if first else None)
+            axes.plot(t, rows.predicted[:, j], color=LINE, linewidth=0.9, label="predicted" if first else None)
+        share = found.held_out.joints[name]
+        axes.set_title(
+            f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
+        )
+        axes.set_ylabel(units[j])
+    above = (1.0, 0.97)  # of the curves
+    grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=above)
+    grid[-1].set_xlabel("time [s]")
+
+
+def _groups(axes: Axes, found: IdentifiedRobot) -> None:
+    """Each group in units of its file's value or its own, whichever is larger, with its interval; the file as a tick."""
+    half = found.covariance.half_width()
+    size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
+    k = np.arange(min(len(size), _MOST_GROUPS))
+    vague = (found.standard_deviations > 0.3 * np.abs(found.values))[k]
+    for which, colour, name in ((~vague, GREEN, "sure"), (vague, ORANGE, "vague")):
+        if which.any():
+            at = k[which]
+            bars = np.clip(half[at] / size[at], 0, 2)
+            axes.errorbar(
+                at, found.values[at] / size[at], bars, fmt="o", markersize=3, linewidth=1, color=colour, label=name
+            )
+    axes.plot(k, found.prior.mean[k] / size[k], "_", color=VERMILION, markersize=7, label="file")
+    axes.axhline(0.0, color=AXIS, linewidth=0.8)
+    axes.set_ylim(-1.6, 1.6)
+    if len(k) <= _NAMED_GROUPS:
+        axes.set_xticks(k, [_short(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
+        axes.tick_params(axis="x", labelsize=SMALL)
+    else:
+        axes.set_xlabel("group, in the order of the table")
+    axes.set_ylabel("share of the larger of value and file")
+    axes.legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right")
+
+
+def _short(group: str) -> str:
+    """A group by its first parameter."""
+    first, plus, _ = group.partition(" + ")
+    named = first if len(first) <= _LONGEST_NAME else f"{first[:_LONGEST_NAME]}…"
+    return f"{named} + …" if plus else named
+
+
+def _pull(axes: Axes, found: IdentifiedRobot) -> None:
+    strengths, shares = np.array(found.consistent.curve).T
+    axes.semilogx(strengths, 100 * shares, "o-", color=BLUE, markersize=3, label="bodies that can exist")
+    axes.axhline(100 * found.consistent.of_file, color=VERMILION, linewidth=1, label="the file's, with friction")
+    axes.axvline(found.consistent.fit.strength, color=AXIS, linewidth=0.8, linestyle=":")
+    axes.set_xticks(strengths, [number(x) for x in strengths])
+    axes.minorticks_off()
+    axes.tick_params(axis="x", labelsize=SMALL)
+    axes.set_xlabel("pull to the file γ")
+    axes.set_ylabel("% left, held out")
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize=SMALL, frameon=False)

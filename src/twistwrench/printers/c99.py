@@ -1,0 +1,217 @@
+"""A program as a C99 function: one operation a line, no loops, no branches, no memory but the stack, nothing but math.h.
+
+What the program fuses is a call of ``fma``, nothing else is, so results have the bits of the compiled kernels as far as the C
+library's sine, cosine and exponential have them. Inputs are read before anything is written. CUDA has the same statements.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import KernelError
+from ..ir.program import FUSED, Program
+
+PRECISIONS = {"double": "", "float": "f"}
+"""The types there are, and what ends the names of their functions and their literals."""
+
+FUSED_MACROS = """\
+/* A product and a sum, rounded once as the kernels do; twice with -DTWISTWRENCH_NO_FMA, for processors without fma. */
+#ifdef TWISTWRENCH_NO_FMA
+#define FMA(a, b, c) ((a) * (b) + (c))
+#define FMS(a, b, c) ((a) * (b) - (c))
+#define FNMA(a, b, c) ((c) - (a) * (b))
+#define FNMS(a, b, c) (-((a) * (b)) - (c))
+#else
+#define FMA(a, b, c) {fma}((a), (b), (c))
+#define FMS(a, b, c) {fma}((a), (b), -(c))
+#define FNMA(a, b, c) {fma}(-(a), (b), (c))
+#define FNMS(a, b, c) {fma}(-(a), (b), -(c))
+#endif
+"""
+
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+_WIDTH = 116
+
+
+def identifier(text: str) -> str:
+    """Letters, digits and single underscores of a name; empty if it has none. Two in a row are reserved in C++.
+
+    >>> identifier("panda hand/tcp__2")
+    'panda_hand_tcp_2'
+    """
+    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")
+
+
+def literal(value: float, precision: str) -> str:
+    """A number so that the compiler reads the same bits. KernelError for one beyond the precision.
+
+    >>> literal(0.1, "double"), literal(0.1, "float")
+    ('0.1', '0.1f')
+    """
+    with np.errstate(over="ignore"):
+        number = np.float32(value) if precision == "float" else np.float64(value)
+    if not np.isfinite(number):
+        advice = "It needs precision='double'" if np.isfinite(value) else "Look for a division by zero in it"
+        raise KernelError(f"the constant {value!r} is no finite {precision}. {advice}.")
+    return f"{number!s}{PRECISIONS[precision]}"
+
+
+@dataclass(frozen=True)
+class CFunction:
+    """A program with the name and the precision of its function."""
+
+    name: str
+    program: Program
+    precision: str = "double"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the arrays, inputs first; no two alike."""
+        names: list[str] = []
+        for ports, ending in ((self.program.inputs, "_2"), (self.program.outputs, "_out")):
+            for port in ports:
+                name = identifier(port.name.replace("wrench at", "wrench"))
+                while name in names:
+                    name += ending
+                names.append(name)
+        return tuple(names)
+
+    @property
+    def prototype(self) -> str:
+        """The declaration, without a semicolon."""
+        made = len(self.program.inputs)
+        ports = (*self.program.inputs, *self.program.outputs)
+        parameters = [
+            f"{'const ' if k < made else ''}{self.precision} {name}[{port.size}]"
+            for k, (name, port) in enumerate(zip(self.parameters, ports, strict=True))
+        ]
+        line = f"void {self.name}({', '.join(parameters)})"
+        if len(line) <= _WIDTH:
+            return line
+        return f"void {self.name}(\n    " + ",\n    ".join(parameters) + ")"
+
+    @property
+    def definition(self) -> str:
+        """The whole function."""
+        made = len(self.program.inputs)
+        places = [
+            f"{name}[{k}]"
+            for name, port in zip(self.parameters[made:], self.program.outputs, strict=True)
+            for k in range(port.size)
+        ]
+        stores = zip(places, self.program.results, strict=True)
+        return "\n".join([self.prototype, "{", *statements(self.program, self.precision, self.parameters, stores), "}"])
+
+    @property
+    def fuses(self) -> bool:
+        """Whether it needs :data:`FUSED_MACROS`."""
+        return any(i.op in FUSED for i in self.program.instructions)
+
+
+def statements(
+    program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str = ""
+) -> list[str]:
+    """The lines of a function's body.
+
+    ``names`` of its arrays begin with those of the program's inputs; ``stores`` pairs what is written with the number of the
+    instruction that makes it; ``sincos`` is the function ``(x, &s, &c)`` that makes a sine and a cosine at once, if there is.
+    """
+    return _Body(program, precision, names, stores, sincos).lines
+
+
+class _Body:
+    """One walk through a program: its lines, and how each value is written."""
+
+    def __init__(
+        self, program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str
+    ) -> None:
+        self.program, self.type, self.sincos = program, precision, sincos
+        self.suffix = PRECISIONS[precision]
+        self.lines: list[str] = []
+        self.written: dict[int, str] = {}
+        self.slots: dict[int, list[str]] = {}
+        for place, result in stores:
+            self.slots.setdefault(result, []).append(place)
+        self._constants()
+        self._inputs(names)
+        partners = self._partners()
+        for number, instruction in enumerate(self.program.instructions):
+            if instruction.op in ("const", "input"):
+                self._store(number)
+            elif number not in self.written:
+                self._operations(number, partners.get(number, ()))
+
+    def _constants(self) -> None:
+        for number, (op, _, value) in enumerate(self.program.instructions):
+            if op == "const":
+                self.written[number] = literal(value, self.type)
+
+    def _inputs(self, names: Sequence[str]) -> None:
+        """Read all that is used before anything is written, so that an output may be an input's array."""
+        elements = [(n, k) for n, port in zip(names, self.program.inputs, strict=False) for k in range(port.size)]
+        used = sorted((int(i.value), n) for n, i in enumerate(self.program.instructions) if i.op == "input")
+        for name in names[: len(self.program.inputs)]:
+            if not any(elements[e][0] == name for e, _ in used):
+                self.lines.append(f"    (void){name};")
+        for element, number in used:
+            name, k = elements[element]
+            local = f"{name}_{k}"
+            while local in names:
+                local += "_"
+            self.written[number] = local
+            self.lines.append(f"    const {self.type} {local} = {name}[{k}];")
+
+    def _partners(self) -> dict[int, tuple[int, ...]]:
+        """The cosine of a sine's angle and the other way round: next to each other, one call makes both."""
+        by_angle: dict[int, list[int]] = {}
+        for number, (op, args, _) in enumerate(self.program.instructions):
+            if op in ("sin", "cos"):
+                by_angle.setdefault(args[0], []).append(number)
+        return {number: tuple(pair) for pair in by_angle.values() for number in pair}
+
+    def _operations(self, number: int, partners: tuple[int, ...]) -> None:
+        """An operation, with its partners where it has any."""
+        if self.sincos and len(partners) == 2:
+            (angle,) = self.program.instructions[number].args
+            sine, cosine = sorted(partners, key=lambda k: self.program.instructions[k].op, reverse=True)
+            self.lines += [
+                f"    {self.type} t{sine}, t{cosine};",
+                f"    {self.sincos}({self.written[angle]}, &t{sine}, &t{cosine});",
+            ]
+            for k in (sine, cosine):
+                self.written[k] = f"t{k}"
+                self._store(k)
+            return
+        for k in (number, *partners):
+            if k not in self.written:
+                self._operation(k)
+
+    def _operation(self, number: int) -> None:
+        local = f"t{number}"
+        op, args, _ = self.program.instructions[number]
+        expression = self._expression(op, [self.written[a] for a in args])
+        self.lines.append(f"    const {self.type} {local} = {expression};")
+        self.written[number] = local
+        self._store(number)
+
+    def _store(self, number: int) -> None:
+        """Results go out as soon as they are there: what is not needed any more takes no register and no stack."""
+        self.lines += [f"    {place} = {self.written[number]};" for place in self.slots.get(number, ())]
+
+    def _expression(self, op: str, x: list[str]) -> str:
+        if op in _INFIX:
+            return f"{x[0]} {_INFIX[op]} {x[1]}"
+        if op in FUSED:
+            return f"{op.upper()}({', '.join(x)})"
+        if op == "neg":
+            return f"-{x[0]}"
+        if op in ("min", "max"):
+            return f"{x[0]} {'<' if op == 'min' else '>'} {x[1]} ? {x[0]} : {x[1]}"
+        if op == "sign":  # 0 stays 0 and NaN stays NaN
+            one, zero = f"1.0{self.suffix}", f"0.0{self.suffix}"
+            return f"{x[0]} > {zero} ? {one} : {x[0]} < {zero} ? -{one} : {x[0]}"
+        return f"{op}{self.suffix}({x[0]})"

@@ -1,1 +1,0 @@
-"""Straight-line programs: traced from NumPy code on symbols, folded, fused, ordered. Knows no mechanics and no machine."""

@@ -1,0 +1,1 @@
+"""Reports on motions and robots: torques, limits, verdicts, summaries."""

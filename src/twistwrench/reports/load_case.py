@@ -1,0 +1,518 @@
+"""The one judgement of the torque limits that a verdict rests on: joints that have none, and limits that stand for none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.inverse_dynamics import MotorLoads, motor_loads
+from ..bodies.inertia import SpatialInertia
+from ..core.numbers import number, percent, printed, quantity, seconds
+from ..core.text import listed
+from ..errors import UnknownNameError, ValueRangeError
+from ..joints.units import unit_of
+from ..model.assembly import follower_torques
+from ..model.limits import Limits
+from ..model.model import BASE, Model
+from ..motion.differentiation import States
+from ..typing import Array
+from .robot_summary import StatedLimits
+
+if TYPE_CHECKING:
+    from ..model.model import Body, Model
+    from ..robot import Robot
+    from ..robot.explanation import Explanation
+
+LOADED = 1e-6
+"""Share of the largest torque from which a joint is loaded; less is rounding."""
+TEMPLATE = (
+    "write a table with 'twistwrench info ROBOT --csv limits.csv', fill in its efforts, and add --limits limits.csv"
+)
+"""Remedy for missing limits."""
+_LISTED = 6
+_POSES, _USUAL = 2000, 0.15
+"""Random poses, and the share of effort below which an arm's own weight leaves it in doubt: real arms have 0.25 to 0.83."""
+_LARGE, _LIGHT = 1000.0, 50.0
+"""Effort [N m or N] that stands for none, in a robot of less than so many kilograms."""
+_CHAIN, _FINGER = 3, 4
+"""Fewest joints of an arm before it branches, and most joints one behind the other of a finger."""
+_SETS = {
+    "UR10": (330.0, 330.0, 150.0, 54.0, 54.0, 54.0),
+    "UR5": (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
+    "UR3": (56.0, 56.0, 28.0, 12.0, 12.0, 12.0),
+    "Panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
+    "iiwa 14": (320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
+}
+"""Efforts of arms that are often copied into files of others [N m]."""
+
+
+def driven_entries(model: Model) -> Array:
+    """Entries of τ, (nv,) of bool, that an actuator gives: not those of floating joints, and of elastic joints the motor's."""
+    found = np.zeros(model.nv, bool)
+    springs = {a.joint for name, a in model.actuators.items() if name != a.joint}
+    for body in model.leaders:
+        found[body.places[1]] = body.joint.driven and body.joint.name not in springs
+    return found
+
+
+def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
+    """Entries of τ, (nv,) of bool, that a question is about: driven, and with a torque in ``peaks`` (nv,) [N m or N]."""
+    size = np.abs(np.asarray(peaks, float))
+    return driven_entries(model) & (size > LOADED * size.max(initial=0.0))
+
+
+def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
+    """Names of the joints that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
+    missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
+    return [name for name, none in zip(model.velocity_names, missing, strict=True) if none]
+
+
+def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
+    """A sentence, without a full stop, for each reason why limits of torque cannot be judged.
+
+    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits that the user gave are not doubted.
+    """
+    said, model = [], robot.model
+    if missing := unlimited(model, limits.effort, peaks):
+        asked = int(loaded_entries(model, peaks).sum())
+        named = "" if len(missing) == asked else f" ({listed(missing, _LISTED)})"
+        said.append(
+            f"no torque limit for {len(missing)} of {asked} joint{'s' if asked > 1 else ''}{named}, which cannot be judged; "
+            f"{TEMPLATE}"
+        )
+    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
+    if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
+        said.append(f"{placeholders}; give the real limits with --limits")
+    return said
+
+
+def placeholder_limits(robot: Robot) -> str:
+    """Sentence, without a full stop, on efforts of the robot's file that are probably no limits of its motors; empty if none.
+
+    An arm whose own weight, at the worst of many random poses, takes less than 15 % of every effort; or a light robot with
+    1000 N m and more on half of its joints. Joints with actuators are left out: their limits are the user's.
+    """
+    model = robot.model
+    driven = driven_entries(model)
+    if not driven.any() or model.actuators:
+        return ""
+    effort = model.limits.effort
+    large = driven & np.isfinite(effort) & (effort >= _LARGE)
+    if 2 * large.sum() >= driven.sum() and model.moving_mass < _LIGHT:
+        return (
+            f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
+            f"{number(model.moving_mass)} kg, which stand for no limit"
+        )
+    chain = arm_entries(model)
+    if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
+        return ""
+    q = robot.random_configuration(np.random.default_rng(0), _POSES)
+    weight = np.abs(np.asarray(robot.gravity_forces(q)))[:, chain].max(axis=0)
+    share = weight / effort[chain]
+    if not weight.max() > 0 or share.max() >= _USUAL:
+        return ""
+    least, most = float(effort[chain].min()), float(effort[chain].max())
+    what = (
+        f"effort {number(most)} on all {len(chain)} joints"
+        if least == most
+        else f"efforts of {number(least)} to {number(most)}"
+    )
+    copied = [name for name, known in _SETS.items() if tuple(effort[chain].tolist()) == known]
+    return (
+        f"{what}{f', which are those of the {copied[0]}' if copied else ''}: the arm's own weight takes at most "
+        f"{percent(float(share.max()), 2)} of {'it' if least == most else 'them'}, and 25 to 83 % in real arms"
+    )
+
+
+def arm_entries(model: Model) -> list[int]:
+    """Entries of dq of an arm on a fixed base, from the base to where it branches into fingers; empty for other robots."""
+    moving = [k for k, b in enumerate(model.bodies) if b.joint.moves_body]
+    below = {k: [i for i in moving if model.bodies[i].parent == k] for k in [BASE, *moving]}
+
+    def depth(k: int) -> int:
+        return 1 + max(map(depth, below[k]), default=0)
+
+    found, at = [], BASE
+    while len(below[at]) == 1:
+        [at] = below[at]
+        body = model.bodies[at]
+        if body.joint.nv != 1:
+            return []
+        if not body.follows:
+            found.append(body.v_index)
+    return found if all(depth(k) <= _FINGER for k in below[at]) else []
+
+
+# ── What a robot carries and what pushes on it, and the split of its torques into their causes
+
+TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
+"""The causes of a torque: M ddq, c, g, springs, all of the payload's, wrenches' -J' F_on, joint friction and damping."""
+_LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
+
+STEADY = ("gravity", "spring", "wrench", "friction")
+"""Those that follow from positions and velocities, and so hardly from noise."""
+
+
+def cause_label(term: str) -> str:
+    """How a term of the torque is called in print.
+
+    >>> cause_label("coriolis")
+    'Coriolis'
+    """
+    return _LABELS.get(term, term)
+
+
+_NO_LEVER = 1e-6
+"""Share of reach times gravity below which a torque per kilogram is that of a rounded angle."""
+
+
+def least_torque_per_kilogram(model: Model) -> float:
+    """Torque of a kilogram [N m/kg] below which a joint does not carry it: 1e-6 of the robot's reach times gravity."""
+    most = reach(model)
+    return _NO_LEVER * float(np.linalg.norm(model.gravity)) * (most if 0 < most < np.inf else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A point mass [kg] at a place (3,) [m] of a frame; the robot's tip if the frame is None."""
+
+    mass: float
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRobot:
+    """A robot, the same robot carrying its payloads, and the wrenches (6,) on frames, each expressed in its frame."""
+
+    bare: Robot
+    payloads: tuple[Payload, ...] = ()
+    wrenches: dict[str, Array] = field(default_factory=dict)
+    friction: bool = True
+    """Whether the torques of joint friction and damping count."""
+    loaded: Robot = field(init=False)
+    """The robot with its payloads."""
+
+    def __post_init__(self) -> None:
+        robot = self.bare
+        for load in self.payloads:
+            frame = robot.model.tip if load.frame is None else load.frame
+            robot.model.frame(frame)  # refuses unknown frames, and a missing tip, by name
+            robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
+        for frame in self.wrenches:
+            robot.model.frame(frame)
+        object.__setattr__(self, "loaded", robot)
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """A sentence for each payload that is farther from its frame than the robot reaches."""
+        model, found = self.bare.model, []
+        most = reach(model)
+        for p in self.payloads:
+            distance = float(np.linalg.norm(p.place))
+            if distance > most > 0:
+                found.append(
+                    f"the payload of {printed(p.mass)} kg lies {number(distance)} m from {p.frame or model.tip}, and the robot "
+                    f"reaches {number(most, 3)} m: offsets are in metres"
+                )
+        return tuple(found)
+
+    def torques(self, s: States) -> Array:
+        """Inverse dynamics with everything included; (n,) states → (n, nv)."""
+        tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+
+    def follower_torques(self, s: States) -> Array:
+        """What mimic joints with a limit of effort bear, (n, k), friction left out."""
+        F = self.loaded.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        return follower_torques(self.loaded.model, np.asarray(F))
+
+    def _wrenches(self, s: States) -> dict[str, Array] | None:
+        return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
+
+    @property
+    def carries(self) -> bool:
+        """Whether it carries or is pushed by anything."""
+        return bool(self.payloads or self.wrenches)
+
+    def unloaded_torques(self, s: States) -> Array:
+        """As :meth:`torques`, of the robot that carries nothing and is not pushed."""
+        tau = self.bare.inverse_dynamics(s.q, s.dq, s.ddq)
+        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+
+    def terms(self, s: States) -> dict[str, Array]:
+        """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
+        bare, zero = self.bare, np.zeros_like(s.dq)
+        gravity = np.asarray(bare.gravity_forces(s.q))
+        wrench = zero.copy()
+        for frame, F in self.wrenches.items():  # what the robot must apply to the world is -F
+            wrench += bare.wrench_torques(s.q, np.broadcast_to(-F, (len(s), 6)), frame)
+        terms = {
+            "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - bare.bias_forces(s.q, zero),
+            "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
+            "gravity": gravity,
+            "spring": bare.bias_forces(s.q, zero) - gravity if bare.model.springs else zero,
+            "payload": self.payload_torques(s) if self.payloads else zero,
+            "wrench": wrench,
+        }
+        tau = np.sum(list(terms.values()), axis=0)
+        return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
+
+    def explain(self, s: States) -> Explanation:
+        """The torques of one state by link and by term, friction as in :meth:`terms`."""
+        why = self.loaded.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
+        return why.and_also("friction", self._friction(s, why.torque)) if self.friction else why
+
+    def motor_loads(self, s: States) -> MotorLoads:
+        """What the motors of the robot and its payloads must give; (n, actuators) each."""
+        carried, rotor = self.loaded.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        friction = self._friction(s, carried + rotor) if self.friction else 0.0
+        moving = np.where(s.still, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
+        return motor_loads(self.loaded.model, moving, carried + friction, rotor)
+
+    def _friction(self, s: States, carried: Array) -> Array:
+        """Of joints that carry these torques; viscous alone where the sign of the velocity is unknown."""
+        moving = np.where(s.still, 0.0, s.dq)
+        tau = np.broadcast_to(self.bare.friction_forces(moving, load=carried), s.dq.shape)
+        return np.asarray(tau + self.bare.model.friction.viscous * (s.dq - moving))
+
+    def payload_torques(self, s: States) -> Array:
+        """What the payloads add to the torques; (n, nv)."""
+        return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
+
+    def follower_payload_torques(self, s: States) -> Array:
+        """What the payloads add to :meth:`follower_torques`; (n, k)."""
+        F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.loaded, self.bare))
+        return follower_torques(self.bare.model, F - alone)
+
+
+def reach(model: Model) -> float:
+    """Farthest that any frame can be from the base [m], all links stretched; inf with a joint that slides without end.
+
+    Of a base that moves freely it is what the robot reaches from there.
+    """
+    lengths: list[float] = []
+    for body in model.bodies:
+        slides = any(not axis[:3].any() for axis in body.joint.axes)
+        travel = 0.0
+        if slides and body.joint.nv == 1:
+            k = body.v_index
+            travel = abs(body.ratio) * float(np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k])))
+        before = 0.0 if body.parent == BASE else lengths[body.parent]
+        lengths.append(before + float(np.linalg.norm(body.placement[:3, 3])) + travel)
+    ends = [
+        (0.0 if frame.body == BASE else lengths[frame.body]) + float(np.linalg.norm(frame.pose[:3, 3]))
+        for frame in model.frames.values()
+    ]
+    return max(ends, default=0.0)
+
+
+def parse_payload(text: str, tip: str | None = None) -> Payload:
+    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` asked for if it names no frame.
+
+    Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+    """
+    numbers, _, frame = text.partition("@")
+    form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
+    values = _numbers(numbers, f"payload {text!r}", form)
+    if len(values) not in (1, 4):
+        raise ValueRangeError(f"payload {text!r} has {len(values)} numbers. Write {form}.")
+    if values[0] < 0:
+        raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
+    if "@" in text and not frame.strip():
+        raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
+    x, y, z = values[1:] or (0.0, 0.0, 0.0)
+    return Payload(values[0], (x, y, z), frame.strip() or tip)
+
+
+def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
+    """Read ``FRAME:m,m,m,f,f,f`` each, adding up those on one frame.
+
+    Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+    """
+    found: dict[str, Array] = {}
+    for text in texts:
+        frame, values = _parse_wrench(text)
+        found[frame] = found.get(frame, 0.0) + values
+    return found
+
+
+def _parse_wrench(text: str) -> tuple[str, Array]:
+    frame, colon, numbers = text.rpartition(":")
+    form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
+    if not colon and text.strip() and "," not in text:
+        raise ValueRangeError(f"wrench {text!r} lacks the numbers after the frame. Write {form}.")
+    if not colon or not frame.strip():
+        raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
+    values = _numbers(numbers, f"wrench {text!r}", form)
+    if len(values) != 6:
+        raise ValueRangeError(f"wrench {text!r} has {len(values)} numbers, not 6. Write {form}.")
+    return frame.strip(), np.array(values)
+
+
+def _numbers(text: str, what: str, form: str) -> Sequence[float]:
+    found = []
+    for field_ in text.split(","):
+        try:
+            value = float(field_)
+        except ValueError:
+            raise ValueRangeError(f"{what}: {field_.strip()!r} is no number. Write {form}.") from None
+        if not np.isfinite(value):
+            raise ValueRangeError(f"{what}: {field_.strip()!r} is not finite. Write {form}.")
+        found.append(value)
+    return found
+
+
+# ── How heavy a payload may be along a motion: torques are linear in its mass, so the least quotient of all samples is that
+
+
+@dataclass(frozen=True)
+class PayloadRoom:
+    """The largest mass of the one payload with which every torque of a motion is within its limit."""
+
+    mass: float
+    """kg."""
+    joint: str
+    """The joint that is then at its limit."""
+    time: float
+    """When [s]."""
+
+    @property
+    def words(self) -> str:
+        """A sentence; the mass is rounded down."""
+        step = 10.0 ** (math.floor(math.log10(self.mass)) - 3) if self.mass > 0 else 1.0
+        most = number(math.floor(self.mass / step) * step)
+        when = f"{self.joint} reaches its limit at t = {seconds(self.time)} s"
+        return f"By the joints' torque limits, a payload there may have up to {most} kg: {when}."
+
+
+class PayloadRoomTally:
+    """Takes in torques, in any portions.
+
+    It tells nothing of several payloads, and where friction grows with the load, which makes torques no straight line.
+    """
+
+    def __init__(self, load: LoadedRobot, effort: Array) -> None:
+        laws = load.bare.model.friction
+        self.asked = len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+        followers = [load.bare.model.bodies[i] for i in load.bare.model.limited_followers]
+        self._names = (*load.bare.model.velocity_names, *(body.joint.name for body in followers))
+        self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
+        self._share, self._joint, self._time = math.inf, 0, math.nan
+        self._alone = True
+        self._carried = np.zeros(len(self._names))
+        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.bare.model) if self.asked else 0.0
+
+    def add(self, time: Array, torques: Array, carried: Array) -> None:
+        """Torques (n, nv + k) at times (n,), of joints and of followers with limits, and what the payload adds to them."""
+        alone = torques - carried
+        self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
+        self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
+        limit = np.copysign(self._effort, carried)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(
+                np.abs(carried) > self._least, (limit - alone) / carried, np.inf
+            )  # alone + share carried = limit
+        row, joint = np.unravel_index(int(np.nanargmin(share)), share.shape)
+        if share[row, joint] < self._share:
+            self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
+
+    def result(self) -> PayloadRoom | None:
+        """None where it cannot be told: a joint that it loads has no limit, or the robot alone is beyond one."""
+        if not self.asked or not self._alone or not math.isfinite(self._share):
+            return None
+        nv = self._load.bare.nv
+        if unlimited(self._load.bare.model, self._effort[:nv], self._carried[:nv]):
+            return None
+        return PayloadRoom(self._share * self._load.payloads[0].mass, self._names[self._joint], self._time)
+
+
+# ── The joints that ``--lock JOINT=VALUE`` holds still: by their names, or by patterns such as ``*wheel*``
+
+
+def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
+    """The positions [rad, m] of all joints that ``lock`` means; of turning joints it says degrees if ``degrees``.
+
+    A name says more than a pattern. Raises :class:`~twistwrench.UnknownNameError` for a pattern that no joint has, and
+    :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for patterns that contradict each other.
+    """
+    bodies = {b.joint.name: b for b in model.bodies}
+    found: dict[str, float] = {}
+    said: dict[str, str] = {}
+    for name in sorted(lock, key=lambda n: not _is_pattern(n, bodies)):
+        if not _is_pattern(name, bodies):
+            matches = [name]
+        else:
+            leaders = [b.joint.name for b in model.leaders if b.joint.nv == 1]
+            matches = [joint for joint in leaders if fnmatchcase(joint, name)]
+            if not matches:
+                raise UnknownNameError.of("joint that fits the pattern", name, leaders)
+        for joint in matches:
+            value = lock[name]
+            if joint in bodies:
+                turns = bodies[joint].joint.turning[0]
+                value = math.radians(value) if degrees and turns else value
+            if _is_pattern(name, bodies) and joint in found and found[joint] != value:
+                raise ValueRangeError(
+                    f"--lock {said[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them."
+                )
+            found[joint], said[joint] = value, name
+    for b in model.leaders:
+        if b.joint.name in found and b.joint.nv == 1:
+            _check(
+                model,
+                b,
+                found[b.joint.name],
+                f"--lock {said[b.joint.name]}={printed(lock[said[b.joint.name]])}",
+                degrees=degrees,
+            )
+    return found
+
+
+def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
+    """The joints whose coordinates move nothing between the frames ``base`` and ``tip``.
+
+    Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, and
+    :class:`~twistwrench.ValueRangeError` where no joint is between them.
+    """
+
+    def above(frame: str) -> set[int]:
+        found, k = set(), model.frame(frame).body
+        while k != BASE:
+            found.add(k)
+            k = model.bodies[k].parent
+        return found
+
+    between = {model.bodies[k].q_index for k in above(base) ^ above(tip)}
+    if not between:
+        raise ValueRangeError(
+            f"--chain {base} {tip}: no joint moves one of these frames from the other. Name two others."
+        )
+    return tuple(b.joint.name for b in model.leaders if b.q_index not in between)
+
+
+def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
+    return name not in joints and any(c in name for c in "*?[")
+
+
+def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) -> None:
+    low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+    most = float(model.limits.tolerance[body.v_index])
+    if low - most <= value <= high + most:
+        return
+    turns = body.joint.turning[0]
+    unit, shown = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
+    joint = "" if body.joint.name in told else f" {body.joint.name}"
+    hint = ""
+    if turns and not degrees and low <= math.radians(value) <= high:
+        hint = f" If {printed(value)} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
+    raise ValueRangeError(
+        f"{told} is outside the joint's limits,{joint} {quantity(unit * low, shown, 6)} to {quantity(unit * high, shown, 6)}. "
+        f"Hold it within them.{hint}"
+    )

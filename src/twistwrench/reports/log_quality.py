@@ -1,0 +1,482 @@
+"""What is counted over the rows of a file that come block by block: extremes of columns, and steps of the clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..core.numbers import number, percent
+from ..errors import TrajectoryError
+from ..motion.column_names import split_unit, time_factor, time_meaning
+from ..motion.motion_file import MotionFile, open_motion_file
+from ..motion.noise import Extreme, noise, quantum
+from ..typing import Array
+
+GAP = 3.0
+"""Times the usual step, from which a step is a gap."""
+
+
+class ColumnTally:
+    """Least and greatest numbers of columns, how many rows are exactly there, and how many are exactly zero."""
+
+    def __init__(self, columns: int) -> None:
+        self.rows = 0
+        self.least, self.most = np.full(columns, np.inf), np.full(columns, -np.inf)
+        self._at_least, self._at_most = np.zeros(columns, int), np.zeros(columns, int)
+        self.zeros = np.zeros(columns, int)
+
+    def add(self, table: Array) -> None:
+        """Take in rows (n, columns)."""
+        if not len(table):
+            return
+        self.rows += len(table)
+        self.zeros += (table == 0).sum(axis=0)
+        for extreme, count, found in (
+            (self.least, self._at_least, np.minimum(self.least, table.min(axis=0))),
+            (self.most, self._at_most, np.maximum(self.most, table.max(axis=0))),
+        ):
+            count[found != extreme] = 0
+            extreme[:] = found
+            count += (table == found).sum(axis=0)
+
+    def cut(self, column: int, share: float, rows: int) -> float:
+        """Share of the rows at the extreme that has most of them; 0 for fewer than so many, of a zero, and of one number."""
+        if self.least[column] == self.most[column]:
+            return 0.0
+        pairs = ((self.least, self._at_least), (self.most, self._at_most))
+        count = max((int(n[column]) for extreme, n in pairs if extreme[column] != 0), default=0)
+        return count / self.rows if count >= rows and count >= share * self.rows else 0.0
+
+
+class StampTally:
+    """Steps of a clock, by the usual step of its first block."""
+
+    def __init__(self) -> None:
+        self._first = self._last = np.nan
+        self._usual = 0.0
+        self._gaps = self._repeated = self._backward = self._regular = 0
+        self._longest = self._sum = self._squares = 0.0
+
+    def add(self, t: Array) -> None:
+        """Take in times (n,) [s]."""
+        if not len(t):
+            return
+        steps = np.diff(t) if np.isnan(self._last) else np.diff(t, prepend=self._last)
+        self._first = float(t[0]) if np.isnan(self._first) else self._first
+        self._last = float(t[-1])
+        ahead = steps[steps > 0]
+        if not self._usual and ahead.size:
+            self._usual = float(np.median(ahead))
+        self._repeated += int((steps == 0).sum())
+        self._backward += int((steps < 0).sum())
+        self._longest = max(self._longest, float(ahead.max(initial=0.0)))
+        off = ahead[ahead < GAP * self._usual] - self._usual
+        self._gaps += len(ahead) - len(off)
+        self._regular += len(off)
+        self._sum += float(off.sum())
+        self._squares += float((off**2).sum())
+
+    def found(self) -> tuple[float, float, int, float, int, int, float]:
+        """Seconds, rate, gaps, longest step, repeated and backward stamps, and how much regular steps vary."""
+        usual = self._usual or np.nan
+        mean = self._sum / max(1, self._regular)
+        jitter = np.sqrt(max(self._squares / self._regular - mean**2, 0.0)) if self._regular else np.nan
+        return (
+            self._last - self._first, 1.0 / usual, self._gaps, self._longest, self._repeated, self._backward, float(jitter)
+        )  # fmt: skip
+
+
+# ── What is in a file of a motion, without a robot: its clock, and of each column its range, its grid and where it is cut
+
+_LARGE = 1 << 25
+"""Bytes, from which a file is looked at block by block."""
+_RUNS = 16, 4096
+_FEWEST = 16
+_CUT, _CUT_ROWS = 0.01, 20
+"""Share of the rows, and rows, that are at an extreme where a column is cut off there."""
+
+
+@dataclass(frozen=True)
+class LogColumn:
+    """One column.
+
+    Attributes
+    ----------
+    name : str
+    least, most : float, in the file's unit
+    grid : float, step of the grid that the numbers lie on; 0 where none shows
+    noise : float, standard deviation of what is not smooth; 0 where none shows
+    cut : float, share of the rows at the extreme that has most of them, where it is cut off there; 0 where it is not
+    dead : bool, whether it is one number throughout
+    zeros : float, share of the rows that are exactly 0
+    """
+
+    name: str
+    least: float
+    most: float
+    grid: float
+    noise: float
+    cut: float
+    dead: bool
+    zeros: float = 0.0
+
+
+@dataclass(frozen=True)
+class LogQuality:
+    """Quality of a log.
+
+    Attributes
+    ----------
+    path : Path
+    rows : int
+    time : str, the column of time; empty where there is none
+    seconds : float, from the first stamp to the last; not a number without a column of time
+    rate : float, rows a second by the usual step [Hz]
+    gaps : int, steps of three usual ones and more
+    longest : float, step [s]
+    repeated : int, rows with the stamp of the row before
+    backward : int, rows whose stamp is before that of the row above
+    jitter : float, standard deviation of the steps that are no gaps [s]
+    columns : tuple of LogColumn
+    notes : tuple of str, a sentence for each thing in the file that is not read
+    """
+
+    path: Path
+    rows: int
+    time: str
+    seconds: float
+    rate: float
+    gaps: int
+    longest: float
+    repeated: int
+    backward: int
+    jitter: float
+    columns: tuple[LogColumn, ...]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, path: str | Path) -> LogQuality:
+        """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it.
+
+        Parameters
+        ----------
+        path : str or Path, as :meth:`twistwrench.Motion.from_file` takes it
+
+        Returns
+        -------
+        quality : LogQuality
+
+        Raises
+        ------
+        NotFoundError, TrajectoryError
+            The file cannot be read.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> quality = LogQuality.of(tw.robots.path_of("ur5").with_name("ur5_demo.csv"))
+        >>> quality.rows, round(quality.rate), quality.repeated
+        (751, 125, 0)
+        """
+        file = open_motion_file(path)
+        if (large := large_quality(file)) is not None:
+            return large
+        table = np.concatenate([block.table for block in file.blocks(range(len(file.header)))] or [np.zeros((0, 1))])
+        if not len(table):
+            raise TrajectoryError(f"{path}: no rows after the header.")
+        place = _time_of(file)
+        clock = _clock(table[:, place[0]] * place[1]) if place is not None else _no_clock()
+        return cls(
+            file.path,
+            len(table),
+            "" if place is None else file.header[place[0]],
+            *clock,
+            tuple(
+                _column(file.header[k], table[:, k]) for k in range(table.shape[1]) if place is None or k != place[0]
+            ),
+            file.notes,
+        )
+
+
+def large_quality(file: MotionFile) -> LogQuality | None:
+    """In one pass over the file, block by block; None of a file that is small, or in memory whole."""
+    everything = range(len(file.header))
+    if file.size < _LARGE or (runs := file.excerpts(everything, *_RUNS)) is None:
+        return None
+    place, tally = _time_of(file), ColumnTally(len(file.header))
+    clock = None if place is None else StampTally()
+    for block in file.blocks(everything):
+        tally.add(block.table)
+        if clock is not None and place is not None:
+            clock.add(block.table[:, place[0]] * place[1])
+    if not tally.rows:
+        raise TrajectoryError(f"{file.path}: no rows after the header.")
+    columns = []
+    for k in everything:
+        if place is not None and k == place[0]:
+            continue
+        least, most = float(tally.least[k]), float(tally.most[k])
+        grid, size = _grid_and_noise([run.table[:, k] for run in runs])
+        cut = tally.cut(k, _CUT, _CUT_ROWS)
+        zeros = float(tally.zeros[k]) / tally.rows
+        columns.append(LogColumn(file.header[k], least, most, grid, size, cut, least == most, zeros))
+    return LogQuality(
+        file.path,
+        tally.rows,
+        "" if place is None else file.header[place[0]],
+        *(_no_clock() if clock is None else clock.found()),
+        tuple(columns),
+        file.notes,
+    )
+
+
+def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
+    """Step of the grid that numbers of several runs of rows lie on, and the size of what is not smooth in them."""
+    if min(map(np.min, runs)) == max(map(np.max, runs)):
+        return 0.0, 0.0
+    grid = quantum(runs)
+    if min(map(len, runs)) < _FEWEST:
+        return grid, 0.0
+    rows = [np.arange(len(x), dtype=float) for x in runs]
+    return grid, float(noise(rows, [x[:, None] for x in runs], grid)[0])
+
+
+def _time_of(file: MotionFile) -> tuple[int, float] | None:
+    """The column of time and what takes it to seconds."""
+    ranked = []
+    for k, cell in enumerate(file.header):
+        name, unit = split_unit(cell)
+        meant = time_meaning(name)
+        if meant is not None:
+            ranked.append((meant[0], k, time_factor(unit or meant[1] or "s") or 1.0))
+    if not ranked:
+        return None
+    _, k, factor = min(ranked)
+    return k, factor
+
+
+def _clock(t: Array) -> tuple[float, float, int, float, int, int, float]:
+    steps = np.diff(t)
+    ahead = steps[steps > 0]
+    usual = float(np.median(ahead)) if ahead.size else np.nan
+    regular = ahead[ahead < GAP * usual] if ahead.size else ahead
+    return (
+        float(t[-1] - t[0]),
+        1.0 / usual,
+        int((ahead >= GAP * usual).sum()),
+        float(ahead.max(initial=0.0)),
+        int((steps == 0).sum()),
+        int((steps < 0).sum()),
+        float(regular.std()) if regular.size else np.nan,
+    )
+
+
+def _no_clock() -> tuple[float, float, int, float, int, int, float]:
+    return np.nan, np.nan, 0, np.nan, 0, 0, np.nan
+
+
+def _column(name: str, x: Array) -> LogColumn:
+    least, most = float(x.min()), float(x.max())
+    dead = least == most
+    counts = [int((x == extreme).sum()) for extreme in (least, most) if extreme != 0]
+    cut = max(counts, default=0)
+    grid, size = _grid_and_noise([x])
+    share = cut / len(x) if not dead and cut >= _CUT_ROWS and cut >= _CUT * len(x) else 0.0
+    return LogColumn(name, least, most, grid, size, share, dead, float((x == 0).mean()))
+
+
+# ── The torques that a log has itself, held against those that are computed from its motion
+
+_MATTERS = 0.02
+"""Share of the largest torque of its unit, computed or measured, below which a joint's torques say nothing."""
+_STANDS = 1e-9
+"""Share of its own size by which a column that is dead may vary."""
+_GROSS = 0.6
+"""Residual over the larger of both: friction that the robot's file lacks, and its usual errors, are less."""
+_FAR = 3.0
+"""Times what was measured that no friction explains: it adds to what a motor gives where the joint moves."""
+_NOISE = 1.5
+"""Times the noise found that may be there: of velocities, whose noise is of several sizes, it is found to that."""
+_ALIKE = 0.9
+"""Correlation from which one is a multiple of the other."""
+_CUT_of_measured, _CUT_ROWS_of_measured, _VARIES = 0.02, 30, 0.05
+"""Share of the rows, and rows, exactly at an extreme from which a column is cut off there, if what is computed deviates among
+them by that share of its deviation and by the column's last step: a robot at rest, and coarse torques, repeat numbers too."""
+
+
+@dataclass(frozen=True)
+class MeasuredTorque:
+    """One joint's torque as the log has it, beside what its motion takes."""
+
+    joint: str
+    unit: str
+    computed: float
+    """Root mean square over the rows."""
+    measured: float
+    residual: float
+    """Root mean square of what was measured, less what is computed."""
+    noise: float
+    """Root mean square of what the log's noise adds to the computed."""
+    gain: float
+    """What is measured over what is computed, by least squares, an offset aside."""
+    correlation: float
+    peak: float
+    """The largest that was measured, with its sign."""
+    time: float
+    """When [s]."""
+    dead: bool
+    """The column never changes."""
+    matters: bool
+    """The joint's torques are no small part of the robot's."""
+    cut: float = 0.0
+    """Share of the rows in which it is exactly its extreme while what is computed changes; 0 where it is not cut off there."""
+    cut_at: float = 0.0
+    """That extreme, with its sign."""
+
+    @property
+    def cut_words(self) -> str:
+        """Where it is cut off."""
+        return (
+            f"the measured torque of {self.joint} is exactly {number(self.cut_at)} {self.unit} in {percent(self.cut, 3)} of "
+            "the rows, while the torque computed changes: it is cut off there, or its channel is dead. Log what the motor "
+            "really gives, or leave the column out"
+        )
+
+    @property
+    def differs(self) -> bool:
+        """Whether the two are grossly different, be it by noise."""
+        return self.matters and not self.dead and self.residual > _GROSS * max(self.computed, self.measured)
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the two are grossly different, by more than noise explains."""
+        beyond = _without(self.residual, self.noise)
+        return self.differs and beyond > _GROSS * max(self._true, self.measured)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether nothing that a robot's file may lack explains the difference."""
+        opposite = self.correlation < -_ALIKE
+        scaled = self.correlation > _ALIKE and not 1 / _FAR < self.gain < _FAR
+        return self.disagrees and (opposite or scaled or self._true > _FAR * self.measured)
+
+    @property
+    def _true(self) -> float:
+        return _without(self.computed, self.noise)
+
+    @property
+    def words(self) -> str:
+        """How they differ, and what may be the reason."""
+        figures = f"rms {number(self.computed)} {self.unit} computed, {number(self.measured)} measured"
+        if self.correlation < -_ALIKE:
+            return f"{self.joint} has the opposite sign of what is computed ({figures})"
+        if self.correlation > _ALIKE and not 1 / _FAR < self.gain < _FAR:
+            return (
+                f"{self.joint} is {number(self.gain, 2)} times what is computed ({figures}): a current, another unit, or a "
+                "torque before the gear"
+            )
+        return f"{self.joint} {figures}"
+
+
+def _without(size: float, noise: float) -> float:
+    """A root mean square less that of independent noise, which is known to a half."""
+    return math.sqrt(max(0.0, size**2 - (_NOISE * noise) ** 2))
+
+
+class _AtExtreme:
+    """Rows in which a column is exactly its largest (or, turned, its least) number, and what is computed there."""
+
+    def __init__(self, columns: int) -> None:
+        self.value = self.next = np.full(columns, -np.inf)
+        self.sums = np.zeros((3, columns))
+        """Rows, and the sum and the squares of what is computed."""
+
+    def add(self, computed: Array, measured: Array) -> None:
+        """Take in rows (n, columns)."""
+        found = np.maximum(self.value, measured.max(axis=0))
+        self.sums[:, found != self.value] = 0.0
+        below = np.where(measured < found, measured, -np.inf).max(axis=0)
+        self.next = np.maximum(np.maximum(self.next, below), np.where(self.value < found, self.value, -np.inf))
+        self.value = found
+        here = np.where(measured == found, 1.0, 0.0)
+        self.sums += [here.sum(axis=0), (here * computed).sum(axis=0), (here * computed**2).sum(axis=0)]
+
+    def cut(self, rows: int, variance: Array) -> Array:
+        """(columns,) share of the rows, where there are many of them and what is computed varies among them; else 0."""
+        count, total, squares = self.sums
+        n = np.maximum(count, 1.0)
+        step = np.where(np.isfinite(self.next), self.value - self.next, 0.0)
+        varies = squares / n - (total / n) ** 2 > np.maximum(_VARIES**2 * np.maximum(variance, 1e-300), step**2)
+        many = (count >= _CUT_ROWS_of_measured) & (count >= _CUT_of_measured * rows) & (self.value != 0.0)
+        return np.where(many & varies, count / rows, 0.0)
+
+
+class MeasuredTally:
+    """Running sums over rows that come in any portions."""
+
+    def __init__(self, columns: int) -> None:
+        self._rows = 0
+        self._sums, self._noise = np.zeros((5, columns)), np.zeros(columns)
+        self._peak, self._sign = Extreme(columns), np.ones(columns)
+        self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
+
+    def add(self, time: Array, computed: Array, measured: Array, sigma: Array) -> None:
+        """Take in times (n,) and torques (n, columns), computed and as the log has them, and the deviation of the computed."""
+        c, m = computed, measured
+        self._noise += (sigma**2).sum(axis=0)
+        self._rows += len(time)
+        self._sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
+        for joint, row in self._peak.add(time, np.abs(m)):
+            self._sign[joint] = np.sign(m[row, joint]) or 1.0
+        self._above.add(c, m)
+        self._below.add(c, -m)
+
+    @property
+    def misfit(self) -> float:
+        """The sum over joints of the residual's share of the squares; 0 to 2 each."""
+        _, _, cc, mm, cm = self._sums
+        total = cc + mm
+        return float(np.where(total > 0, (total - 2 * cm) / np.where(total > 0, total, 1.0), 0.0).sum())
+
+    def result(self, names: tuple[str, ...], units: tuple[str, ...]) -> tuple[MeasuredTorque, ...]:
+        """The comparison of each joint; none where no row came."""
+        if not self._rows:
+            return ()
+        n = self._rows
+        c, m, cc, mm, cm = self._sums
+        computed, measured = np.sqrt(cc / n), np.sqrt(mm / n)
+        noise = np.sqrt(self._noise / n)
+        residual = np.sqrt(np.maximum(cc + mm - 2 * cm, 0.0) / n)
+        vc, vm, v = (np.maximum(cc - c * c / n, 0.0), np.maximum(mm - m * m / n, 0.0), cm - c * m / n)
+        gain = np.where(vc > 0, v / np.where(vc > 0, vc, 1.0), 0.0)
+        both = np.sqrt(vc * vm)
+        correlation = np.where(both > 0, v / np.where(both > 0, both, 1.0), 0.0)
+        size = np.maximum(computed, measured)
+        kinds = np.array(units)
+        largest = np.array([size[kinds == unit].max() for unit in units])
+        most, least = self._above.value, -self._below.value
+        dead = most - least <= _STANDS * np.maximum(np.abs(most), np.abs(least))
+        above, below = self._above.cut(n, vc / n), self._below.cut(n, vc / n)
+        cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
+        return tuple(
+            MeasuredTorque(
+                joint=name,
+                unit=units[k],
+                computed=float(computed[k]),
+                measured=float(measured[k]),
+                residual=float(residual[k]),
+                noise=float(noise[k]),
+                gain=float(gain[k]),
+                correlation=float(correlation[k]),
+                peak=float(self._sign[k] * self._peak.value[k]),
+                time=float(self._peak.time[k]),
+                dead=bool(dead[k]),
+                matters=bool(size[k] > _MATTERS * largest[k]),
+                cut=float(cut[k]),
+                cut_at=float(cut_at[k]),
+            )
+            for k, name in enumerate(names)
+        )

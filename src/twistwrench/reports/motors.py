@@ -1,0 +1,172 @@
+"""What a motion asks of each motor, and whether it can give it: current, voltage, speed, heat against the data sheet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.numbers import number, percent_of_limit, quantity, seconds
+from ..model.limits import over_limit
+from ..motion.noise import Extreme
+from ..typing import Array
+from .statistics import Rms
+
+if TYPE_CHECKING:
+    from ..algorithms.inverse_dynamics import MotorLoads
+    from ..model.actuators import Actuator, Motor
+    from ..model.model import Model
+
+_MOST_POINTS = 4096
+
+
+@dataclass(frozen=True)
+class Demand:
+    """One thing asked of a motor, and what it can give."""
+
+    what: str
+    value: float
+    limit: float
+    unit: str
+    time: float
+    """When [s]; NaN for a mean over the motion."""
+
+    @property
+    def share(self) -> float:
+        """Value over limit; 0 where no limit is known."""
+        return self.value / self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class MotorUse:
+    """What one motor went through."""
+
+    joint: str
+    motor: Motor
+    demands: tuple[Demand, ...]
+    """Peak current, rms current, voltage, speed."""
+    power: float
+    """W, the largest electrical power."""
+    heat: float
+    """W, lost in the windings on average."""
+    speed: Array
+    """(n,) rad/s, of some of the states, evenly spread."""
+    torque: Array
+    """(n,) N m, at the rotor, in the same states."""
+
+    @property
+    def tightest(self) -> Demand:
+        """The demand nearest to its limit."""
+        return max(self.demands, key=lambda d: d.share)
+
+    @property
+    def too_small(self) -> bool:
+        """Whether some limit is passed, by more than round-off."""
+        return bool(over_limit(self.tightest.share))
+
+    @property
+    def words(self) -> str:
+        """What of the motor is nearest to its limit, or farthest beyond."""
+        d = self.tightest
+        when = "" if math.isnan(d.time) else f" at t = {seconds(d.time)} s"
+        return f"{self.joint}, {d.what} {quantity(d.value, d.unit)} of {number(d.limit)} ({percent_of_limit(d.share)}){when}"
+
+
+class MotorTally:
+    """Running figures of every motor that is described; rows come in any portions."""
+
+    def __init__(self, model: Model) -> None:
+        described = [(k, a) for k, a in enumerate(model.actuators.values()) if a.motor is not None]
+        self._columns = np.array([k for k, _ in described], int)
+        self._actuators: list[Actuator] = [a for _, a in described]
+        n = len(described)
+        self._peaks = {name: Extreme(n) for name in ("current", "voltage", "speed", "power")}
+        self._current = Rms(n)
+        self._points: list[Array] = []
+        self._stride, self._phase = 1, 0
+
+    def add(self, time: Array, loads: MotorLoads) -> None:
+        """Take in consecutive rows."""
+        if not self._actuators:
+            return
+        picked = {name: getattr(loads, name)[:, self._columns] for name in ("torque", *self._peaks)}
+        for name, peak in self._peaks.items():
+            peak.add(time, np.abs(picked[name]))
+        self._current.add(time, picked["current"])
+        self._keep(np.stack([picked["speed"], picked["torque"]], axis=-1))
+
+    def _keep(self, points: Array) -> None:
+        """Every so many states, half as often each time there are too many: (n, motors, 2)."""
+        self._points.append(points[self._phase :: self._stride])
+        self._phase = (self._phase - len(points)) % self._stride
+        while sum(map(len, self._points)) > _MOST_POINTS:
+            kept = np.concatenate(self._points)
+            if len(kept) % 2:  # the next state to keep is then an odd number of old strides away
+                self._phase += self._stride
+            self._points, self._stride = [kept[::2]], 2 * self._stride
+            self._phase %= self._stride
+
+    def result(self) -> tuple[MotorUse, ...]:
+        """The use of each motor, in the order of the file."""
+        if not self._points:
+            return ()
+        rms, points = self._current.result(), np.concatenate(self._points)
+        uses = []
+        for k, actuator in enumerate(self._actuators):
+            motor = actuator.motor
+            assert motor is not None
+            peak = {name: (float(e.value[k]), float(e.time[k])) for name, e in self._peaks.items()}
+            demands = (
+                Demand("peak current", peak["current"][0], motor.current_peak, "A", peak["current"][1]),
+                Demand("rms current", float(rms[k]), motor.current_continuous, "A", math.nan),
+                Demand("voltage", peak["voltage"][0], motor.voltage, "V", peak["voltage"][1]),
+                Demand("speed", peak["speed"][0], motor.speed, "rad/s", peak["speed"][1]),
+            )
+            heat = motor.resistance * float(rms[k]) ** 2
+            uses.append(
+                MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, points[:, k, 0], points[:, k, 1])
+            )
+        return tuple(uses)
+
+
+# ── How far work of several steps has come, as one share from 0 to 1
+
+
+class Steps:
+    """Steps of known weight, one after the other; ``progress`` is told the share of all that is done, None tells nobody."""
+
+    def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
+        self._progress = progress
+        self._left = [w / sum(weights) for w in weights]
+        self._begin = self._end = 0.0
+
+    def next(self, size: int | None = None) -> Callable[[float], None] | None:
+        """Begin the next step; what is to be told the share of it that is done, or, of ``size``, each portion done."""
+        self.skip(1)
+        if self._progress is None:
+            return None
+        begin, end, progress = self._begin, self._end, self._progress
+        done = 0.0
+
+        def tell(share: float) -> None:
+            progress(begin + (end - begin) * min(share, 1.0))
+
+        def add(portion: float) -> None:
+            nonlocal done
+            done += portion
+            tell(done / size if size else 1.0)
+
+        return tell if size is None else add
+
+    def skip(self, count: int) -> None:
+        """Pass over steps."""
+        for _ in range(count):
+            self._begin, self._end = self._end, self._end + self._left.pop(0)
+
+    def done(self) -> None:
+        """All is done, whatever was left."""
+        if self._progress is not None:
+            self._progress(1.0)

@@ -1,0 +1,379 @@
+"""What a robot is made of as plain data, for programs: the same facts that ``info`` prints, in SI units and radians."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..core.files import as_path
+from ..core.numbers import number, printed
+from ..core.tables import CsvWriter
+from ..errors import UnknownNameError, ValueRangeError
+from ..joints.units import unit_of
+from ..model.limits import Limits
+from ..model.model import BASE, Body, Model
+from ..motion.coordinates import Coordinates
+from ..motion.csv_reader import CsvFile, Dialect, table_errors
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..model.model import Body
+    from ..robot import Robot
+
+COLUMNS = (
+    "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
+    "damping", "friction", "armature", "leader", "ratio", "offset",
+)  # fmt: skip
+"""The entries of a row of :func:`joint_rows`."""
+
+
+def summary(robot: Robot) -> dict[str, Any]:
+    """The robot as a dictionary that ``json.dumps`` takes: joints, links, frames, masses, defects.
+
+    Parameters
+    ----------
+    robot
+        Any robot.
+
+    Returns
+    -------
+    dict
+        ``name``, ``nq``, ``nv``, ``gravity`` [m/s^2], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``
+        (:func:`joint_rows`), ``links`` (those with mass: ``mass`` [kg], ``com`` [m] and ``moment_about_com`` [kg m^2]
+        in the link's frame), ``frames`` of links, ``sites``, ``configurations`` (the q of each name), ``defects``. Angles
+        are in rad. What is not known or not limited is None.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> summary(tw.robots.planar_2r())["joints"][0]["effort"] is None
+    True
+    """
+    model = robot.model
+    return {
+        "name": model.name,
+        "nq": model.nq,
+        "nv": model.nv,
+        "gravity": [float(g) for g in model.gravity],
+        "tip": model.tip,
+        "moving_mass": model.moving_mass,
+        "fixed_mass": float(model.base_inertia.mass),
+        "joints": joint_rows(model),
+        "links": _links(model),
+        "frames": list(model.frames),
+        "sites": list(model.sites),
+        "configurations": {name: [float(x) for x in q] for name, q in model.configurations.items()},
+        "defects": list(model.defects),
+    }
+
+
+def joint_rows(model: Model) -> list[dict[str, Any]]:
+    """A row for each velocity entry of each joint, with the entries :data:`COLUMNS`; rotors of actuators have none.
+
+    A mimic joint's row names its leader, ratio and offset, and has no limits, damping and friction of its own.
+    """
+    rows: list[dict[str, Any]] = []
+    c, limits, friction = Coordinates.of(model), model.limits, model.friction
+    for i, b in enumerate(model.bodies):
+        if not b.joint.moves_body:
+            continue
+        for k in range(b.v_index, b.v_index + b.joint.nv):
+            known: dict[str, float] = {}
+            if not b.follows:
+                known = {
+                    "lower": limits.lower[k], "upper": limits.upper[k], "velocity": limits.velocity[k],
+                    "effort": limits.effort[k], "damping": friction.viscous[k], "friction": friction.coulomb[k],
+                    "armature": model.armature[k],
+                }  # fmt: skip
+            angular = bool(b.joint.axes[0, :3].any()) if b.follows else bool(c.angular_velocity[k])
+            row = {
+                "joint": b.joint.name,
+                "velocity_name": b.joint.name if b.follows else c.velocity_names[k],
+                "type": b.joint.kind,
+                "parent_link": link_of(model, b.parent) if b.parent != BASE else _root(model),
+                "child_link": link_of(model, i),
+                "unit": unit_of("q", angular),
+                **{name: float(x) if math.isfinite(x) else None for name, x in known.items()},
+                **(_coupling(b, c.velocity_names[k]) if b.follows else {}),
+            }
+            rows.append({name: row.get(name) for name in COLUMNS})
+    return rows
+
+
+def as_text(robot: Robot, kind: Literal["json", "csv"]) -> str:
+    """:func:`summary` as JSON, or :func:`joint_rows` as CSV with a header; what is not known is null or empty."""
+    if kind == "json":
+        return json.dumps(summary(robot), indent=2, ensure_ascii=False) + "\n"
+    file = io.BytesIO()
+    writer = CsvWriter(file)
+    writer.row(COLUMNS)
+    for row in joint_rows(robot.model):
+        writer.row(row.values())
+    return file.getvalue().decode()
+
+
+def _root(model: Model) -> str:
+    """The first link of the base, which is the root of the file's tree."""
+    return next((name for name, f in model.frames.items() if f.body == BASE), "base")
+
+
+def _coupling(follower: Body, leader: str) -> dict[str, Any]:
+    return {"leader": leader, "ratio": float(follower.ratio), "offset": float(follower.offset)}
+
+
+def _links(model: Model) -> list[dict[str, Any]]:
+    return [
+        {
+            "link": link,
+            "moves_with": link_of(model, model.frames[link].body if link in model.frames else BASE),
+            "mass": float(inertia.mass),
+            "com": [float(x) for x in inertia.com],
+            "moment_about_com": np.asarray(inertia.moment_about_com, float).tolist(),
+        }
+        for link, inertia in model.link_inertias.items()
+        if inertia.parameters.any()
+    ]
+
+
+def link_of(model: Model, body: int) -> str:
+    """The link whose frame is the body's own, the child of its joint; "base" for the base."""
+    if body == BASE:
+        return "base"
+    names = [name for name, f in model.frames.items() if f.body == body]
+    return next(
+        (n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}"
+    )
+
+
+# ── Numbers for joints as typed in a shell: ``JOINT=VALUE`` each, all at once, or a configuration of the file by name
+
+_PLAINLY_DEGREES = 3 * math.tau
+"""rad: three turns, which hardly any joint makes, and 19 degrees, which any does."""
+
+
+def parse_configuration(
+    robot: Robot,
+    at: Iterable[str],
+    whole: str | None = None,
+    *,
+    degrees: bool,
+    option: str = "--at",
+    start: Array | None = None,
+) -> Array:
+    """Configuration (nq,) that the texts of an option say: each ``JOINT=VALUE``, or one of them all coordinates.
+
+    All coordinates are ``v,v,…`` or the name of a configuration of the robot, as are those of ``--configuration``,
+    ``whole``. Joints that are not named are as in ``start`` (nq,), else neutral. Raises ValueRangeError and
+    UnknownNameError, which say what was wrong.
+    """
+    q = np.array(robot.neutral if start is None else start)
+    single = [text for text in at if "=" in text]
+    wholes = [("--configuration", whole)] if whole is not None else []
+    wholes += [(option, text) for text in at if "=" not in text]
+    if len(wholes) > 1:
+        said = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
+        raise ValueRangeError(f"{said} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
+    unit = np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    for name, text in wholes:
+        q = _all_coordinates(robot, text, name, unit)
+    for body, numbers in _named(robot, single, option, velocities=False):
+        here = body.places[0]
+        q[here] = np.array(numbers) * unit[here]
+    return q
+
+
+def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array:
+    known = robot.configurations
+    if text in known:
+        return np.array(known[text])
+    names, first = robot.coordinate_names, next(iter(b.joint.name for b in robot.model.leaders), "joint1")
+    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {first}=0.5"
+    if known:
+        form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
+    return np.array(parse_numbers(text, option, form, robot.nq)) * unit
+
+
+def degrees_hint(robot: Robot, q: Array) -> str:
+    """What to say of coordinates q (nq,) [rad] that are plainly degrees; empty if they are not.
+
+    >>> import twistwrench as tw
+    >>> degrees_hint(tw.robots.planar_2r(), np.array([90.0, 0.0]))[:45]
+    'joint1 is at 90 rad, 14.3 turns. For degrees '
+    >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
+    ''
+    """
+    angular = np.where(Coordinates.of(robot.model).angular, np.abs(q), 0.0)
+    if angular.max(initial=0.0) < _PLAINLY_DEGREES:
+        return ""
+    k = int(np.argmax(angular))
+    name = robot.coordinate_names[k]
+    return f"{name} is at {printed(q[k])} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
+
+
+def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:
+    """Velocities or torques (nv,) from ``JOINT=VALUE`` each, others zero; in degrees only what turns. Raises as above."""
+    found = np.zeros(robot.nv)
+    for body, numbers in _named(robot, texts, option, velocities=True):
+        here = body.places[1]
+        turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
+        found[here] = np.where(turning & degrees, np.radians(numbers), numbers)
+    return found
+
+
+def parse_numbers(text: str, what: str, form: str, count: int) -> list[float]:
+    """That many finite numbers, separated by commas; ValueRangeError shows the form."""
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueRangeError(f"{what} {text!r}: expected {form}.")
+    return numbers
+
+
+def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
+    known = {b.joint.name: b for b in robot.model.leaders}
+    found: dict[str, tuple[Body, list[float]]] = {}
+    for text in texts:
+        joint, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueRangeError(
+                f"{option} {text!r} is not JOINT=VALUE, for example {next(iter(known), 'joint1')}=0.5."
+            )
+        if joint not in known:
+            raise UnknownNameError.of("joint", joint, known)
+        if joint in found:
+            raise ValueRangeError(f"{option} {joint} is given twice. Keep one of them.")
+        count = known[joint].joint.nv if velocities else known[joint].joint.nq
+        form = f"{count} number{'s' if count > 1 else ''}"
+        found[joint] = known[joint], parse_numbers(value, f"{option} {joint}", form, count)
+    return list(found.values())
+
+
+# ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``, in place of the robot's; blanks keep those
+
+# The table of ``twistwrench info --csv`` is read too: a row for each entry of dq, whose other columns are ignored.
+
+_KINDS = ("lower", "upper", "velocity", "effort")
+_BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
+    "nan": math.nan
+}
+"""Words for numbers."""
+_TURNS, _ENDLESS, _FAR = 4 * math.pi, 1e4, 3.0
+"""Two turns [rad], from which positions may be degrees; numbers that stand for no limit; times the robot's own limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatedLimits(Limits):
+    """Limits of which some are the user's own."""
+
+    stated: Array
+    """(nv,) of bool: joints whose effort the user gave."""
+
+
+def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> StatedLimits:
+    """The model's limits with those of the file in their places; angles of the file are in degrees if ``degrees``.
+
+    Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
+    :class:`~twistwrench.ValueRangeError`, naming file, line and column.
+    """
+    path = as_path(path)
+    with table_errors(path, "limits file", f"joint,{','.join(_KINDS)}, then a line per joint"):
+        file = CsvFile.open(path)
+        header, rows = _header(file), list(file.rows())
+    joints = Coordinates.of(model)
+    angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
+    found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
+    seen: set[str] = set()
+    sizes, stated = np.zeros(model.nv), np.zeros(model.nv, bool)
+    for line, cells in rows:
+        if "leader" in header and cells[header.index("leader")]:
+            continue
+        where = f"{path}: line {line}"
+        joint, values = _joint_of(header, cells, where, file.dialect)
+        k = _check(joint, values, joints, seen, where)
+        seen.add(joint)
+        stated[k] = "effort" in values
+        for kind, value in values.items():
+            found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
+        sizes[k] = max(
+            (abs(x) for kind, x in values.items() if kind in ("lower", "upper") and math.isfinite(x)), default=0
+        )
+        if found["lower"][k] > found["upper"][k]:
+            raise ValueRangeError(
+                f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
+                f"{printed(found['upper'][k])}. Swap them."
+            )
+    if not degrees:
+        _check_radians(path, sizes * joints.angular_velocity, model)
+    return StatedLimits(**found, stated=stated)
+
+
+def _check_radians(path: Path, sizes: Array, model: Model) -> None:
+    """Refuse positions of turning joints that are degrees: more than half are beyond two turns and the robot's own.
+
+    ``sizes`` (nv,) are the largest magnitudes in the file, zero where none is given.
+    """
+    own = np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
+    far = (sizes > _TURNS) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
+    if not 2 * int(far.sum()) > int((sizes > 0).sum()):
+        return
+    k = int(np.argmax(far))
+    raise ValueRangeError(
+        f"{path}: the limits of position look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
+        f"{printed(sizes[k] / math.tau, 3)} turns in radians. Add --degrees, or write radians; inf stands for no limit."
+    )
+
+
+def _joint_of(header: list[str], cells: list[str], where: str, dialect: Dialect) -> tuple[str, dict[str, float]]:
+    """The joint of a line and the limits it gives, as they stand there."""
+    row = dict(zip(header, cells, strict=True))
+    values = {kind: _limit(row[kind], kind, where, dialect) for kind in _KINDS if row.get(kind)}
+    return row.get("velocity_name") or row["joint"], values
+
+
+def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
+    """Refuse unknown joints, joints seen before, and positions where there is none; which velocity the joint is."""
+    known = joints.velocity_names
+    if joint not in known:
+        raise ValueRangeError(f"{where}: {UnknownNameError.of('joint', joint, known)}")
+    if joint in seen:
+        raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
+    k = known.index(joint)
+    bounded = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
+    if joints.position_of[k] < 0 and bounded:
+        raise ValueRangeError(
+            f"{where}, column {bounded[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
+            "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
+        )
+    return k
+
+
+def _header(file: CsvFile) -> list[str]:
+    header = [cell.strip().lower() for cell in file.header]
+    unknown = [name for name in header if name not in COLUMNS]
+    if "joint" not in header or unknown or len(set(header)) < len(header):
+        raise ValueRangeError(
+            f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
+            f"{', '.join(_KINDS)}, each once, separated by commas."
+        )
+    return header
+
+
+def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
+    value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
+    if value is None:
+        raise ValueRangeError(f"{where}, column {kind!r}: {text!r} is no number. Leave it blank to keep the robot's.")
+    if math.isnan(value) or (kind in ("velocity", "effort") and value <= 0):
+        allowed = "a number above 0" if kind in ("velocity", "effort") else "a number"
+        raise ValueRangeError(
+            f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
+        )
+    return value

@@ -1,0 +1,590 @@
+"""What a torque run finds: the figures of each joint, the limits passed, and how far the numbers can be trusted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.numbers import printed, torque
+from ..errors import TrajectoryError
+from ..joints.units import unit_of
+from ..model.limits import margin
+from ..motion.array_files import TableFile
+from ..motion.coordinates import Coordinates
+from ..motion.differentiation import Differentiation, States, Stray, Strays, pulse_peak
+from ..motion.motion_log import LogRows
+from ..motion.noise import Extreme, Survey
+from ..typing import Array
+from .load_case import STEADY, TERMS, LoadedRobot, PayloadRoom, PayloadRoomTally
+from .log_quality import MeasuredTally, MeasuredTorque
+from .motors import MotorTally, MotorUse, Steps
+from .statistics import INTERVAL, Envelope, Gaps, PeakEstimate, PeakSearch, Rms
+
+if TYPE_CHECKING:
+    from ..core.verdict import Verdict
+    from ..model.limits import Limits
+
+ZERO = 1e-9
+_SMALL = 0.02
+"""Share of the robot's largest torque, or of its own limit, below which a joint's peak is no measure of its noise."""
+NEGLIGIBLE = 0.001
+"""Share of a peak from which noise is estimated, and worth a column."""
+_AT_AN_END = 5.0
+"""How many times as uncertain derived accelerations are at the ends of a log."""
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """What one joint's motor has to give."""
+
+    joint: str
+    unit: str
+    largest: float
+    """The torque of largest magnitude, with its sign: of the smoothed motion, where noise matters."""
+    time: float
+    """When that, and the peak, occurs [s]."""
+    rms: float
+    limit: float
+    """inf where none is known."""
+    terms: dict[str, float]
+    """The causes of :attr:`largest`, by name; they add up to it."""
+    noise: float
+    """Standard deviation of single torques from noise of the log, as they were derived; 0 where accelerations are given.
+
+    It varies with the pose. This is the largest over some 32 states, evenly spaced, of each chunk of rows worked on.
+    """
+    estimate: PeakEstimate | None = None
+    """The peak without that noise; None where the noise does not matter."""
+    raw: float | None = None
+    """The torque of largest magnitude as derived from the log as it is, with its sign; None where that is the peak itself."""
+    raw_time: float | None = None
+    """When that occurs [s]: noise may make it the largest at another instant."""
+
+    @property
+    def peak(self) -> float:
+        """The largest torque that the motion takes, with its sign: without the noise of the log, as far as that is known."""
+        return self.largest if self.estimate is None else self.estimate.value
+
+    @property
+    def chance(self) -> float:
+        """What choosing the largest of many noisy torques adds, which is taken off: with the causes it makes the peak."""
+        return self.peak - self.largest
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard deviation of :attr:`peak`."""
+        return self.noise if self.estimate is None else self.estimate.sigma
+
+    @property
+    def share(self) -> float:
+        """|peak| over limit; 0 where there is no limit."""
+        return abs(self.peak) / self.limit
+
+    @property
+    def main_cause(self) -> tuple[str, float]:
+        """The term that pulls most in the peak's direction, and its share of the sum of those that do."""
+        along = {name: value * np.sign(self.largest) for name, value in self.terms.items()}
+        name = max(along, key=lambda n: float(along[n]))
+        total = sum(v for v in along.values() if v > 0)
+        return name, float(along[name] / total) if total else 0.0
+
+
+@dataclass(frozen=True)
+class Excess:
+    """A limit that is passed, at its worst."""
+
+    joint: str
+    kind: str
+    """``effort``, ``velocity``, ``lower`` or ``upper``."""
+    value: float
+    """With its sign; the limit of a torque or velocity holds for its magnitude."""
+    limit: float
+    time: float
+    unit: str
+    angular: bool
+
+
+@dataclass(frozen=True, eq=False)
+class AsDerived:
+    """What a noisy log gives as it is, before it is smoothed: named beside the answer, and drawn pale behind it."""
+
+    differentiation: Differentiation
+    excesses: tuple[Excess, ...]
+    envelope: tuple[Array, Array, Array]
+    """As that of the report."""
+    motors: tuple[MotorUse, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueReport:
+    """Everything the report, the plot and the exit code are made from.
+
+    Where the noise of the log matters, all of it is of the smoothed motion but ``derived``.
+    """
+
+    robot: str
+    trajectory: str
+    rows: int
+    begin: float
+    end: float
+    joints: tuple[JointTorque, ...]
+    excesses: tuple[Excess, ...]
+    gaps: Gaps
+    quality: Survey
+    differentiation: Differentiation
+    load: LoadedRobot
+    envelope: tuple[Array, Array, Array]
+    """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
+    band: tuple[Array, Array, Array] | None
+    """The same of the 95 % intervals of single torques of a noisy log; None where noise does not matter."""
+    largest: Array
+    """(nq,) the largest magnitude of each coordinate, in SI units."""
+    limits: Limits
+    """What was held against the motion."""
+    strays: tuple[Stray, ...]
+    """Samples that smoothing removed and noise does not explain."""
+    still: tuple[float, ...]
+    """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
+    motors: tuple[MotorUse, ...]
+    """What the motion asks of the motors that are described."""
+    around: States
+    """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
+    contradictions: tuple[str, ...] = ()
+    """A sentence for each thing by which the input contradicts itself, so that no figure can be trusted."""
+
+    hints: tuple[str, ...] = ()
+    """A sentence for each thing in the input that is odd, and may yet be meant."""
+    measured: tuple[MeasuredTorque, ...] = ()
+    """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
+    idle_payload: bool = False
+    """Whether payloads with a mass make no torque in any joint."""
+    room: PayloadRoom | None = None
+    """How heavy the one payload may be; None where that is not known, or there is none or several."""
+    derived: AsDerived | None = None
+    """What the log gives as it is; None where that is the answer, or was not asked for."""
+
+    @property
+    def noisy(self) -> bool:
+        """Whether the noise of the log matters, so that peaks are estimates."""
+        return any(j.estimate is not None for j in self.joints)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """OK, UNSURE, OVER LIMIT or LOOK AGAIN, with the reasons."""
+        from .torque_verdict import verdict_of
+
+        return verdict_of(self)
+
+    @property
+    def scale(self) -> float:
+        """The largest torque; what is some 1e-9 of it is zero up to rounding."""
+        return max((abs(j.largest) for j in self.joints), default=0.0)
+
+    def is_zero(self, value: float) -> bool:
+        """Whether a torque is but rounding of the others."""
+        return abs(value) <= ZERO * self.scale
+
+    def label(self, value: float) -> str:
+        """A torque with four digits; 0 for what is but rounding of the others."""
+        return "0" if self.is_zero(value) else torque(value)
+
+    def reference(self, joint: JointTorque) -> float:
+        """What noise of that joint's torque is held against: its peak, unless that is next to nothing."""
+        known = joint.limit if np.isfinite(joint.limit) else 0.0
+        return max(abs(joint.peak), _SMALL * max(known, self.scale))
+
+    def at_an_end(self, joint: JointTorque) -> bool:
+        """Whether the joint's peak is where derived accelerations want for neighbours."""
+        d = self.differentiation
+        if d.source == "given":
+            return False
+        steps = 3 if not d.smooths else math.ceil(d.strengths.max() ** (1 / 6))
+        return min(joint.time - self.begin, self.end - joint.time) < steps * self.quality.step
+
+    def reach(self, joint: JointTorque) -> float:
+        """How far the peak may be off, as a standard deviation: several times its own at an end of the log."""
+        return joint.uncertainty * (_AT_AN_END if self.at_an_end(joint) else 1.0)
+
+    @property
+    def worst(self) -> int | None:
+        """The joint nearest to its limit, or of the largest peak where no limit is known; None without joints."""
+        if not self.joints:
+            return None
+        return worst_joint([abs(j.peak) for j in self.joints], [j.limit for j in self.joints])
+
+
+def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array) -> int:
+    """The joint whose peak magnitude is the largest share of its limit; the largest peak among those without limits."""
+    return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))
+
+
+# ── One pass over the states of a motion and their torques: peaks and their causes, limits, what a picture needs
+
+_AROUND, _KEPT = 2048, 1 << 23
+"""Rows kept on either side of each joint's peak, and numbers of all these together: 64 MiB."""
+_GAP = 5.0
+"""Usual steps of time from which a step is a gap."""
+_MASS_SAMPLES = 32
+"""States of each portion whose mass matrix carries noise of accelerations into torques, and where payloads are felt."""
+_BAND_SAMPLES = 512
+"""States of each portion whose mass matrix is that of those up to the next."""
+
+
+class MotionTally:
+    """What is kept of the states, which come in any portions."""
+
+    def __init__(self, load: LoadedRobot, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
+        nv = load.bare.nv
+        self.load, self.limits, self.plan = load, limits, plan
+        self.coordinates = Coordinates.of(load.bare.model)
+        self.rows = 0
+        self.begin = self.end = np.nan
+        self.peak, self.rms = Extreme(nv), Rms(nv)
+        self.signed = {kind: np.zeros(nv) for kind in ("effort", "lower", "upper", "velocity")}
+        """The values themselves at their worst."""
+        self.terms = {name: np.zeros(nv) for name in TERMS}
+        self.passed = {kind: Extreme(nv) for kind in ("lower", "upper", "velocity")}
+        """By how much."""
+        self.envelope, self.band = Envelope(), Envelope()
+        """Of the torques, and of their 95 % intervals where that is known, which are none of their largest."""
+        self.around: list[States | None] = [None] * nv
+        """Of each joint: the states on either side of its peak."""
+        self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.bare.nq + 3 * nv))))
+        self.gaps = Gaps(_GAP * plan.quality.step)
+        self.noise = np.zeros(nv)
+        self.carried = 0.0
+        """The largest torque that the payloads make, in some of the states."""
+        self.room = PayloadRoomTally(load, limits.effort)
+        self.followers = [load.loaded.model.bodies[i] for i in load.loaded.model.limited_followers]
+        self.borne, self.borne_signed = Extreme(len(self.followers)), np.zeros(len(self.followers))
+        """By mimic joints with a limit of effort."""
+        self.largest = np.zeros(load.bare.nq)
+        self.strays = Strays()
+        self.search = PeakSearch(plan, load) if estimating else None
+        """For the peaks less what noise adds to them."""
+        self._measured = [MeasuredTally(nv) for _ in range(1 + load.carries)]
+        """Beside the torques with all that is carried and pushes, and beside those of the robot alone: the log may have been
+        recorded either way."""
+        self.motors = MotorTally(load.loaded.model)
+        self.still = np.zeros(nv, int)
+        """Rows in which the direction of motion is unknown."""
+
+    def add(self, states: States, torques: Array, motion: LogRows, inner: slice) -> None:
+        """Take in an overlapping run: its states, the torques (n, nv) of those that are new in it, and what the log says."""
+        s = states.at(inner)
+        noisy = bool(self.plan.sigma_ddq.any())
+        sigma = self._sigma(s) if noisy and (self.search or motion.tau is not None) else np.zeros_like(torques)
+        if self.search is not None:
+            self.search.add(s, torques, motion, inner)
+            self.band.add(s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma)
+        if motion.tau is not None:
+            computed = [torques, self.load.unloaded_torques(s)] if self.load.carries else [torques]
+            for tally, tau in zip(self._measured, computed, strict=True):
+                tally.add(s.time, tau, motion.tau[inner], sigma)
+        self.begin = float(s.time[0]) if self.rows == 0 else self.begin
+        self.end = float(s.time[-1])
+        self.rows += len(s)
+        self.rms.add(s.time, torques)
+        self.envelope.add(s.time, torques)
+        self.gaps.add(s.time, s.q)
+        self._look_at_peaks(s, torques)
+        self._look_at_limits(s)
+        self.largest = np.maximum(self.largest, np.abs(s.logged).max(axis=0))
+        self.still += s.still.sum(axis=0)
+        if s.stray.any():
+            self.strays.add(s.time, s.stray, self._may_pass(s, torques))
+        if self.load.loaded.actuators:
+            self.motors.add(s.time, self.load.motor_loads(s))
+        some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
+        if self.plan.sigma_ddq.any():
+            M = self.load.loaded.mass_matrix(some.q)
+            spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
+            self.noise = np.maximum(self.noise, spread.max(axis=0))
+        borne = np.zeros((len(s), 0))
+        if self.followers:
+            borne = self.load.follower_torques(s)
+            for k, row in self.borne.add(s.time, np.abs(borne)):
+                self.borne_signed[k] = borne[row, k]
+        if self.room.asked:
+            added = self.load.payload_torques(s)
+            if self.followers:
+                torques, added = np.hstack([torques, borne]), np.hstack([added, self.load.follower_payload_torques(s)])
+            self.room.add(s.time, torques, added)
+        if self.load.payloads:
+            self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
+
+    def _sigma(self, s: States) -> Array:
+        """(n, nv) standard deviation of the torques, by the mass matrices of some of the states."""
+        stride = max(1, len(s) // _BAND_SAMPLES)
+        M = self.load.loaded.mass_matrix(s.q[::stride])
+        squares = self.plan.sigma_at(s) ** 2
+        blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
+        return np.sqrt(np.concatenate(blocks, axis=1).T)
+
+    def _may_pass(self, s: States, torques: Array) -> Array:
+        """(n, k) bool: a flattened sample is a torque beyond a limit, or of a joint without one, if the robot did move so."""
+        plan, found = self.plan, np.zeros(s.stray.shape[:2], bool)
+        order = 1 if plan.source == "velocities" else 2
+        gain = pulse_peak(order, plan.quality.step)
+        joint_of = {int(p): v for v, p in enumerate(self.coordinates.position_of) if p >= 0}
+        rows, columns = np.nonzero(s.stray[:, :, 0])
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+            joint = column if order == 1 else joint_of.get(column)
+            if joint is None:  # of a quaternion
+                found[row, column] = True
+                continue
+            M = self.load.loaded.mass_matrix(s.q[row])
+            change = np.abs(M[:, joint]) * gain * abs(float(s.stray[row, column, 1]))
+            within = np.abs(torques[row]) + change <= np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
+            found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
+        return found
+
+    def _look_at_peaks(self, s: States, torques: Array) -> None:
+        fresh = self.peak.add(s.time, np.abs(torques))
+        if not fresh:
+            return
+        joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
+        for name, values in self.load.terms(s.at(rows)).items():
+            self.terms[name][joints] = values[np.arange(len(joints)), joints]
+        self.signed["effort"][joints] = torques[rows, joints]
+        for joint, row in fresh:
+            self.around[joint] = s.at(slice(max(0, row - self._reach), row + self._reach)).copy()
+
+    def _look_at_limits(self, s: States) -> None:
+        at, limits = self.coordinates.position_of, self.limits
+        q = np.where(at >= 0, s.logged[:, np.maximum(at, 0)], 0.0)
+        for kind, values, beyond in (
+            ("lower", q, np.where(at >= 0, limits.lower, -np.inf) - q),
+            ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
+            ("velocity", s.dq, np.abs(s.dq) - limits.velocity),
+        ):
+            for joint, row in self.passed[kind].add(s.time, beyond):
+                self.signed[kind][joint] = values[row, joint]
+
+    def excesses(self) -> tuple[Excess, ...]:
+        """The limits that were passed, worst effort first."""
+        c, limits = self.coordinates, self.limits
+        found = []
+        for kind, extreme in (("effort", self.peak), *self.passed.items()):
+            bound = getattr(limits, kind)
+            over = extreme.value - bound if kind == "effort" else extreme.value
+            allowed = limits.tolerance if kind in ("lower", "upper") else margin(bound)
+            for k in np.flatnonzero(over > allowed):
+                angular = bool(c.angular_velocity[k])
+                unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
+                value, limit, time = float(self.signed[kind][k]), float(bound[k]), float(extreme.time[k])
+                found.append(Excess(c.velocity_names[k], kind, value, limit, time, unit, angular))
+        for i, body in enumerate(self.followers):
+            value, time, angular = float(self.borne_signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
+            if abs(value) > body.effort + margin(body.effort):
+                unit = unit_of("tau", angular)
+                found.append(Excess(body.joint.name, "effort", value, body.effort, time, unit, angular))
+        return tuple(
+            sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
+        )
+
+    def estimate(self, joint: int) -> PeakEstimate:
+        """The joint's peak less the noise of the log; of a tally that is ``estimating``."""
+        assert self.search is not None
+        steady = sum(self.terms[name][joint] for name in STEADY)
+        return self.search.estimate(joint, float(steady))
+
+    def measured(self) -> tuple[MeasuredTorque, ...]:
+        """The torques that the log has itself, beside those computed: of the robot as it agrees better, loaded or not."""
+        best = min(self._measured, key=lambda tally: tally.misfit)
+        return best.result(self.coordinates.velocity_names, self.coordinates.torque_units)
+
+
+# ── The main job: a motion through inverse dynamics to peaks, limits and causes, in bounded memory
+
+# Where the noise of a log matters, the log is smoothed and gone through again, and that second pass is the answer: peaks,
+# causes, limits, motors, files and pictures are all of it. What was derived from the log as it is stands beside it.
+
+_NUMBERS_PER_CHUNK = 1 << 19
+"""Rows times velocities worked on at a time: 4 MiB an array."""
+_OF_A_PASS, _OF_THE_PLAN, _OF_THE_DRAWS = 1.0, 8.0, 1.0
+"""How long each takes for a log of up to :data:`_PLANNED` bytes, in terms of a pass over it."""
+_PLANNED = 1 << 21
+"""Bytes of the excerpts that a longer log is planned with."""
+
+
+def analyse(
+    load: LoadedRobot,
+    differentiation: Differentiation,
+    limits: Limits,
+    *,
+    csv: str | Path | None = None,
+    split: bool = False,
+    progress: Callable[[float], None] | None = None,
+    chunk: int | None = None,
+) -> TorqueReport:
+    """Run the motion through inverse dynamics and judge it.
+
+    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``progress`` is told the share
+    of the work that is done, from 0 to 1. ``chunk`` is the number of rows worked on at a time; results do not depend on
+    it, beyond round-off of sums.
+    """
+    fixed = min(1.0, _PLANNED / max(1, differentiation.trajectory.size))
+    steps = Steps(progress, (_OF_A_PASS, _OF_THE_PLAN * fixed, _OF_A_PASS, _OF_THE_DRAWS * fixed))
+    run = _Run(load, limits, chunk or max(1024, _NUMBERS_PER_CHUNK // max(1, load.bare.nv)), csv, split, steps)
+    if differentiation.smooths:
+        steps.skip(2)
+        report = run.answer(differentiation)
+    elif not differentiation.sigma_ddq.any():
+        report = _report(run.once(differentiation, write=True))
+    else:
+        derived = run.once(differentiation)
+        report = _report(derived)
+        if any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
+            report = run.answer(differentiation.smoothed(steps.next()), derived)
+        elif csv is not None:
+            steps.skip(1)
+            run.once(differentiation, write=True)
+    steps.done()
+    return report
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Passes over one motion, and the file that one of them writes."""
+
+    load: LoadedRobot
+    limits: Limits
+    chunk: int
+    csv: str | Path | None
+    split: bool
+    steps: Steps
+
+    def once(
+        self,
+        plan: Differentiation,
+        *,
+        write: bool = False,
+        beside: Differentiation | None = None,
+        estimating: bool = False,
+    ) -> MotionTally:
+        """One pass. With ``write`` the file is of it, and has the torques of the plan ``beside`` as well.
+
+        Where it finds rows that are to be left out, it is made again without them.
+        """
+        known, told = plan.trajectory.stamps_left_out, self.steps.next(plan.trajectory.size)
+        found = self._pass(plan, told, write=write, beside=beside, estimating=estimating)
+        if plan.trajectory.stamps_left_out > known:
+            found = self._pass(plan, told, write=write, beside=beside, estimating=estimating)
+        return found
+
+    def _pass(
+        self,
+        plan: Differentiation,
+        told: Callable[[int], None] | None,
+        *,
+        write: bool,
+        beside: Differentiation | None,
+        estimating: bool,
+    ) -> MotionTally:
+        tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
+        header = _csv_header(tally.coordinates.velocity_names, self.split, derived=beside is not None)
+        with TableFile.writing(self.csv if write else None, header) as table:
+            for states, motion, inner in plan.surrounded_states(self.chunk, told):
+                s = states.at(inner)
+                torques = self.load.torques(s)
+                _check_finite(torques, s)
+                tally.add(states, torques, motion, inner)
+                if table is not None:
+                    parts = list(self.load.terms(s).values()) if self.split else []
+                    parts += [] if beside is None else [self.load.torques(beside.complete(motion).at(inner))]
+                    table.write(np.concatenate([s.time[:, None], torques, *parts], axis=1))
+        return tally
+
+    def answer(self, plan: Differentiation, derived: MotionTally | None = None) -> TorqueReport:
+        """The report of the smoothed motion, with what was ``derived`` from the log as it is beside it."""
+        beside = None if derived is None else derived.plan
+        tally, told = self.once(plan, write=True, beside=beside, estimating=True), self.steps.next()
+        estimates = []
+        for k in range(self.load.bare.nv):
+            estimates.append(tally.estimate(k))
+            if told is not None:
+                told((k + 1) / self.load.bare.nv)
+        return _report(tally, derived, estimates)
+
+
+def _report(
+    run: MotionTally, derived: MotionTally | None = None, estimates: Sequence[PeakEstimate] | None = None
+) -> TorqueReport:
+    plan, load, strays = run.plan, run.load, run.strays.result()
+    joints = _joints(run, derived)
+    if estimates is not None:
+        joints = tuple(replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True))
+    worst = worst_joint([abs(j.peak) for j in joints], [j.limit for j in joints])
+    return TorqueReport(
+        robot=load.bare.name,
+        trajectory=str(plan.trajectory.path),
+        rows=run.rows,
+        begin=run.begin,
+        end=run.end,
+        joints=joints,
+        excesses=run.excesses(),
+        gaps=run.gaps,
+        quality=plan.quality,
+        differentiation=plan,
+        load=load,
+        envelope=run.envelope.result(),
+        band=None if estimates is None else run.band.result(),
+        largest=run.largest,
+        limits=run.limits,
+        strays=strays,
+        still=tuple((run.still / max(1, run.rows)).tolist()),
+        motors=run.motors.result(),
+        around=run.around[worst] or States.none(load.bare.nq, load.bare.nv),
+        contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not strays)),
+        hints=plan.trajectory.hints(run.limits),
+        measured=run.measured(),
+        idle_payload=any(p.mass for p in load.payloads)
+        and run.carried <= ZERO * float(run.peak.value.max(initial=0.0)),
+        room=run.room.result(),
+        derived=None
+        if derived is None
+        else AsDerived(derived.plan, derived.excesses(), derived.envelope.result(), derived.motors.result()),
+    )
+
+
+def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque, ...]:
+    """The figures of each joint."""
+    c, rms = run.coordinates, run.rms.result()
+    noisy = run if derived is None else derived
+    return tuple(
+        JointTorque(
+            joint=name,
+            unit=c.torque_units[k],
+            largest=float(run.signed["effort"][k]),
+            time=float(run.peak.time[k]),
+            rms=float(rms[k]),
+            limit=float(run.limits.effort[k]),
+            terms={term: float(values[k]) for term, values in run.terms.items()},
+            noise=float(noisy.noise[k]),
+            raw=None if derived is None else float(derived.signed["effort"][k]),
+            raw_time=None if derived is None else float(derived.peak.time[k]),
+        )
+        for k, name in enumerate(c.velocity_names)
+    )
+
+
+def _check_finite(torques: Array, s: States) -> None:
+    bad = ~np.isfinite(torques).all(axis=1)
+    if bad.any():
+        time = float(s.time[np.argmax(bad)])
+        raise TrajectoryError(
+            f"the torques at t = {printed(time)} s are not finite numbers. Positions may be absurdly large there, or a "
+            "quaternion zero: look at that row."
+        )
+
+
+def _csv_header(names: tuple[str, ...], split: bool, *, derived: bool) -> list[str]:
+    quantities = ["torque", *(TERMS if split else ()), *(["torque.derived"] if derived else [])]
+    return ["time", *(f"{name}.{quantity}" for quantity in quantities for name in names)]

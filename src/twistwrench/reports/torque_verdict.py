@@ -1,0 +1,329 @@
+"""The force that a motion needs at a floating base. Nothing drives one, so it is of contacts that were not given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from ..core.gravity import STRENGTH
+from ..core.numbers import deviation, number, percent, percent_of_limit, quantity, seconds, torque
+from ..core.text import listed
+from ..core.verdict import Verdict
+from ..joints.units import unit_of
+from ..model.inertia_checks import massless_links
+from ..model.limits import over_limit
+from ..model.model import BASE, Model
+from .load_case import Payload, cause_label, limit_doubts
+from .statistics import INTERVAL
+from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
+
+_SHARE = 0.05
+"""Of the robot's weight: less is what masses in files and derived accelerations are off by."""
+_WEIGHTLESS = 0.001
+"""Of what the robot would weigh on earth: less is rounding and noise of the log where gravity is weak, or none."""
+_SURE_of_base_force = 5.0
+"""Standard deviations."""
+
+
+class PeakTorque(Protocol):
+    """The largest torque that one velocity needs."""
+
+    @property
+    def peak(self) -> float:
+        """N m or N."""
+
+    @property
+    def uncertainty(self) -> float:
+        """Its standard deviation."""
+
+    @property
+    def unit(self) -> str:
+        """``N m`` or ``N``."""
+
+
+def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
+    """The largest force that a floating base needs from outside [N]; 0 where the base is none, or that is next to nothing."""
+    rows = [
+        joints[k]
+        for body in model.leaders
+        if body.parent == BASE and not body.joint.driven
+        for k in range(body.v_index, body.v_index + body.joint.nv)
+    ]
+    forces = [max(abs(j.peak) - _SURE_of_base_force * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
+    largest = max(forces, default=0.0)
+    least = max(_SHARE * _weight(model), _WEIGHTLESS * STRENGTH * model.moving_mass)
+    return largest if largest > least else 0.0
+
+
+def force_in_words(model: Model, force: float) -> str:
+    """How much the base needs."""
+    weight = _weight(model)
+    share = f", {percent(force / weight)} of the robot's weight" if weight else ""
+    return f"Nothing drives the base, but the motion needs {quantity(force, 'N')} there{share}"
+
+
+def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
+    """What that means, and what to do about it; empty where no force is missing."""
+    if not (force := missing_force(model, joints)):
+        return ""
+    return (
+        f"{force_in_words(model, force)}. The joints' torques lack what contacts take: constant wrenches are given with "
+        "--wrench-on-robot FRAME:…, others in Python, to robot.inverse_dynamics. If something holds the base in truth, as a "
+        "stand does, the torques are right."
+    )
+
+
+def _weight(model: Model) -> float:
+    return model.moving_mass * float(np.linalg.norm(model.gravity))
+
+
+# ── What a robot's model lacks for the torques of a motion to be right, whatever the motion says: masses, and contacts
+
+_APART = 1e-3
+"""m between two tips, from which it matters which of them carries the payload."""
+
+
+def model_doubts(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
+    """A sentence for each, without a full stop; ``joints`` are the peaks of all velocities, where the base may float."""
+    said = []
+    if massless := massless_links(model):
+        have, their = ("have", "their") if len(massless) > 1 else ("has", "its")
+        said.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
+    if joints and (force := missing_force(model, joints)):
+        words = force_in_words(model, force)
+        said.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
+    return said
+
+
+def assumptions(
+    model: Model, payloads: Sequence[Payload], *, held: Sequence[str] = (), friction: bool = True
+) -> list[str]:
+    """A clause for each thing that a verdict takes for granted, the most momentous first.
+
+    ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request.
+    """
+    said = []
+    if held:
+        joints = len(model.leaders) + len(held)
+        said.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")
+    if any(p.mass and p.frame is None for p in payloads) and model.tip is not None:
+        tip = model.frame(model.tip)
+        ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
+        apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
+        if apart:
+            said.append(f"the payload is at {model.tip}, one of {len(ends)} tips")
+    weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
+    if weightless:
+        have = "have a shape" if len(weightless) > 1 else "has a shape"
+        said.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
+    if not friction and model.friction.any:
+        said.append("joint friction is left out")
+    return said
+
+
+def _without_mass(model: Model, link: str) -> bool:
+    """Whether a link that moves, as part of a body with mass, has none itself."""
+    body, own = model.frames[link].body, model.link_inertias.get(link)
+    return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
+
+
+def assumed_words(said: Sequence[str]) -> str:
+    """How many there are, and the first of :func:`assumptions`; empty without any."""
+    if not said:
+        return ""
+    return f"; 1 assumption: {said[0]}" if len(said) == 1 else f"; {len(said)} assumptions, first: {said[0]}"
+
+
+# ── The verdict on a motion's torques, from what was found and from how sure that is
+
+_KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
+"""What the limits that may be passed are about."""
+_ERROR = 0.025
+"""Chance that noise alone makes some joint pass for over its limit, or hides that some is."""
+_SURE = 5.0
+"""Standard deviations by which no one of some million samples is off."""
+_HALF = 0.5
+"""Share of a peak from which half its 95 % interval, or the noise taken off it, is too much to be sure of it."""
+_COUNTS, _SMALL = 0.5, 0.02
+"""Share of a joint's limit, or of the largest torque where there is none, from which that matters."""
+_HIDDEN, _NEAR = 0.15, 0.8
+"""Share of the time from which a pause in which the robot moves leaves too much of the motion unknown, and share of a limit
+beside which any such pause does."""
+_MOST_LISTED = 4
+
+
+def verdict_of(report: TorqueReport) -> Verdict:
+    """The verdict of a report.
+
+    A limit is passed for certain where the excess is more than noise explains, the choice of the largest value, and of the
+    worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
+    """
+    over: list[tuple[Excess, str]] = []
+    unsure = limit_doubts(report.load.bare, report.limits, [j.peak for j in report.joints])
+    _judge_torques(report, over, unsure)
+    _judge_motion(report, over, unsure)
+    stated = _grouped(over)
+    stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
+    unsure += model_doubts(report.load.loaded.model, report.joints)
+    near = max((j.share for j in report.joints), default=0.0) > _NEAR
+    if report.gaps.hidden > (0.0 if near else _HIDDEN * (report.end - report.begin)):
+        unsure.append(report.gaps.hidden_words)
+    if any(stray.matters for stray in report.strays):
+        unsure.append("samples were flattened that are no noise, and could be a torque beyond a limit")
+    contradicted = [m.words for m in report.measured if m.contradicts]
+    doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]
+    against = "the file's own torque column disagrees with the torques computed"
+    look_again = [
+        *report.contradictions,
+        *([f"{against}: {listed(contradicted, _MOST_LISTED, '; ')}"] if contradicted else []),
+    ]
+    unsure += [m.cut_words for m in report.measured if m.cut and m.matters]
+    if doubted:
+        unsure.append(f"{against}: {listed(doubted, _MOST_LISTED, '; ')}")
+    return Verdict.of(look_again=look_again, over=stated, unsure=unsure)
+
+
+def confidence(joints: int) -> float:
+    """Standard deviations within which the peaks of that many joints lie, all together; () → ()."""
+    from scipy.special import ndtri
+
+    return float(ndtri(1.0 - _ERROR / max(1, joints)))
+
+
+def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
+    limited = [j for j in report.joints if math.isfinite(j.limit)]
+    factor = confidence(len(limited))
+    excesses = {e.joint: e for e in report.excesses if e.kind == "effort"}
+    wide = []
+    for j in sorted(limited, key=lambda j: -j.share):
+        reach, size = factor * report.reach(j), abs(j.peak)
+        excess = excesses.get(j.joint)
+        if excess is not None and size - reach > j.limit:
+            over.append((excess, _torque_in_words(report, j)))
+        elif over_limit((size + reach) / j.limit) and (reach > 0 or excess is not None):
+            end = " at an end of the log" if report.at_an_end(j) else ""
+            unsure.append(
+                f"noise leaves open whether {j.joint} is over its limit{end}: {torque(j.peak)} ± "
+                f"{deviation(report.reach(j))} {j.unit}, limit {number(j.limit)}"
+            )
+        elif _is_wide(report, j):
+            wide.append(j)
+    for name in excesses.keys() - {j.joint for j in report.joints}:  # followers, as unsure as their leaders
+        _judge_follower(report, excesses[name], factor, over, unsure)
+    wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
+    if wide:
+        unsure.append(
+            "noise is too much of the peak to say how large it is: "
+            f"{listed([_in_words(report, j) for j in wide], _MOST_LISTED, '; ')}"
+        )
+
+
+def _judge_follower(
+    report: TorqueReport, e: Excess, factor: float, over: list[tuple[Excess, str]], unsure: list[str]
+) -> None:
+    body = next(b for b in report.load.bare.model.bodies if b.joint.name == e.joint)
+    reach = report.reach(report.joints[body.v_index]) / abs(body.ratio) if body.ratio else 0.0
+    takes = f"{torque(e.value)} {e.unit}, limit {number(e.limit)} ({percent_of_limit(abs(e.value) / e.limit)})"
+    if abs(e.value) - factor * reach > e.limit:
+        leader = report.joints[body.v_index].joint
+        over.append((e, f"{e.joint}, which follows {leader}, at t = {seconds(e.time)} s bears {takes}"))
+    else:
+        unsure.append(f"noise leaves open whether {e.joint} is over its limit: {takes}")
+
+
+def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
+    """True if the interval of the peak is too wide for what bounds it, or, without a limit, most of the peak is noise."""
+    if j.estimate is None:
+        return False
+    half, raw, size = INTERVAL * report.reach(j), abs(j.raw if j.raw is not None else j.largest), abs(j.peak)
+    if math.isfinite(j.limit):
+        return half > _HALF * size and size + half > _COUNTS * j.limit
+    largest = max(abs(x.peak) for x in report.joints if x.unit == j.unit)
+    return (half > _HALF * size or raw - size > _HALF * raw) and max(size + half, raw) > _SMALL * largest
+
+
+def _in_words(report: TorqueReport, j: JointTorque) -> str:
+    """The peak as it is known, and as it was derived."""
+    raw = f", {torque(j.raw)} as derived" if j.raw is not None else ""
+    own = next((m for m in report.measured if m.joint == j.joint and m.differs), None)
+    measured = "" if own is None else f", {torque(own.peak)} in the file's own torque column"
+    return f"{j.joint} {torque(j.peak)} ± {deviation(report.reach(j))} {j.unit}{raw}{measured}"
+
+
+def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
+    reach = report.reach(j)
+    doubt = f" ± {deviation(reach)}" if reach > NEGLIGIBLE * report.reference(j) else ""
+    return (
+        f"{j.joint} at t = {seconds(j.time)} s takes {torque(j.peak)}{doubt} {j.unit}, limit {number(j.limit)} "
+        f"({percent_of_limit(j.share)}){because(j)}"
+    )
+
+
+def because(joint: JointTorque) -> str:
+    """What the joint's peak is mostly made of."""
+    cause, share = joint.main_cause
+    return f", mostly {cause_label(cause)} ({percent(share)})"
+
+
+def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
+    """Limits of position and velocity."""
+    doubtful: dict[str, list[str]] = {}
+    found = {(e.joint, e.kind): e for e in report.excesses if e.kind != "effort"}
+    derived = () if report.derived is None else report.derived.excesses
+    near = [e for e in derived if (e.joint, e.kind) not in found and e.kind == "velocity" and _reaches(report, e)]
+    for e in [*found.values(), *near]:
+        if e in near or _is_noise(report, e):
+            doubtful.setdefault(_KINDS[e.kind], []).append(e.joint)
+        else:
+            over.append((e, _excess_in_words(e)))
+    for kind, joints in doubtful.items():
+        unsure.append(f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed")
+
+
+def _excess_in_words(e: Excess) -> str:
+    """A position or a velocity beyond its limit, and by how much."""
+    speed = e.kind == "velocity"
+    by = abs(e.value) - e.limit if speed else abs(e.value - e.limit)
+    unit = unit_of("dq" if speed else "q", e.angular)
+    return (
+        f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit by {number(by, 3)} {unit}: "
+        f"{number(e.value, 5)}, limit {number(e.limit, 5)}"
+    )
+
+
+def _reaches(report: TorqueReport, e: Excess) -> bool:
+    """True if the smoothed velocity is within its limit, and may be beyond."""
+    estimate = report.joints[report.differentiation.model.velocity_names.index(e.joint)].estimate
+    return estimate is None or abs(estimate.speed) + _SURE * estimate.speed_sigma > e.limit
+
+
+def _is_noise(report: TorqueReport, e: Excess) -> bool:
+    d = report.differentiation
+    places = d.model.velocity_names
+    k = places.index(e.joint)
+    if e.kind == "velocity":
+        estimate = report.joints[k].estimate
+        if estimate is None or not d.derives_velocities:
+            return False
+        return abs(estimate.speed) - _SURE * estimate.speed_sigma <= e.limit
+    if not (d.derives and d.derives_velocities):
+        return False  # the positions were not looked at
+    body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)
+    return abs(e.value - e.limit) <= _SURE * float(d.errors.at_rest[body.q_index])
+
+
+def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
+    """The worst in full, and the others by name."""
+    if not over:
+        return []
+    first, text = over[0]
+    others: dict[str, list[str]] = {}
+    for e, _ in over[1:]:
+        kinds = others.setdefault(e.joint, [])
+        if _KINDS[e.kind] not in kinds and (e.joint, _KINDS[e.kind]) != (first.joint, _KINDS[first.kind]):
+            kinds.append(_KINDS[e.kind])
+    rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
+    return [text, *([f"also {listed(rest, _MOST_LISTED)}"] if rest else [])]

@@ -1,0 +1,191 @@
+"""The arrays that a quantity of a robot is asked with: brought into NumPy's arrays, and the error where they do not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.arguments import is_table
+from ..errors import FrameError, ShapeError
+from ..typing import Array
+from .derivatives import CONFIGURATIONS
+
+if TYPE_CHECKING:
+    from ..lie.twist_wrench import Wrench
+    from ..model.model import Model
+
+
+def is_symbolic(arrays: Sequence[Any]) -> bool:
+    """Whether any of the arrays holds symbols of a trace."""
+    if all(isinstance(x, np.ndarray) and x.dtype != object for x in arrays):
+        return False
+    from ..ir.expr import Expr
+
+    return any(
+        isinstance(x, Expr)
+        or (isinstance(x, np.ndarray) and x.dtype == object and any(isinstance(e, Expr) for e in x.flat))
+        or (isinstance(x, list | tuple) and is_symbolic(x))
+        for x in arrays
+    )
+
+
+def names_of(model: Model, label: str) -> tuple[str, ...]:
+    """The names of the last axis of an input, by which a table is read; none where it has none."""
+    if label in CONFIGURATIONS:
+        return model.coordinate_names
+    return () if label in ("wrench", "gravity", "parameters") else model.velocity_names
+
+
+def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
+    """Names and shapes of what the kernel of a quantity takes."""
+    from . import programs as quantity_programs
+    from .programs import checked_options
+
+    wanted = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
+    return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
+
+
+def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
+    """The arrays of a quantity as NumPy's, or Dask's, tables in the robot's order."""
+    from .quantities import QUANTITIES
+
+    labels, found = QUANTITIES[name].inputs, []
+    for k, array in enumerate(arrays):
+        label, names = labels[k] if k < len(labels) else f"input {k + 1}", None
+        if is_table(array):
+            wanted = inputs_of(model, name, options)
+            label = wanted[k][0] if k < len(wanted) else label
+            names = names_of(model, label)
+        found.append(arguments.brought(array, f"{name}: {label}", names or ()))
+    return tuple(found)
+
+
+def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays lazy."""
+    return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
+
+
+def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of states that are finite, of the right last axis, and whose batch shapes broadcast."""
+    found = [
+        arguments.finite(array, f"{name}: {x}", model.nq if x in CONFIGURATIONS else model.nv, names=names_of(model, x))
+        for x, array in arrays.items()
+    ]
+    try:
+        np.broadcast_shapes(*(array.shape[:-1] for array in found))
+    except ValueError:
+        raise arguments.mismatch(**dict(zip(arrays, found, strict=True))) from None
+    return found
+
+
+def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays lazy."""
+    found = []
+    for label, given in arrays.items():
+        array = arguments.brought(given, f"{name}: {label}", names.get(label, ()))
+        if not np.can_cast(array.dtype, float):
+            raise _not_real(name, label, array)
+        found.append(array if array.dtype == np.float32 else array.astype(float))
+    return found
+
+
+def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> ShapeError | None:
+    """A shape error that names the argument, or None where types and shapes fit."""
+    batches = []
+    for (label, core), a in zip(inputs_of(model, name, options), arrays, strict=False):
+        if not np.can_cast(a.dtype, float):
+            return _not_real(name, label, a)
+        if a.ndim < 1 or a.shape[-1:] != core:
+            names = model.coordinate_names if label == "q" else model.joint_names
+            which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
+            what = "(m, f), angular part first" if label == "wrench" else f"{core[0]} in the last axis{which}"
+            return ShapeError(f"{name}: {label} has shape {a.shape}, but robot {model.name!r} wants {what}.")
+        batches.append((label, a.shape[:-1]))
+    try:
+        np.broadcast_shapes(*(b for _, b in batches))
+    except ValueError:
+        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+        return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
+    except RuntimeError:  # more axes than NumPy compares
+        label, shape = max(batches, key=lambda batch: len(batch[1]))
+        return ShapeError(
+            f"{name}: {label} has {len(shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result included. "
+            "Reshape the batch to one axis."
+        )
+    return None
+
+
+def _not_real(name: str, label: str, given: Any) -> ShapeError:
+    """The error for numbers that are neither float32 nor float64, nor exactly one of them."""
+    dtype = given.dtype
+    if dtype.kind == "f":
+        what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
+        return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
+    hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
+    if is_symbolic((given,)):
+        hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
+    return ShapeError(
+        f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}"
+    )
+
+
+# ── The wrenches of a call: ``{frame: (..., 6)}`` by and on the robot, checked, and summed for each frame
+
+Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
+
+
+def check_mapping(wrenches: Any) -> None:
+    """Raise ShapeError unless ``wrenches`` is None or a mapping by frame."""
+    if wrenches is not None and not isinstance(wrenches, Mapping):
+        raise ShapeError("wrenches are a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+
+
+def unlabelled(F: Wrench, frame: str) -> Array:
+    """The numbers of a labelled wrench; raises FrameError where its label says another frame than ``frame``."""
+    if F.frame != frame:
+        raise FrameError(
+            f"a wrench in {F.frame!r} was given for frame {frame!r}: move it first, T @ F with "
+            f"T = Pose(…, to={frame!r}, of={F.frame!r})."
+        )
+    return F.values
+
+
+def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
+    """The six numbers (..., 6) of a wrench at a frame, float64 or float32."""
+    from ..lie.twist_wrench import Wrench
+
+    model.frame(frame)
+    frame = str(frame)
+    F = unlabelled(F, frame) if isinstance(F, Wrench) else F
+    given = arguments.brought(F, f"the wrench at {frame!r}")
+    array = numbers("wrench", {}, **{f"the one at {frame!r}": given})[0]
+    if array.shape[-1:] != (6,):
+        raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")
+    small = np.can_cast(given.dtype, np.float32)  # as a kernel takes it: float16 does not make results double
+    return array.astype(np.float32, copy=False) if small else array
+
+
+def by_frame(
+    model: Model, arrays: Sequence[ArrayLike], by_robot: Wrenches | None, on_robot: Wrenches | None
+) -> dict[str, Array]:
+    """F_by - F_on of each frame that is named, frames in alphabetical order; ``arrays``: what they are given beside."""
+    total: dict[str, Array] = {}
+    for sign, wrenches in ((1.0, by_robot), (-1.0, on_robot)):
+        check_mapping(wrenches)
+        for frame, F in (wrenches or {}).items():
+            mine = sign * wrench_at(model, frame, F)
+            try:
+                total[frame] = total[frame] + mine if frame in total else mine
+            except ValueError:
+                raise ShapeError(
+                    f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "
+                    f"{total[frame].shape[:-1]} and {mine.shape[:-1]}."
+                ) from None
+    if total and all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # lists do not make them double
+        given = {**(by_robot or {}), **(on_robot or {})}
+        total = {f: F if hasattr(given[f], "dtype") else F.astype(np.float32) for f, F in total.items()}
+    return {frame: total[frame] for frame in sorted(total)}  # whatever the order they were given in, one kernel

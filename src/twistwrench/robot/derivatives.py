@@ -1,0 +1,363 @@
+"""Types of arguments of the methods of quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..typing import Array
+
+Kind = Literal["body", "space", "world_aligned"]
+Rows = str | Iterable[int | str] | None
+"""Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""
+Wrenches = Mapping[str, Any]
+"""``{frame: (..., 6)}``, each (m, f) in the axes of its frame."""
+
+CONFIGURATIONS = ("q", "q0", "q1")
+"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
+
+
+# ── Derivatives of quantities as methods
+
+
+class DerivativeMethods:
+    """Derivatives of a robot's dynamics and kinematics."""
+
+    _call: Callable[..., Any]
+    """(name, *arrays, out=, **options), results."""
+    _with_wrenches: Callable[..., Any]
+    """(name, arrays, wrenches by the robot, wrenches on the robot, out, **options), results."""
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array]:
+        """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : pair of arrays, optional, takes the results
+
+        Returns
+        -------
+        tau_by_q : (nv, nv) array, ∂τ/∂q, columns along :meth:`add`
+        tau_by_dq : (nv, nv) array, ∂τ/∂dq
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        Wrenches keep their numbers in their frames, which move along. Friction is left out.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> by_q, by_dq = tw.robots.planar_2r().inverse_dynamics_derivatives([np.pi / 2, 0], [0, 0], [0, 0])
+        >>> np.round(by_q, 2).tolist()
+        [[-29.43, -9.81], [-9.81, -9.81]]
+        """
+        by_q, by_dq = self._with_wrenches(
+            "inverse_dynamics_derivatives", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out
+        )
+        return by_q, by_dq
+
+    def forward_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives of forward dynamics, ∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : triple of arrays, optional, takes the results
+
+        Returns
+        -------
+        ddq_by_q : (nv, nv) array, ∂ddq/∂q, columns along :meth:`add`
+        ddq_by_dq : (nv, nv) array, ∂ddq/∂dq
+        ddq_by_tau : (nv, nv) array, M⁻¹
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        Wrenches keep their numbers in their frames, which move along. Friction is left out.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> by_q, by_dq, inverse = arm.forward_dynamics_derivatives([0, 0], [0, 0], [0, 0])
+        >>> (inverse @ arm.mass_matrix([0, 0])).round(12).tolist()
+        [[1.0, 0.0], [0.0, 1.0]]
+        """
+        by_q, by_dq, inverse = self._with_wrenches(
+            "forward_dynamics_derivatives", (q, dq, tau), wrench_by_robot, wrench_on_robot, out
+        )
+        return by_q, by_dq, inverse
+
+    def inverse_dynamics_gradient(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """Gradient of a weighted sum of torques, ∂(w·τ)/∂(q, dq, ddq), by reverse mode.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        weights : (nv,) array_like, w
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : triple of arrays, optional, takes the results
+
+        Returns
+        -------
+        by_q : (nv,) array, ∂(w·τ)/∂q along :meth:`add`
+        by_dq : (nv,) array, ∂(w·τ)/∂dq
+        by_ddq : (nv,) array, ∂(w·τ)/∂ddq, which is M w
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        At a few times the cost of τ.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> by_q, by_dq, by_ddq = tw.robots.planar_2r().inverse_dynamics_gradient([np.pi / 2, 0], [0, 0], [0, 0], [1, 1])
+        >>> by_q.round(2).tolist()
+        [-39.24, -19.62]
+        """
+        how = {"by": ("q", "dq", "ddq"), "form": "weighted"}
+        given = (q, dq, ddq, weights)
+        by_q, by_dq, by_ddq = self._with_wrenches(
+            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
+        )
+        return by_q, by_dq, by_ddq
+
+    def inverse_dynamics_hessian_product(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        along_q: ArrayLike,
+        along_dq: ArrayLike,
+        along_ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        weights : (nv,) array_like, w
+        along_q, along_dq, along_ddq : (nv,) array_like, the direction's parts
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : triple of arrays, optional, takes the results
+
+        Returns
+        -------
+        by_q, by_dq, by_ddq : (nv,) array, parts of the product
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every
+        robot.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, still = tw.robots.planar_2r(), [0, 0]
+        >>> curved = arm.inverse_dynamics_hessian_product(still, still, still, [1, 0], [1, 0], still, still)
+        >>> curved[0].round(2).tolist()
+        [-29.43, -9.81]
+        """
+        how = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
+        given = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
+        by_q, by_dq, by_ddq = self._with_wrenches(
+            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
+        )
+        return by_q, by_dq, by_ddq
+
+    def jacobian_derivative(
+        self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
+    ) -> Array:
+        """Derivative of the Jacobian by the configuration, ∂J/∂q; its product with dq is dJ/dt.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        J_by_q : (6, nv, nv) array, of :meth:`jacobian`, last axis along :meth:`add`
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> dJ = arm.jacobian_derivative([0, 1]) @ [1, 2]
+        >>> np.allclose(dJ, arm.jacobian_rate([0, 1], [1, 2]))
+        True
+        """
+        return self._call("jacobian_derivative", q, frame=frame, kind=kind, out=out)
+
+    def mass_matrix_derivative(self, q: ArrayLike, *, out: Any = None) -> Array:
+        """Derivative of the mass matrix by the configuration, ∂M/∂q; its product with dq is dM/dt.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        M_by_q : (nv, nv, nv) array, last axis along :meth:`add`
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> tw.robots.planar_2r().mass_matrix_derivative([0, np.pi / 2])[:, :, 1].round(2).tolist()
+        [[-2.0, -1.0], [-1.0, 0.0]]
+        """
+        return self._call("mass_matrix", q, by="q", out=out)
+
+
+# ── Linearised dynamics: how small deviations of a state grow, for linear controllers. Modern Robotics section 8.5
+
+
+class LinearizationMethods:
+    """The method of a robot that linearises its dynamics."""
+
+    def linearize(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
+        """State-space matrices A and B of small deviations from a state: dx/dt = A x + B u, x = (δ, δdq), u = δτ.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, velocities
+        tau : (nv,) array_like, torques
+
+        Returns
+        -------
+        A : (2 nv, 2 nv) array
+        B : (2 nv, nv) array
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        SingularMassMatrixError
+            As for :meth:`forward_dynamics`.
+
+        Notes
+        -----
+        δ are deviations along :meth:`add`, ``q ⊕ δ``, so there are nv of them on quaternions too; ``subtract`` measures
+        them. With T = T₀ exp([δ]) a joint's twist is V = Ad(exp(-[δ])) V₀ + dδ/dt + …, hence to first order
+
+            dδ/dt   = δdq - ad(dq) δ        (0 but for joints that turn and slide at once, or turn in space)
+            dδdq/dt = ∂ddq/∂q δ + ∂ddq/∂dq δdq + ∂ddq/∂τ δτ.
+
+        Deviations are of the motion through the state; it is an equilibrium where dq = 0 and τ holds it. Friction is not
+        included.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> pendulum = tw.robots.pendulum()
+        >>> A, B = pendulum.linearize([np.pi], [0.0], [0.0])
+        >>> A.round(9).tolist(), B.round(9).tolist()
+        ([[0.0, 1.0], [9.81, 0.0]], [[0.0], [1.0]])
+        """
+        by_q, by_dq, by_tau = self.forward_dynamics_derivatives(q, dq, tau)
+        n, batch = self.nv, by_q.shape[:-2]
+        A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
+        from ..algorithms.kinematics import brackets
+
+        A[..., :n, :n] = np.einsum("bad,...a->...db", brackets(self.model), np.asarray(dq, float))
+        A[..., :n, n:] = np.eye(n)
+        A[..., n:, :n], A[..., n:, n:], B[..., n:, :] = by_q, by_dq, by_tau
+        return A, B

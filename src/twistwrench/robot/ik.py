@@ -1,0 +1,451 @@
+"""What inverse kinematics found: configurations, whether they are there, and why not."""
+
+from __future__ import annotations
+
+import operator
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.operational_space import row_numbers
+from ..core import arguments
+from ..core.numbers import printed
+from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..ir.loops import PLACES
+from ..joints.screw_joint import ScrewJoint
+from ..lie import se3, so3
+from ..model.assembly import random_configuration
+from ..model.notes import frames_to_user
+from ..typing import Array
+from .ik_search import Frames, PoseSearch, SinglePose
+
+if TYPE_CHECKING:
+    from .ik_search import SearchedLoops
+    from .robot import Robot
+
+_OPEN = 1e-9
+"""rad or m: gaps wider than this are told with what is left of a pose."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What was looked for: all that results have in common."""
+
+    joint_names: tuple[str, ...]
+    frames: tuple[tuple[int, ...], ...]
+    """The rows of each frame."""
+    loops: int = 0
+    """How many rows of loops were to be closed, too."""
+
+
+@dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
+class InverseKinematics:
+    """Result of inverse kinematics: configurations that reach poses, or come as near as was found.
+
+    Leading axes are the poses'.
+    """
+
+    q: Array
+    """(..., nq): the best configuration found, inside the limits; nan where the pose is."""
+
+    _said: Array
+    _asked: Searched
+
+    @property
+    def converged(self) -> Array:
+        """(...) of bool: whether it is there to the tolerances, and nothing less counts."""
+        return np.asarray(self._said[..., 1] > 0.0)
+
+    @property
+    def angle(self) -> Array:
+        """(...) rad that are left; of a float32 ``q`` before it was rounded to that, as ``distance`` and ``converged``."""
+        return self._length(turning=True)
+
+    @property
+    def distance(self) -> Array:
+        """(...) m between the origins, those of the frame and of the pose, or along the rows asked for."""
+        return self._length(turning=False)
+
+    @property
+    def gap(self) -> Array:
+        """(...) rad or m, by how much the loops of a closed robot are open there at most; zero for an open one."""
+        first = 3 + len(self.rows)
+        return np.asarray(np.abs(self._said[..., first : first + self._asked.loops]).max(axis=-1, initial=0.0))
+
+    @property
+    def starts(self) -> Array:
+        """(...) of int: how many starts it took."""
+        return np.asarray(self._said[..., 0].astype(int))
+
+    @property
+    def held(self) -> Array:
+        """(..., nv) of bool: joints whose limits keep this from coming nearer."""
+        held: Array = self._said[..., self._said.shape[-1] - len(self.joint_names) :] > 0.5
+        return held & ~self.converged[..., None]
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """A name for each entry of ``held``."""
+        return self._asked.joint_names
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Rows of the twist that were asked for, 0 to 5."""
+        return tuple(row for rows in self._asked.frames for row in rows)
+
+    def _length(self, *, turning: bool) -> Array:
+        """Of the angles that are left, or of the ways between the origins."""
+        total, at = np.zeros(self._said.shape[:-1]), 3
+        for rows in self._asked.frames:
+            left = self._said[..., at : at + len(rows)]
+            at += len(rows)
+            if len(rows) == 6 and not turning:  # a twist, whose linear part is longer than the way if it turns, too
+                left = np.concatenate([left[..., :3], se3.exp(left)[..., :3, 3]], axis=-1)
+            for k, row in enumerate(rows):
+                if (row < 3) == turning:
+                    total = total + left[..., k] ** 2
+        return np.asarray(np.sqrt(total), self.q.dtype)
+
+    def reason(self, *index: int) -> str:
+        """Why a pose was not reached, in words.
+
+        Parameters
+        ----------
+        *index : int, of the pose in the batch
+
+        Returns
+        -------
+        text : str, empty where the pose was reached
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> far = tw.se3.exp([0, 0, 0, 5, 0, 0])
+        >>> tw.robots.planar_2r().inverse_kinematics(far, rows="vx vz", restarts=2).reason()[:12]
+        'out of reach'
+        """
+        if bool(self.converged[index]):
+            return ""
+        d, a = float(self.distance[index]), float(self.angle[index])
+        if np.isnan(d) or np.isnan(a):
+            return "the pose has entries that are not numbers"
+        left = f"the nearest found is {printed(d, 3)} m and {printed(a, 3)} rad away, after {int(self.starts[index])} starts"
+        if (gap := float(self.gap[index])) > _OPEN:
+            left += f", with loops open by {printed(gap, 3)} (rad or m)"
+        held = [n for n, h in zip(self.joint_names, self.held[index], strict=True) if h]
+        if held:
+            return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"
+        return f"out of reach, or of this search: {left}"
+
+    def __repr__(self) -> str:
+        return f"<InverseKinematics: {self}>"
+
+    def __str__(self) -> str:
+        if self.converged.ndim == 0:
+            return (
+                f"reached: {printed(self.distance, 2)} m, {printed(self.angle, 2)} rad left"
+                if self.converged
+                else self.reason()
+            )
+        return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
+
+
+def selected(found: InverseKinematics, which: Array, q: Array) -> InverseKinematics:
+    """Those of some poses of a batch with one axis, in an order; ``q`` is what they have."""
+    return InverseKinematics(q, found._said[which], found._asked)
+
+
+# ── Inverse kinematics: Newton's method on SE(3), damped, for many poses at once, inside the joints' limits
+
+# The steps are :mod:`..algorithms.newton_step`, and the whole search around them is compiled, samples side by side; a joint
+# that its limit holds back leaves the step, and comes back when the step leads it inwards. What has not arrived starts again
+# from other places, those that lead nearest to its pose first: what is found for a pose depends on no other pose of the batch.
+# All is computed in float64; float32 poses and starts give float32 results, rounded at the end.
+
+Rows = str | Iterable[int | str] | None
+
+NO_LOOP = 1e-6
+"""rad, and part of the robot's length: what the search calls closed, and is open by more, is turned over by π."""
+MOST_WAYS = 16
+"""Sets of options that single poses are looked for with, so many of which are remembered."""
+
+
+def solve(
+    robot: Robot,
+    T: ArrayLike,
+    frame: str | Sequence[str] | None,
+    q0: ArrayLike | None,
+    rows: Rows | Mapping[str, Rows],
+    restarts: int,
+    rng: np.random.Generator | int | None,
+    angle: float,
+    distance: float,
+    nearest: bool,
+    loops: SearchedLoops | None = None,
+) -> InverseKinematics:
+    """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`.
+
+    ``loops`` of a closed robot are to be closed there.
+    """
+    often, key = robot.engine.single_poses, None
+    plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
+    if plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
+        key = frame, rows, restarts, rng, angle, distance
+        if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
+            return InverseKinematics(found[0], found[1], way[1])
+    asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
+    core = search.core
+    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
+        target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
+    else:
+        target = arguments.real(T, "inverse_kinematics: T", *core)
+    shape, kind = target.shape[: -len(core)], target.dtype
+    if q0 is None:
+        start = robot.neutral if loops is None else loops.start
+    else:
+        start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
+        kind = np.result_type(kind, start)
+    if start.shape[:-1] != shape:
+        try:
+            shape = np.broadcast_shapes(shape, start.shape[:-1])
+        except ValueError:
+            raise ShapeError(
+                f"inverse_kinematics: T {target.shape} and q0 {start.shape} do not broadcast over their leading axes."
+            ) from None
+    start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
+    poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
+    q, said = search.best(poses, start, *given)
+    odd = ~(said[:, 1] >= 0.0)
+    if odd.any():  # no poses, or not to the last digit
+        q[odd], said[odd] = search.best(_rigid(target, (*shape, *core)).reshape(-1, *core)[odd], start[odd], *given)
+        lost = ~np.isfinite(said[:, 1])
+        q[lost], said[lost] = np.nan, np.nan
+        said[lost, 0] = 0.0
+    elif key is not None and not shape and given[0] <= PLACES:
+        if len(often) >= MOST_WAYS and key not in often:
+            often.clear()
+        alone = SinglePose(search, *given) if key in often else None  # from the second time on
+        often[key] = (alone, asked) if alone is not None and alone.call is not None else None
+    if nearest:
+        q, said = search.nearest(_rigid(poses), start, (q, said), given[2])
+    if loops is not None:
+        q, said = _on_loops(search, _frames(robot, frame, rows), loops, poses, (q, said))
+    q = search.rounded(q.reshape(*shape, robot.nq), kind)
+    return InverseKinematics(q, said.reshape(*shape, -1), asked)
+
+
+def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
+    """What finds the configuration near one q at which a frame has one pose, in a few steps that meet no limit, or None."""
+    alone = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _drawn(0), (left, left))
+    return alone.near_by
+
+
+def _looked_at(
+    robot: Robot, frame: Any, rows: Any, restarts: Any, rng: Any, angle: Any, distance: Any, loops: SearchedLoops | None
+) -> tuple[Searched, PoseSearch, tuple[int, int, tuple[float, float]]]:
+    """The options, checked: what is asked, who looks for it, and how often, the seed, and what may be left."""
+    frames = _frames(robot, frame, rows)
+    try:
+        again, seed = operator.index(restarts), _seed(rng)
+    except (TypeError, ValueError):
+        again = seed = -1
+    if again < 0:
+        raise ValueRangeError(
+            f"restarts={arguments.shown(restarts)}, rng={arguments.shown(rng)}: give a whole number of at least 0, and a seed."
+        )
+    allowed = [arguments.number(x, name) for name, x in (("angle", angle), ("distance", distance))]
+    if not all(0 < x < np.inf for x in allowed):
+        raise ValueRangeError(
+            f"angle={printed(allowed[0])}, distance={printed(allowed[1])}: give what may be left, finite and above 0."
+        )
+    if robot.nv == 0:
+        raise ValueRangeError(
+            f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
+        )
+    search = _search(robot, frames, loops)
+    most = allowed[0], allowed[1] * max(1.0, search.length)
+    return (
+        Searched(
+            robot.model.velocity_names,
+            tuple(mine for _, mine in frames),
+            0 if loops is None else len(loops.kinds),
+        ),
+        search,
+        (again, seed, most),
+    )
+
+
+def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
+    """Poses whose rotations are such to the last digit of float64; raises for what are none."""
+    T = np.array(arguments.pose(target, "inverse_kinematics: T"), float)
+    T[..., :3, :3] = so3.project(T[..., :3, :3])
+    T[..., 3, :] = 0.0, 0.0, 0.0, 1.0
+    return np.broadcast_to(T, shape) if shape else T
+
+
+def _seed(rng: np.random.Generator | int | None) -> int:
+    """The seed of the starts: one number drawn from a generator, however long the search."""
+    return _drawn(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
+
+
+@lru_cache(16)
+def _drawn(seed: int) -> int:
+    return int(np.random.default_rng(seed).integers(2**63))
+
+
+def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
+    """The frames by name, each with its rows."""
+    several = frame is not None and not isinstance(frame, str)
+    given = list(frame) if several else [frame]
+    if not given or not all(name is None or isinstance(name, str) for name in given) or (several and None in given):
+        raise ValueRangeError(f"frame={frame!r}: give the name of a link, or several, one for each pose.")
+    if len(set(given)) < len(given):
+        raise ValueRangeError(f"frame={frame!r}: a frame is there twice.")
+    if isinstance(rows, Mapping) and not {*rows} <= {*given}:
+        raise ValueRangeError(f"rows={rows!r}: its keys are to be frames that were asked for, {given!r}.")
+    found = []
+    for name in given:
+        robot.model.frame(name)
+        mine = row_numbers(rows.get(name) if isinstance(rows, Mapping) else rows)
+        found.append((str(robot.model.tip if name is None else name), mine))
+    return tuple(found)
+
+
+def _search(robot: Robot, frames: Frames, loops: SearchedLoops | None = None) -> PoseSearch:
+    """Made once for each frames and rows of a robot."""
+
+    def made() -> PoseSearch:
+        some = random_configuration(robot.model, np.random.default_rng(0), (8,))
+        J = np.array([[robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some] for name, _ in frames])
+        farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
+        poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
+        return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
+
+    found: PoseSearch = robot.engine.kept(("inverse kinematics", frames, loops and loops.key), made)
+    return found
+
+
+def _on_loops(
+    search: PoseSearch, frames: Frames, loops: SearchedLoops, targets: Array, found: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """What was found, q (n, nq) and what is said of it; where poses were not reached, the loops are closed next to it."""
+    q, said = found
+    some = np.flatnonzero(np.isfinite(q).all(axis=-1))
+    count = sum(len(mine) for _, mine in frames)
+    gaps = slice(3 + count, 3 + count + len(loops.kinds))
+    said[some, gaps], widest = loops.open_by(q[some])
+    lost = some[~((said[some, 1] > 0.0) & (widest <= NO_LOOP))]
+    said[lost, 1] = 0.0
+    near = loops.settled(q[lost])
+    fit = (loops.open_by(near)[1] <= NO_LOOP) & (search.inside(near) == near).all(axis=-1)
+    rows = lost[fit]
+    q[rows] = near[fit]
+    said[rows, gaps] = loops.open_by(q[rows])[0]
+    each = zip(frames, search.poses, np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0), strict=True)
+    if len(rows):
+        left = [twist_left(poses(q[rows]), target[rows], mine) for (_, mine), poses, target in each]
+        said[rows, 3 : 3 + count] = np.concatenate(left, axis=-1)
+    return q, said
+
+
+def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
+    """The body twist V with T exp([V]) = target, MR section 6.2; of some rows, turning and moving each by itself.
+
+    (n, 4, 4), (n, 4, 4) → (n, r).
+    """
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    across = np.swapaxes(R, -1, -2)
+    between, way = across @ target[:, :3, :3], (across @ (target[:, :3, 3] - p)[..., None])[..., 0]
+    if len(chosen) == 6:
+        return np.asarray(se3.log(se3.pose(so3.project(between), way)))
+    return np.take(np.concatenate([so3.log(so3.project(between)), way], axis=-1), chosen, axis=1)
+
+
+# ── All branches of inverse kinematics: the configurations, apart from full turns, at which a frame has one pose
+
+SAME = 1e-6
+"""rad or m: configurations nearer than this in all joints are one."""
+ALIKE = 10.0
+"""So are those on whose straight way the frame moves no more than so many times what may be left, to first order: only near a
+singular configuration is that far, and what is left tells them no better apart."""
+SINGULAR = 1e-9
+"""Singular values of J below this part of the largest are zero."""
+
+
+def branches(
+    robot: Robot,
+    T: ArrayLike,
+    frame: str | None,
+    rows: str | Iterable[int | str] | None,
+    starts: int,
+    rng: np.random.Generator | int | None,
+    angle: float,
+    distance: float,
+) -> InverseKinematics:
+    """See :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
+    target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
+    if type(starts) is not int or starts < 1:
+        raise ValueRangeError(f"starts={arguments.shown(starts)}: give a whole number of at least 1.")
+    chosen = row_numbers(rows)
+    if robot.nv > len(chosen) or robot.nq != robot.nv:
+        raise ValueRangeError(
+            f"robot {robot.name!r} has {robot.nv} velocities for {len(chosen)} rows, and branches are of as many joints of one "
+            "degree as there are rows, or fewer: else a pose has curves of configurations. Lock joints (robot.lock), or ask "
+            "inverse_kinematics for one."
+        )
+    q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])
+    found = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
+    there = np.flatnonzero(found.converged)
+    q = _unwound(robot, found.q[there])
+    J = robot.jacobian(q, frame)[:, chosen, :]
+    turning = np.array(chosen) < 3
+    levers = np.linalg.norm(J[:, ~turning], axis=1).max(axis=-1, initial=1.0)
+    kept: list[int] = []
+    for k in range(len(q)):
+        way = _apart(robot, q[k], q[kept])
+        V = (J[kept] @ way[..., None])[..., 0]
+        near = np.abs(way).max(axis=-1, initial=0.0) < SAME
+        still = np.linalg.norm(V[:, turning], axis=1) <= ALIKE * angle
+        still &= np.linalg.norm(V[:, ~turning], axis=1) <= ALIKE * distance * levers[kept]
+        if not (near | still).any():
+            kept.append(k)
+    sizes = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
+    singular = int((sizes[:, -1] <= SINGULAR * sizes[:, 0]).sum())
+    if singular > 1:
+        warnings.warn(
+            f"inverse_kinematics_branches: {singular} of the {len(kept)} configurations are singular, so they may be points of "
+            "curves on which the frame stays, and not branches. Turn or move the pose a little.",
+            ModelWarning,
+            stacklevel=frames_to_user(),
+        )
+    order = sorted(kept, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
+    return selected(found, there[order], q[order])
+
+
+def _turning(robot: Robot) -> Array:
+    """Which joints are the same after a full turn: those that only turn, and that nothing follows in another ratio."""
+    followed = {body.v_index for body in robot.model.bodies if body.follows}
+    found = np.zeros(robot.nv, bool)
+    for body in robot.model.leaders:
+        joint = body.joint
+        turns = isinstance(joint, ScrewJoint) and joint.turns and not joint.has_pitch
+        found[body.v_index] = turns and body.v_index not in followed
+    return found
+
+
+def _unwound(robot: Robot, q: Array) -> Array:
+    """q with full turns taken off, where the limits allow the smaller angle."""
+    turn = 2.0 * np.pi * _turning(robot)
+    smaller = q - turn * np.round(q / (2.0 * np.pi))
+    fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
+    return np.where(fits, smaller, q)
+
+
+def _apart(robot: Robot, a: Array, b: Array) -> Array:
+    """How far two configurations are apart, full turns taken off."""
+    return (a - b) - 2.0 * np.pi * _turning(robot) * np.round((a - b) / (2.0 * np.pi))

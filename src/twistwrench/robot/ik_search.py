@@ -1,0 +1,333 @@
+"""The search for configurations at which frames of one robot have given poses: its kernel, and where it starts again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algorithms.constraints import Closure
+from ..algorithms.loop_closure import LoopRows
+from ..algorithms.newton_step import NewtonStep
+from ..errors import ConstraintError
+from ..ir.loops import PLACES, Search
+from ..ir.program import Port
+from ..ir.tracer import trace
+from ..model.assembly import random_configuration
+from ..model.model import Model
+from ..runtime import batch_threads as threads
+from ..runtime.batch_threads import Part
+from ..runtime.dispatch import make_call
+from ..typing import Array
+from .closed.checks import some_configurations
+from .closed.constraints import CLOSED, gap_units
+from .engine import compiled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .closed.closed_robot import ClosedRobot
+
+if TYPE_CHECKING:
+    pass
+
+STEPS = 60
+"""The most steps from one start."""
+POSTURE_STEPS = 240
+"""The most steps towards a posture."""
+FIRST_LOOK = 8
+"""Steps that a single pose is looked for in one lane, before all lanes look for it from several starts at once."""
+AT_ONCE = 1 << 18
+"""Starts that one call of the kernel may make: Ctrl-C is heard between two."""
+Frames = tuple[tuple[str, tuple[int, ...]], ...]
+"""Names, each with rows of the frame's twist."""
+_HAIR = 1e-9
+"""What is there in squares is there by more than rounding."""
+
+
+class PoseSearch:
+    """What looks for some frames of one robot, each by some rows."""
+
+    def __init__(
+        self,
+        model: Model,
+        frames: Frames,
+        farthest: float,
+        poses: tuple[Any, ...],
+        apart: Any,
+        loops: SearchedLoops | None = None,
+    ) -> None:
+        """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; the rest are kernels.
+
+        ``poses`` give those of q, ``apart`` the twists of joints from one q to another. ``loops`` are to be closed there.
+        """
+        self.model, self.poses, self.apart, self.loops = model, poses, apart, loops
+        self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
+        """The shape of what is looked for."""
+        self._places: dict[int, _Places] = {}
+        self.length = farthest if farthest > 0 else 1.0
+        """m that count as much as a radian."""
+        kinds = [k for _, rows in frames for k in rows] + (loops.kinds if loops is not None else [])
+        scale = np.array([1.0 if k < 3 else 1.0 / self.length for k in kinds])
+        one = [b for b in model.leaders if b.joint.nv == 1]
+        self.q_of, v_of = (np.array([getattr(b, name) for b in one], int) for name in ("q_index", "v_index"))
+        self.low, self.high = model.limits.lower[v_of], model.limits.upper[v_of]
+        limits = np.full((4, max(model.nq, model.nv)), [[-np.inf], [np.inf]] * 2)
+        limits[0, v_of], limits[1, v_of], limits[2, self.q_of], limits[3, self.q_of] = (self.low, self.high) * 2
+        coordinates = np.full(model.nv, -1)
+        coordinates[v_of] = self.q_of
+        low, high = limits[:2, : model.nv]
+        held = (None, ()) if loops is None else (loops.rows, loops.allowed)
+        self._step = NewtonStep(
+            model, frames, scale, low, high, tuple(coordinates.tolist()), loops=held[0], gaps=held[1]
+        )
+        self._bounds: list[list[float]] = limits[2:, : model.nq].tolist()
+        search = self._search(self._step)
+        self.said = search.said.size
+        self.kernel = compiled(search, "inverse_kinematics", f"Search of {model.name} for poses, compiled.")
+        weights = []
+        for _, rows in frames:
+            turning, moving = any(k < 3 for k in rows), any(k >= 3 for k in rows)
+            weights.append(np.where(np.arange(12) % 4 < 3, float(turning), moving / self.length**2))
+        self.weights = np.concatenate(weights)
+
+    def _search(self, step: NewtonStep) -> Search:
+        nq, count, (least, most) = self.model.nq, len(self.poses), self._bounds
+        target = Port("T and posture", (16 * count + nq,)) if step.posture else Port("T", self.core)
+        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (target.size + 2,))]
+        program = trace(step, ports, ["q", "passed on"])
+        near = tuple(16 * k + entry for k in range(count) for entry in range(12))
+        return Search(program, target, near, step.begins, (*least,), (*most,))
+
+    @cached_property
+    def look(self) -> Any:
+        """A kernel for one pose that gives up where a joint meets a limit; else it finds what the other one finds."""
+        doc = f"Look of {self.model.name} for one pose near by, compiled."
+        return compiled(self._search(replace(self._step, rounds=1)), "look", doc, lone=True)
+
+    @cached_property
+    def to_posture(self) -> Any:
+        """A kernel that goes on from where poses are, as near to a posture as they let."""
+        doc = f"Search of {self.model.name} for postures, compiled."
+        return compiled(self._search(replace(self._step, posture=True)), "posture", doc)
+
+    def settings(self, allowed: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
+        """What the kernel is told beside poses and starts."""
+        return np.array([steps, restarts, *((1.0 - _HAIR) * x * x for x in allowed), *self.weights])
+
+    def inside(self, q: Array) -> Array:
+        """q with the joints of one degree of freedom moved into their limits."""
+        q = np.array(q, float)
+        q[..., self.q_of] = np.clip(q[..., self.q_of], self.low, self.high)
+        return q
+
+    def rounded(self, q: Array, kind: np.dtype[Any]) -> Array:
+        """q as numbers of another type, those of them that left the limits so brought back to the last ones inside."""
+        found = q.astype(kind, copy=False)
+        if kind == q.dtype:
+            return found
+        mine = found[..., self.q_of]
+        mine = np.where(mine > self.high, np.nextafter(mine, np.asarray(-np.inf, kind)), mine)
+        found[..., self.q_of] = np.where(mine < self.low, np.nextafter(mine, np.asarray(np.inf, kind)), mine)
+        return found
+
+    def best(
+        self, T: Array, start: Array, restarts: int, seed: int, allowed: tuple[float, float]
+    ) -> tuple[Array, Array]:
+        """The best of all starts (n, nq), the first at ``start``, and what is said of it (n, said); T (n, *core)."""
+        settings = self.settings(allowed, min(restarts, PLACES))
+        if seed not in self._places:  # places take longer to make than most poses to find
+            q, said = self.some(T, start, self._no_places, self.settings(allowed, 0))
+            rows = np.flatnonzero(said[:, 1] == 0.0)
+            if not restarts or not len(rows):
+                return q, said
+            q[rows], said[rows] = self.some(T[rows], start[rows], self.places(seed).table(0), settings)
+        else:
+            q, said = self.some(T, start, self.places(seed).table(0), settings)
+        places = self.places(seed)
+        for number, done in enumerate(range(PLACES, restarts, PLACES + 1), start=1):  # the next start, and its restarts
+            rows = np.flatnonzero(said[:, 1] == 0.0)
+            if not len(rows):
+                break
+            settings = self.settings(allowed, min(restarts - done - 1, PLACES))
+            first = np.broadcast_to(places.first(number), (len(rows), self.model.nq))
+            other, of_it = self.some(T[rows], first, places.table(number), settings)
+            of_it[:, 0] += said[rows, 0]
+            said[rows, 0] = of_it[:, 0]
+            better = (of_it[:, 1] != 0.0) | (of_it[:, 2] < said[rows, 2])
+            q[rows[better]], said[rows[better]] = other[better], of_it[better]
+        return q, said
+
+    def nearest(
+        self, T: Array, posture: Array, found: tuple[Array, Array], allowed: tuple[float, float]
+    ) -> tuple[Array, Array]:
+        """What was found, moved towards postures (n, nq) while the frames stay, until no way is left, or no step."""
+        q, said = found
+        rows = np.flatnonzero(said[:, 1] > 0.0)
+        none, settings = self._no_places, self.settings(allowed, 0, POSTURE_STEPS)
+        target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
+        moved, _ = self.some(target, q[rows], none, settings, self.to_posture)
+        moved, of_it = self.some(T[rows], moved, none, settings)  # to all digits
+        before, after = (np.linalg.norm(self.apart(posture[rows], x), axis=1) for x in (q[rows], moved))
+        better = (of_it[:, 1] > 0.0) & (after < before)
+        of_it[:, 0] = said[rows, 0]
+        q[rows[better]], said[rows[better]] = moved[better], of_it[better]
+        return q, said
+
+    def some(
+        self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
+    ) -> tuple[Array, Array]:
+        """The kernel, or another, on so many poses, in parts."""
+        q, said = np.empty((len(T), self.model.nq)), np.empty((len(T), self.said))
+        each = max(64, int(AT_ONCE / (1.0 + settings[1])))
+        parts = (slice(k, k + each) for k in range(0, len(T), each))
+        with np.errstate(all="ignore"):  # next to a singular place a step may go far; the best of the way counts
+            given = (Part((T[k], start[k], settings, *table), (q[k], said[k])) for k in parts)
+            threads.share(kernel or self.kernel, given)
+        return q, said
+
+    @property
+    def _no_places(self) -> tuple[Array, Array]:
+        return np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
+
+    def places(self, seed: int) -> _Places:
+        """Where to start again; those of the last seed are kept."""
+        if seed not in self._places:
+            self._places = {seed: _Places(self, seed)}
+        return self._places[seed]
+
+
+class _Places:
+    """Where to start again: tables of random configurations, the same for all poses, and the poses they lead to."""
+
+    def __init__(self, search: PoseSearch, seed: int) -> None:
+        self.search, self.rng = search, np.random.default_rng(seed)
+        self._firsts: list[Array] = []
+        self._tables: list[tuple[Array, Array]] = []
+
+    def first(self, number: int) -> Array:
+        """The configuration before those of a table."""
+        self.table(number)
+        return self._firsts[number]
+
+    def table(self, number: int) -> tuple[Array, Array]:
+        """Configurations (PLACES, nq), and the rows of their poses (12 for each frame, PLACES)."""
+        while len(self._tables) <= number:
+            more = bool(self._tables)
+            some = random_configuration(self.search.model, self.rng, (PLACES + more,))
+            loops, inside = self.search.loops, self.search.inside
+            some = inside(some) if loops is None else loops.places(some, inside)
+            q = np.ascontiguousarray(some[more:])
+            self._firsts.append(some[0])
+            reached = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]
+            self._tables.append((q, np.ascontiguousarray(np.concatenate(reached))))
+        return self._tables[number]
+
+
+class SinglePose:
+    """The shortest way to one pose: arrays of plain float64, options that were checked before.
+
+    One lane looks first, by steps that know of no limits, as what is near is found in a few. Where that fails, all lanes look
+    from the beginning; they would have found the same.
+    """
+
+    def __init__(self, search: PoseSearch, restarts: int, seed: int, allowed: tuple[float, float]) -> None:
+        self.kernel, self.table = search.kernel, search.places(seed).table(0)
+        self.settings = search.settings(allowed, restarts)
+        self.look = search.settings(allowed, 0, FIRST_LOOK)
+        self.start = search.model.neutral
+        self.call: Any = make_call(search.look, _Nobody().found, "inverse_kinematics")
+
+    def near_by(self, T: Array, q0: Array) -> Array | None:
+        """q where one lane finds it, in a few steps that meet no limit."""
+        found = None if self.call is None else self.call(T, q0, self.look, *self.table)
+        return found[0] if found is not None and found[1][1] > 0.0 else None
+
+    def found(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
+        """q and what is said of it; None where the long way is to be taken."""
+        start = self.start if q0 is None else q0
+        found: tuple[Array, Array] | None = self.call(T, start, self.look, *self.table)
+        if found is None or found[1][1] > 0.0:
+            return found
+        with np.errstate(all="ignore"):
+            found = self.kernel(T, start, self.settings, *self.table)
+        return found if found is not None and found[1][1] >= 0.0 else None
+
+
+class _Nobody:
+    """Whom the builtin asks where it does not serve."""
+
+    def found(self, T: Any, start: Any, settings: Array, places: Array, reached: Array) -> None:
+        """None: the long way."""
+
+
+# ── The loops of a closed robot as inverse kinematics closes them: the rows, where to start, and how far they are open
+
+ROUNDS = 4
+"""Times that starts are brought into the limits and onto the loops again."""
+
+
+class SearchedLoops:
+    """The loops of one closed robot in a search for poses."""
+
+    def __init__(self, closed: ClosedRobot) -> None:
+        self.closed = closed
+        self.rows = LoopRows(closed.constraints, closed.independent)
+        self.units = gap_units(closed)
+        mine = self.rows.places[0]
+        self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
+        """Of each row, its number in a twist."""
+        self.allowed = tuple((CLOSED * self.units[mine]).tolist())
+        """How far each row may be open, rad or m."""
+
+    @cached_property
+    def start(self) -> Array:
+        """A configuration with the loops closed; ConstraintError where none is found."""
+        try:
+            return np.asarray(some_configurations(self.closed, None)[0])
+        except ConstraintError as problem:
+            raise ConstraintError(
+                f"inverse_kinematics: {str(problem).partition('. ')[0]}. Give q0, a configuration near a closed one."
+            ) from None
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Searches of one robot with one key are one."""
+        return self.rows.constraints, self.rows.independent
+
+    def settled(self, q: Array) -> Array:
+        """The configurations (n, nq) on the loops, those from which none is found as they were."""
+        found, left = self.closed.settled(q, CLOSED)
+        return np.where((left <= CLOSED)[:, None], found, q)
+
+    def places(self, some: Array, inside: Callable[[Array], Array]) -> Array:
+        """Configurations (n, nq) with the loops closed inside the limits, got from some that are not closed.
+
+        Those from which none is found go towards one from which one is, half of the way and a quarter.
+        """
+        robot = self.closed.robot
+
+        def closed(q: Array) -> tuple[Array, Array]:
+            for _ in range(ROUNDS):
+                q = inside(self.settled(q))
+            found = self.settled(q)
+            return found, (inside(found) == found).all(axis=-1) & (self.open_by(found)[1] <= CLOSED)
+
+        q, good = closed(some)
+        for part in (0.5, 0.25):
+            if good.all() or not good.any():
+                break
+            rows = np.flatnonzero(~good)
+            known = np.resize(np.flatnonzero(good), len(rows))
+            q[rows], good[rows] = closed(robot.add(q[known], part * robot.subtract(some[rows], q[known])))
+        rows = np.flatnonzero(~good)
+        if good.any():
+            q[rows] = q[np.resize(np.flatnonzero(good), len(rows))]
+        return inside(q)
+
+    def open_by(self, q: Array) -> tuple[Array, Array]:
+        """Gaps of the rows of the search (n, rows), and the widest of all, over its unit (n,)."""
+        gaps = self.closed.gaps(q)
+        return gaps[:, self.rows.places[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)

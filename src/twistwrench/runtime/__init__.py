@@ -1,0 +1,1 @@
+"""Machine code in this process: compilation, loading, calls, threads and memory of results."""

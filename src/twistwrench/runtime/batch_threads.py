@@ -1,0 +1,429 @@
+"""A call with many samples: room for its results, and parts that several threads can take where that pays."""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+import sys
+import threading
+from collections import deque
+from collections.abc import Iterable
+from contextvars import copy_context
+from functools import cache
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..core.arguments import shown
+from ..errors import ValueRangeError
+from ..lowering.target_machine import SINGLE
+from ..typing import Array
+from . import interpreter
+from .result_pool import room
+
+if TYPE_CHECKING:
+    from ..ir.loops import Form
+    from ..ir.program import Port, Program
+
+Arrays = tuple[Array, ...]
+
+LEAST = 2.5e6
+"""Operations of the least part, some 0.1 ms: four times what handing over takes. Less than two such parts are not cut."""
+
+PARTS_EACH = 4
+"""Parts a thread, so that one that is held up by other work on its core leaves the rest to the others."""
+
+ROWS = 64
+"""Long axes are cut at multiples of this: every part but the last is whole blocks, whatever the lanes."""
+
+SINE, ENTRY = 18, 6
+"""What a sine or cosine costs, and what an entry read or written does, in operations of a lane."""
+
+ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
+"""Bytes of one result, and of several, from which on their memory is not left to NumPy: less meets no page faults."""
+
+NOTABLE = 2048
+"""Numbers in the first input, 4 times as many where there is one result: with fewer it does not pay to look."""
+
+FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
+
+TO_DOUBLE = frozenset(c for c in "?" + np.typecodes["AllInteger"] + np.typecodes["Float"] if np.can_cast(c, "d"))
+TO_SINGLE = frozenset(c for c in TO_DOUBLE if np.can_cast(c, "f"))
+"""Codes of the types that NumPy takes for each of a kernel's two loops."""
+
+
+class Part(NamedTuple):
+    """A kernel's arguments for some of the samples: views of the whole arrays."""
+
+    inputs: Arrays
+    outputs: Arrays
+
+
+def effort(form: Form) -> int:
+    """Operations of a sample, or of its step; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
+    from ..ir.loops import ColumnGroups, program_of
+
+    program = program_of(form)
+    entries = sum(port.size for port in (*program.inputs, *program.outputs))
+    columns = form.groups if isinstance(form, ColumnGroups) else ()
+    return _operations(program) + ENTRY * entries + sum(len(g.places) * _operations(g.program) for g in columns)
+
+
+def _operations(program: Program) -> int:
+    counts = program.counts()
+    return sum(counts.values()) + (SINE - 1) * (counts.get("sin", 0) + counts.get("cos", 0))
+
+
+def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[list[Part], Arrays] | None:
+    """The parts and the whole outputs; None where one thread is to do it all, because it is little work, or not plain.
+
+    What NumPy would refuse, convert or copy first is left to NumPy: then its errors and its rules are its own.
+    """
+    owner = _owner_of()(kernel)
+    if owner is None or len(given) != len(owner.given.inputs):
+        return None
+    arrays = tuple([np.asarray(a) if type(a) in (list, tuple) else a for a in given])
+    batch = _batch(arrays, owner.given.inputs)
+    if batch is None:
+        return None
+    single = _is_single(arrays)
+    work = math.prod(batch) * owner.effort / (2 if single else 1)
+    count = min(int(work / LEAST), PARTS_EACH * threads)
+    if count < 2:
+        return None
+    count = max(count // threads * threads, min(count, threads))  # an even number for each, where there are enough
+    shapes = [batch + port.shape for port in owner.given.outputs]
+    outputs = _outputs(out, shapes, FLOAT32 if single else FLOAT64, arrays)
+    if outputs is None:
+        return None
+    if single:
+        owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+    long = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
+    axis = (
+        long[0] if long else batch.index(max(batch))
+    )  # the first that is long enough: what lies inside it stays whole
+    rows = -(-batch[axis] // count)
+    rows = -(-rows // ROWS) * ROWS if rows >= ROWS else rows
+    ports = (*owner.given.inputs, *owner.given.outputs)
+    axes = [_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)]
+    slices = [slice(first, first + rows) for first in range(0, batch[axis], rows)]
+    views = [
+        [a] * len(slices) if before is None else [a[(*before, samples)] for samples in slices]
+        for a, before in zip((*arrays, *outputs), axes, strict=True)
+    ]
+    n = len(arrays)
+    return [Part(v[:n], v[n:]) for v in zip(*views, strict=True)], outputs
+
+
+@cache
+def _owner_of() -> Any:
+    """What finds the owner of a ufunc; its module knows this one."""
+    from .gufunc import owner_of
+
+    return owner_of
+
+
+def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
+    """Fresh arrays for the results of a call in one part; None where NumPy's own are as good."""
+    first = arrays[0]
+    if kernel.nout == 1 and first.size < 4 * NOTABLE:
+        return None
+    owner = _owner_of()(kernel)
+    if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.given.inputs):
+        return None
+    ports = owner.given.outputs
+    least = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
+    if owner.row * first.size < least * owner.given.inputs[0].size:  # a guess: other inputs may have more samples
+        return None
+    batch = _batch(arrays, owner.given.inputs)
+    if batch is None:
+        return None
+    return room([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
+
+
+def _is_single(arrays: Arrays) -> bool:
+    """Whether NumPy would take the loop for float32."""
+    return all(a.dtype.char in TO_SINGLE for a in arrays)
+
+
+def _batch(arrays: Arrays, ports: tuple[Port, ...]) -> tuple[int, ...] | None:
+    """The batch shape of plain arrays of real numbers that fit the ports; None of all others."""
+    batches = []
+    for a, port in zip(arrays, ports, strict=True):
+        if type(a) is not np.ndarray or a.dtype.char not in TO_DOUBLE:
+            return None
+        rank = a.ndim - len(port.shape)
+        if rank < 0 or a.shape[rank:] != port.shape:
+            return None
+        batches.append(a.shape[:rank])
+    if len(set(batches)) == 1:
+        return batches[0]
+    try:
+        return np.broadcast_shapes(*batches)
+    except ValueError:
+        return None
+
+
+def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arrays: Arrays) -> Arrays | None:
+    """Fresh arrays, or those given if they can be written to in any order: rows without gaps, nothing else in them."""
+    if out is None:
+        return room(shapes, dtype)
+    outputs = out if isinstance(out, tuple) else (out,)
+    if len(outputs) != len(shapes):
+        return None
+    for k, (a, shape) in enumerate(zip(outputs, shapes, strict=True)):
+        if type(a) is not np.ndarray or a.dtype != dtype or a.shape != shape:
+            return None
+        if not (a.flags.c_contiguous and a.flags.behaved):
+            return None
+        if any(np.may_share_memory(a, other) for other in (*arrays, *outputs[:k])):
+            return None
+    return outputs
+
+
+def _axis(a: Array, port: Port, axis: int) -> tuple[slice, ...] | None:
+    """The index of all axes before the one that is cut, counted from the batch's last; None where it is broadcast."""
+    place = a.ndim - len(port.shape) + axis
+    return None if place < 0 or a.shape[place] == 1 else (slice(None),) * place
+
+
+# ── Calls with many samples on a standing crew of threads: off until ``set_threads`` or ``TWISTWRENCH_THREADS`` says more
+
+# A call is cut into parts, which the caller and its helpers take in turn. The caller works too, and never waits for a helper
+# that has not begun: a busy crew slows nobody down, and nothing can deadlock. A sample's bits depend neither on its part nor on
+# who computes it.
+
+MOST = 1024
+VARIABLE = "TWISTWRENCH_THREADS"
+
+POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "multiprocessing", "ray"})
+"""Packages whose threads share out work themselves: a call from one of them stays on it."""
+
+
+def set_threads(count: int) -> None:
+    """Let the methods of robots share a call with many samples among threads of this process.
+
+    Parameters
+    ----------
+    count : int, 1 to 1024; 1 (default) is off
+
+    Raises
+    ------
+    ValueRangeError
+        ``count`` is no whole number from 1 to 1024.
+
+    Notes
+    -----
+    Results are the same to the bit. One thread is what still computes a call with less than some 0.2 ms of work, one
+    from a worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and one of a bare
+    kernel.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> tw.set_threads(2)
+    >>> tw.get_threads()
+    2
+    >>> tw.set_threads(1)
+    """
+    _CREW.resize(_checked(count, "set_threads"))
+
+
+def get_threads() -> int:
+    """Number of threads a call with many samples may use.
+
+    Returns
+    -------
+    count : int
+        What :func:`set_threads` said, else ``TWISTWRENCH_THREADS``, else 1.
+
+    Raises
+    ------
+    ValueRangeError
+        The variable is not a whole number from 1 to 1024.
+
+    Notes
+    -----
+    The variable is read when first needed. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and
+    say 1 until they set their own; a subinterpreter always does.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> tw.get_threads()
+    1
+    """
+    wanted = _CREW.wanted
+    if wanted is None:
+        text = os.environ.get(VARIABLE, "").strip() or "1"
+        wanted = _CREW.wanted = _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
+    alone = wanted == 1 or not interpreter.is_main() or (not _CREW.told and _in_worker_process())
+    return 1 if alone else wanted
+
+
+def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
+    """``kernel(*arrays, out=out)``, on several threads where that is allowed and pays."""
+    threads = get_threads()
+    shared = cut(kernel, arrays, out, threads) if threads > 1 and not _in_worker_thread() else None
+    if shared is None:
+        if out is None and arrays and arrays[0].size >= NOTABLE:
+            out = room_for_results(kernel, arrays)
+        return kernel(*arrays) if out is None else kernel(*arrays, out=out)
+    parts, outputs = shared
+    share(kernel, parts)
+    return outputs[0] if len(outputs) == 1 else outputs
+
+
+def share(kernel: Any, parts: Iterable[Part]) -> None:
+    """Compute all parts, on several threads where that is allowed; the first exception of any is the caller's."""
+    threads = get_threads()
+    job = _Job(kernel, parts)
+    try:
+        if threads > 1 and not _in_worker_thread():
+            _CREW.invite(job, threads - 1)
+        job.work()
+    finally:
+        problem = job.finish()
+    if problem is not None:
+        try:
+            raise problem
+        finally:
+            del problem  # its traceback holds this frame: without this, the arrays would wait for the garbage collector
+
+
+def _checked(count: Any, who: str) -> int:
+    try:
+        threads = 0 if isinstance(count, bool) else operator.index(count)
+    except TypeError:
+        threads = 0
+    if not 1 <= threads <= MOST:
+        raise ValueRangeError(
+            f"{who}: {shown(count)} is not a number of threads. Give a whole number from 1 (off) to {MOST};"
+            f" this machine has {os.cpu_count() or 1} processors."
+        )
+    return threads
+
+
+def _in_worker_process() -> bool:
+    process = sys.modules.get("multiprocessing.process")  # behind joblib's and Dask's as well
+    return process is not None and process.parent_process() is not None
+
+
+def _in_worker_thread() -> bool:
+    if getattr(_HERE, "helps", False):
+        return True
+    if threading.get_ident() == threading.main_thread().ident:
+        return False
+    frame: Any = sys._getframe()
+    while frame is not None:  # a pool's user may name its threads at will; what they run tells
+        if str(frame.f_globals.get("__name__")).partition(".")[0] in POOLS:
+            return True
+        frame = frame.f_back
+    return False
+
+
+class _Job:
+    """One call: the parts nobody has taken yet, and the helpers that are at work on others."""
+
+    def __init__(self, kernel: Any, parts: Iterable[Part]) -> None:
+        self.kernel = kernel
+        self.parts = deque(parts)
+        self.context = copy_context()  # np.errstate is kept there
+        self.changed = threading.Condition()
+        self.helpers = 0
+        self.problem: BaseException | None = None
+
+    def work(self) -> None:
+        """Compute parts until none is left to take."""
+        while True:
+            try:
+                part = self.parts.popleft()
+            except IndexError:
+                return
+            self.kernel(*part.inputs, out=part.outputs)
+
+    def help(self) -> None:
+        """What a helper does; its first exception is kept for the caller, and ends the job."""
+        with self.changed:
+            self.helpers += 1
+        try:
+            self.context.copy().run(self.work)
+        except BaseException as problem:
+            self.parts.clear()
+            self.problem = problem
+        finally:
+            with self.changed:
+                self.helpers -= 1
+                self.changed.notify_all()
+
+    def finish(self) -> BaseException | None:
+        """Leave nothing to take, wait for those who have, as they write to the caller's arrays, and say what they met."""
+        self.parts.clear()
+        with self.changed:
+            while self.helpers:
+                self.changed.wait()
+            problem, self.problem = self.problem, None
+        return problem
+
+
+class _Crew:
+    """How many threads this process may use, and all of them but the callers: started when first needed."""
+
+    def __init__(self) -> None:
+        self.wanted: int | None = None
+        self._begin()
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._begin)
+
+    def _begin(self) -> None:
+        """No helper survives a fork, and a lock may have been held."""
+        self.told = False
+        """Whether this very process said how many it wants."""
+        self.lock = threading.RLock()
+        self.size = 0
+        self.calls: SimpleQueue[_Job | None] = SimpleQueue()
+
+    def resize(self, count: int) -> None:
+        """Take note of a new number; the helpers there are go home when they have done what they were asked before."""
+        with self.lock:
+            self.wanted, self.told = count, True
+            self._dismiss()
+
+    def invite(self, job: _Job, helpers: int) -> None:
+        """Ask so many helpers to a job; whoever comes too late finds nothing to do."""
+        with self.lock:
+            if self.size != helpers:
+                self._dismiss()
+                self._hire(helpers)
+            calls = self.calls
+        for _ in range(min(helpers, len(job.parts) - 1)):
+            calls.put(job)
+
+    def _hire(self, helpers: int) -> None:
+        self.size = helpers
+        for k in range(helpers):
+            thread = threading.Thread(
+                target=_attend, args=(self.calls,), name=f"twistwrench-{k + 1}", daemon=True
+            )  # a daemon: idle helpers do not keep Python from leaving
+            try:
+                thread.start()
+            except RuntimeError:  # no more threads, or Python is leaving: the callers compute what nobody takes
+                return
+
+    def _dismiss(self) -> None:
+        for _ in range(self.size):
+            self.calls.put(None)
+        self.size, self.calls = 0, SimpleQueue()
+
+
+def _attend(calls: SimpleQueue[_Job | None]) -> None:
+    _HERE.helps = True
+    while (job := calls.get()) is not None:
+        job.help()
+        del job  # not to be held until the next one comes
+
+
+_HERE = threading.local()
+_CREW = _Crew()

@@ -1,0 +1,169 @@
+"""One call of a loop on prepared addresses as a C function of the METH_FASTCALL kind, in LLVM assembly.
+
+``call(number, array)`` runs the loop on row ``number`` of a table of addresses, once the numbers of the array are where one of
+these points, and gives a number of the results as a float; ``call(number)`` takes what is there. An array that is not a plain
+one gives None, and nothing is done. The code knows sizes but no addresses: those come in the ``self``
+argument, a bytes object that holds :data:`POINTERS` in that order.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import KernelError
+from ..ir.program import axes_of
+from ..lowering.target_machine import DOUBLE, Machine
+from ..typing import Array
+from .call_signature import BYTES_DATA, FIELDS
+from .dispatch import FASTCALL, MethodDefinition, address_of, builtin, understood
+from .dispatch_ir import CONTIGUOUS_AND_ALIGNED
+from .gufunc import owner_of
+from .jit import Code, assembled
+
+CALL = "call"
+"""Name of the function."""
+
+POINTERS = ("none", "array_type", "descriptor", "as_number", "new_float", "incref", "loop", "table", "sizes", "strides")
+"""What the bytes object holds: addresses, 8 bytes each."""
+
+
+def row_call_assembly(operands: int, size: int, taken: int, told: int) -> str:
+    """The module for a loop of so many operands: the array has ``size`` doubles and goes where operand ``taken`` is.
+
+    The float is the first double of operand ``told``.
+    """
+    known = [
+        f"  %at_{name} = getelementptr i8, ptr %self, i64 {BYTES_DATA + 8 * k}\n"
+        f"  %{name} = load ptr, ptr %at_{name}, align 8"
+        for k, name in enumerate(POINTERS)
+    ]
+    looked = [
+        _field("type", "ptr", "%array_type"),
+        _field("descr", "ptr", "%descriptor"),
+        _field("nd", "i32", "1"),
+        f"  %flags_at = getelementptr i8, ptr %array, i64 {FIELDS['flags']}\n"
+        "  %flags = load i32, ptr %flags_at, align 4\n"
+        f"  %some = and i32 %flags, {CONTIGUOUS_AND_ALIGNED}\n"
+        f"  %flags_fit = icmp eq i32 %some, {CONTIGUOUS_AND_ALIGNED}\n"
+        "  br i1 %flags_fit, label %flags_good, label %slow\nflags_good:",
+    ]
+    return "\n".join(
+        [
+            "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)",
+            f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:",
+            *known,
+            "  %number = load ptr, ptr %args, align 8",
+            "  %k = call i64 %as_number(ptr %number)",
+            f"  %offset = mul i64 %k, {8 * operands}",
+            "  %row = getelementptr i8, ptr %table, i64 %offset",
+            "  %is_there = icmp eq i64 %count, 1",
+            "  br i1 %is_there, label %run, label %look\nlook:",
+            "  %array_at = getelementptr i8, ptr %args, i64 8",
+            "  %array = load ptr, ptr %array_at, align 8",
+            *looked,
+            f"  %dims_at = getelementptr i8, ptr %array, i64 {FIELDS['dims']}",
+            "  %dims = load ptr, ptr %dims_at, align 8",
+            "  %length = load i64, ptr %dims, align 8",
+            f"  %length_fits = icmp eq i64 %length, {size}",
+            "  br i1 %length_fits, label %take, label %slow\ntake:",
+            f"  %from_at = getelementptr i8, ptr %array, i64 {FIELDS['data']}",
+            "  %from = load ptr, ptr %from_at, align 8",
+            f"  %to_at = getelementptr i8, ptr %row, i64 {8 * taken}",
+            "  %to = load ptr, ptr %to_at, align 8",
+            f"  call void @llvm.memcpy.p0.p0.i64(ptr align 8 %to, ptr align 8 %from, i64 {8 * size}, i1 false)",
+            "  br label %run\nrun:",
+            "  call void %loop(ptr %row, ptr %sizes, ptr %strides, ptr null)",
+            f"  %told_at = getelementptr i8, ptr %row, i64 {8 * told}",
+            "  %told = load ptr, ptr %told_at, align 8",
+            "  %value = load double, ptr %told, align 8",
+            "  %float = call ptr %new_float(double %value)",
+            "  ret ptr %float\nslow:",
+            "  call void %incref(ptr %none)",
+            "  ret ptr %none\n}\n",
+        ]
+    )
+
+
+def _field(name: str, kind: str, wanted: str) -> str:
+    """Look at a field of the array: slow where it is not what is wanted."""
+    return (
+        f"  %{name}_at = getelementptr i8, ptr %array, i64 {FIELDS[name]}\n"
+        f"  %{name} = load {kind}, ptr %{name}_at, align 4\n"
+        f"  %{name}_fits = icmp eq {kind} %{name}, {wanted}\n"
+        f"  br i1 %{name}_fits, label %{name}_good, label %slow\n{name}_good:"
+    )
+
+
+# ── Calls of one loop on one row after the other, prepared: NumPy's way into a ufunc takes longer than short loops run
+
+Rows = tuple[Array, NDArray[np.intp]]
+"""An array (m, ...) of an operand's rows, and which of them each call takes, (n,)."""
+
+
+@cache
+def _code(operands: int, size: int, taken: int, told: int, machine: Machine) -> Code:
+    return assembled(row_call_assembly(operands, size, taken, told), CALL, machine)
+
+
+class _Kept(str):
+    """What keeps alive all that the builtin points to, in the place of the name of its module."""
+
+    things: tuple[Any, ...]
+
+
+def calls_rows(kernel: Any) -> bool:
+    """Whether calls row by row can be prepared: of a compiled kernel, by CPython with its lock."""
+    return owner_of(kernel) is not None and understood()
+
+
+def row_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> Callable[..., Any]:
+    """A function that makes one of n calls of a kernel, each on a row of every operand; of a recurrence, each of one step.
+
+    ``call(k, x)`` makes call number k, once x is written where operand number ``taken`` has its row, and gives the first
+    number of operand ``told``; ``call(k)`` takes what is there. It gives None, and does nothing, where x is not a plain
+    array of float64 of that size. Nothing looks at k.
+    """
+    owner = owner_of(kernel)
+    if owner is None or not understood():
+        raise KernelError("calls row by row are prepared for compiled kernels only.")
+    sizes: dict[int, int] = {0: 1}
+    strides: list[int] = [0] * len(operands)
+    ports = (*owner.given.inputs, *owner.given.outputs)
+    for port, axes, (array, _) in zip(ports, axes_of(owner.given.signature), operands, strict=True):
+        if array.shape[1:] != port.shape or array.dtype != np.float64:
+            raise KernelError(f"{port.name}: rows {array.shape[1:]} of {array.dtype}, and not {port.shape} of float64.")
+        further = len(axes) - len(port.shape)  # steps and rows kept of a recurrence: one of each
+        sizes |= dict(zip(axes, (1,) * further + port.shape, strict=True))
+        strides += [0] * further + list(array.strides[1:])
+    first = np.array([array.ctypes.data for array, _ in operands], np.intp)
+    apart = np.array([array.strides[0] for array, _ in operands], np.intp)
+    numbers = np.stack([which for _, which in operands], axis=1)
+    tables = {
+        "table": np.ascontiguousarray(first + numbers * apart),
+        "sizes": np.array([sizes[k] for k in range(len(sizes))], np.intp),
+        "strides": np.array(strides, np.intp),
+    }
+    code = _code(len(operands), ports[taken].size, taken, told, owner.machine)
+    dtype = np.dtype(float)
+    addresses = {
+        "none": id(None),
+        "array_type": id(np.ndarray),
+        "descriptor": id(dtype),
+        "as_number": address_of("PyLong_AsSsize_t"),
+        "new_float": address_of("PyFloat_FromDouble"),
+        "incref": address_of("Py_IncRef"),
+        "loop": owner.code[DOUBLE.char].address,
+        **{name: table.ctypes.data for name, table in tables.items()},
+    }
+    context = b"".join(addresses[name].to_bytes(8, sys.byteorder) for name in POINTERS)
+    definition = MethodDefinition(CALL.encode(), code.address, FASTCALL, b"A call of a prepared row.")
+    keeper = _Kept(CALL)
+    keeper.things = kernel, tuple(operands), tables, code, dtype, definition
+    found: Callable[..., Any] = builtin(definition, context, keeper)
+    return found

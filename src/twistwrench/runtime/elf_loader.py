@@ -1,0 +1,298 @@
+"""Reader of object files: 64-bit ELF for x86-64, as LLVM writes them for Linux, the BSDs and, by its triple, Windows."""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import sys
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..typing import Array
+
+PAGE = 4096
+"""Bytes that sections are aligned to at most."""
+
+
+class Unplaced(Exception):
+    """Code that is not placed here, or a system that runs no code from such pages."""
+
+
+class CodeSection(NamedTuple):
+    """Bytes that are read or run, never written."""
+
+    contents: bytes
+    align: int
+
+
+class Relocations(NamedTuple):
+    """Places in a section where the distance to a symbol goes, in four bytes: symbol + addend - place."""
+
+    section: int
+    places: Array
+    symbols: Array
+    addends: Array
+
+
+class ObjectFile(NamedTuple):
+    """An object file, as far as it is loaded."""
+
+    sections: dict[int, CodeSection]
+    names: list[bytes]
+    """Of each symbol; empty for those that are local to the file."""
+    homes: list[int]
+    """The section of each symbol; 0 where it is undefined."""
+    values: Array
+    """Where each symbol is in its section."""
+    relocations: list[Relocations]
+
+    def undefined(self) -> set[bytes]:
+        """Names that relocations want and the file has not."""
+        wanted = {int(k) for r in self.relocations for k in np.unique(r.symbols)}
+        return {self.names[k] for k in wanted if self.names[k] and not self.homes[k]}
+
+
+MAGIC = b"\x7fELF\x02\x01"
+"""What a file of 64 bits in little-endian order begins with."""
+
+_RELOCATABLE, _X86_64 = 1, 62
+_FILE = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
+"""The file's header: magic, type, machine, and where the table of sections is and how many they are."""
+_SECTION = np.dtype(
+    {
+        "names": ["type", "flags", "offset", "size", "link", "info", "align"],
+        "formats": ["<u4", "<u8", "<u8", "<u8", "<u4", "<u4", "<u8"],
+        "offsets": [4, 8, 24, 32, 40, 44, 48],
+        "itemsize": 64,
+    }
+)
+_SYMBOL = np.dtype(
+    {
+        "names": ["name", "kind", "section", "value"],
+        "formats": ["<u4", "u1", "<u2", "<u8"],
+        "offsets": [0, 4, 6, 8],
+        "itemsize": 24,
+    }
+)
+_RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")])
+_PROGRAM, _SYMBOLS, _RELOCATIONS, _UNWINDING = 1, 2, 4, 0x70000001
+_WRITTEN, _LOADED = 1, 2
+_RELATIVE = (2, 4)
+"""R_X86_64_PC32, R_X86_64_PLT32: a symbol's distance from the place that names it, in four bytes."""
+
+
+def read_elf(raw: bytes) -> ObjectFile:
+    """What a file has. Raises :class:`Unplaced` for what kernels do not need."""
+    _, kind, machine, _, first, _, count, _ = table(raw, _FILE, 0, 1)[0].item()
+    if not raw.startswith(MAGIC) or kind != _RELOCATABLE or machine != _X86_64:
+        raise Unplaced
+    headers = table(raw, _SECTION, first, count)
+    sections = {}
+    for number, (kind, flags, offset, size, _, _, align) in enumerate(headers.tolist()):
+        if not flags & _LOADED or kind == _UNWINDING:
+            continue
+        if kind != _PROGRAM or flags & _WRITTEN or offset + size > len(raw) or align > PAGE:
+            raise Unplaced
+        sections[number] = CodeSection(raw[offset : offset + size], max(align, 1))
+    tables = headers[headers["type"] == _SYMBOLS]
+    if len(tables) != 1:
+        raise Unplaced
+    (at,) = tables
+    symbols = table(raw, _SYMBOL, int(at["offset"]), int(at["size"]) // _SYMBOL.itemsize)
+    where = headers[int(at["link"])]
+    texts = raw[int(where["offset"]) : int(where["offset"] + where["size"])]
+    names = [text_at(texts, k) if kind >> 4 else b"" for k, kind in symbols[["name", "kind"]].tolist()]
+    relocations = []
+    for header in headers[headers["type"] == _RELOCATIONS]:
+        if int(header["info"]) not in sections:
+            continue
+        entries = table(raw, _RELOCATION, int(header["offset"]), int(header["size"]) // _RELOCATION.itemsize)
+        if not np.isin(entries["type"], _RELATIVE).all():
+            raise Unplaced
+        places = entries["place"].astype(np.int64)
+        relocations.append(Relocations(int(header["info"]), places, entries["symbol"], entries["addend"]))
+    return ObjectFile(sections, names, symbols["section"].tolist(), symbols["value"].astype(np.int64), relocations)
+
+
+def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
+    """Rows of a table in a file; raises :class:`Unplaced` where the file ends before them."""
+    if offset + count * kind.itemsize > len(raw):
+        raise Unplaced
+    return np.frombuffer(raw, kind, count, offset)
+
+
+def text_at(texts: bytes, at: int) -> bytes:
+    """The text that begins at a place and ends before a zero."""
+    return texts[at : texts.index(b"\0", at)]
+
+
+# ── Pages of memory with code: written first and run later, never both at once
+
+_RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
+_READ_WRITE, _EXECUTE_READ = 0x04, 0x20
+"""What VirtualAlloc, VirtualFree and VirtualProtect of Windows take."""
+
+
+class CodePages:
+    """Memory that can be read and run; it is given back with this object."""
+
+    address: int
+
+    @staticmethod
+    def of(image: Array) -> CodePages:
+        """Pages of those bytes. Raises :class:`~.elf_file.Unplaced` where the system runs no code from such pages."""
+        return _WindowsPages(image) if sys.platform == "win32" else _MappedPages(image)
+
+
+class _MappedPages(CodePages):
+    """Pages of a system with mmap."""
+
+    def __init__(self, image: Array) -> None:
+        try:
+            memory = mmap.mmap(-1, len(image), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        except (OSError, AttributeError):
+            raise Unplaced from None
+        memory[:] = image.tobytes()
+        self._first = ctypes.c_char.from_buffer(memory)  # holds the memory
+        self.address = ctypes.addressof(self._first)
+        if _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC):
+            raise Unplaced
+
+
+class _WindowsPages(CodePages):
+    """Pages of Windows."""
+
+    def __init__(self, image: Array) -> None:
+        self._system = _kernel32()
+        self.address = self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
+        if not self.address:
+            raise Unplaced
+        ctypes.memmove(self.address, image.ctypes.data, len(image))
+        before = ctypes.c_uint32()
+        if not self._system.VirtualProtect(self.address, len(image), _EXECUTE_READ, ctypes.byref(before)):
+            raise Unplaced
+
+    def __del__(self) -> None:
+        if self.address:
+            self._system.VirtualFree(self.address, 0, _RELEASE)
+
+
+@cache
+def _process() -> Any:
+    """What this process has loaded, the C library among it."""
+    library = ctypes.CDLL(None)
+    library.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    return library
+
+
+@cache
+def _kernel32() -> Any:
+    library = ctypes.CDLL("kernel32")
+    library.VirtualAlloc.restype = ctypes.c_void_p
+    library.VirtualAlloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_uint32]
+    library.VirtualFree.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32]
+    library.VirtualProtect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_void_p]
+    return library
+
+
+# ── Object code put into memory without LLVM: what kernels from the cache need, and no more
+
+# Serves ELF for x86-64, the code of kernels alone: sections that are only read or run, relocations relative to the
+# code, and functions of the C library. What has more is refused, and left to LLVM's linker, as is the code of macOS. Pages are
+# written first and run later, never both at once. All sections of a kernel lie in one block, so that every distance fits into
+# four bytes; LLVM's linker for Windows puts each where the system has room, and ends the process where one is too far off.
+
+_JUMP = b"\xff\x25\x02\x00\x00\x00\x90\x90"
+"""``jmp [rip+2]`` and two idle bytes: to the address in the eight bytes that follow."""
+_STUB = 16
+
+
+class Placed:
+    """Functions in memory; the pages are given back with this object."""
+
+    def __init__(self, pages: CodePages, places: dict[bytes, int]) -> None:
+        self._pages = pages
+        self._places = places
+
+    def __getitem__(self, symbol: str) -> int:
+        return self._pages.address + self._places[symbol.encode()]
+
+
+def placed(objects: Sequence[bytes]) -> Placed:
+    """The functions of several object files together.
+
+    Raises :class:`Unplaced` for what LLVM's linker is to try, RuntimeError for what it must not see.
+    """
+    try:
+        image, known = linked([read_elf(raw) for raw in objects])
+    except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
+        raise Unplaced from None
+    return Placed(CodePages.of(image), known)
+
+
+def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
+    """The bytes of several files together, and where in them each function is."""
+    end = 0
+    where: list[dict[int, int]] = []
+    for file in files:
+        where.append({})
+        for number, (contents, align) in file.sections.items():
+            where[-1][number] = -(-end // align) * align
+            end = where[-1][number] + len(contents)
+    known = {
+        name: places[home] + int(value)
+        for file, places in zip(files, where, strict=True)
+        for name, home, value in zip(file.names, file.homes, file.values, strict=True)
+        if name and home in places
+    }
+    outside = sorted({name for file in files for name in file.undefined()} - {*known})
+    first = -(-end // _STUB) * _STUB
+    places = {**known, **{name: first + _STUB * k for k, name in enumerate(outside)}}
+    image = np.zeros(first + _STUB * len(outside), np.uint8)
+    for file, mine in zip(files, where, strict=True):
+        _fill(image, file, mine, places)
+    for name in outside:
+        stub = _JUMP + _library_function(name.decode()).to_bytes(8, "little")
+        image[places[name] : places[name] + _STUB] = np.frombuffer(stub, np.uint8)
+    return image, known
+
+
+def _fill(image: Array, file: ObjectFile, mine: dict[int, int], places: dict[bytes, int]) -> None:
+    """Copy the sections of a file to their places, and write into them where symbols are."""
+    starts = [
+        places.get(name, -1) if name and not home else mine.get(home, -1)
+        for name, home in zip(file.names, file.homes, strict=True)
+    ]
+    addresses = np.array(starts, np.int64)
+    addresses = np.where(addresses < 0, -1, addresses + file.values)
+    for number, (contents, _) in file.sections.items():
+        image[mine[number] : mine[number] + len(contents)] = np.frombuffer(contents, np.uint8)
+    for number, at, symbols, addends in file.relocations:
+        to, last = addresses[symbols], len(file.sections[number].contents) - 4
+        if (at < 0).any() or (at > last).any():  # LLVM's linker would write there
+            raise RuntimeError("a relocation lies outside its section")
+        if (to < 0).any():
+            raise Unplaced
+        at = mine[number] + at
+        distance = (to + addends - at).astype("<i4")
+        image[at[:, None] + np.arange(4)] = distance.view(np.uint8).reshape(-1, 4)
+
+
+@cache
+def _library_function(name: str) -> int:
+    for library in _libraries():
+        with_name = getattr(library, name, None)
+        if with_name is not None:
+            return ctypes.cast(with_name, ctypes.c_void_p).value or 0
+    raise Unplaced
+
+
+@cache
+def _libraries() -> tuple[Any, ...]:
+    """What has the C library's functions, and the one by which Windows grows a stack."""
+    if sys.platform == "win32":
+        return tuple(ctypes.CDLL(name) for name in ("ucrtbase", "vcruntime140", "ntdll"))
+    return (ctypes.CDLL(None),)

@@ -1,0 +1,274 @@
+"""A compiled program as a NumPy generalized ufunc.
+
+NumPy's C API makes the ufunc from the address of the loop. Loops for float32 and float64; the float32 one is compiled when
+first called, by a stand-in that then takes itself out of the table; in a subinterpreter, where nothing can call back, with
+the other. Everything the ufunc points to belongs to one owner object that the ufunc itself keeps alive.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import ctypes
+import threading
+import weakref
+from functools import cache, cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import KernelError
+from ..ir.program import axes_of
+from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
+from . import interpreter
+from .jit import LOCK, Code, compiled, found
+from .kernel_metadata import KernelOutline, code_of
+
+if TYPE_CHECKING:
+    from ..ir.loops import Form
+    from ..ir.program import Program
+
+_LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+_FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
+"""Slot of PyUFunc_FromFuncAndDataAndSignature in NumPy's ufunc API table; fixed since NumPy 1.0."""
+
+_NONE_IDENTITY = -1
+_MOST_OPERANDS = 32
+
+LONGEST_ALONE = 40_000
+"""Instructions of the longest program that is compiled once more for single samples."""
+
+
+class _UFuncObject(ctypes.Structure):
+    """The head of NumPy's public PyUFuncObject, as far as the reference it keeps to an owner."""
+
+    _fields_ = (
+        (
+            "counts",
+            ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p)),
+        ),  # more without Python's lock
+        ("type", ctypes.c_void_p),
+        ("nin", ctypes.c_int),
+        ("nout", ctypes.c_int),
+        ("nargs", ctypes.c_int),
+        ("identity", ctypes.c_int),
+        ("functions", ctypes.c_void_p),
+        ("data", ctypes.c_void_p),
+        ("ntypes", ctypes.c_int),
+        ("reserved", ctypes.c_int),
+        ("name", ctypes.c_void_p),
+        ("types", ctypes.c_void_p),
+        ("doc", ctypes.c_void_p),
+        ("pointer", ctypes.c_void_p),
+        ("owner", ctypes.c_void_p),
+    )
+
+
+class _Returned:
+    """Result of a callback, freed once no code of Python runs in it any more: then it cannot swallow an exception."""
+
+
+@cache
+def _raise_in_thread() -> Any:
+    """CPython's function that raises an exception in a thread when it next runs Python code.
+
+    As the callback of a weak reference it is given the reference besides, which C ignores.
+    """
+    prototype = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_ulong, ctypes.py_object, ctypes.py_object)
+    return prototype(("PyThreadState_SetAsyncExc", ctypes.pythonapi))
+
+
+class _Owner:
+    """All memory and code behind one ufunc."""
+
+    def __init__(self, program: Form | KernelOutline, name: str, doc: str, *, lone: bool) -> None:
+        operands = len(program.inputs) + len(program.outputs)
+        if operands > _MOST_OPERANDS:
+            raise KernelError(
+                f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
+            )
+        self.is_lone = lone
+        self.machine = chosen().narrowed(DOUBLE.bits) if lone else chosen()
+        known = found(program.code, self.machine) if isinstance(program, KernelOutline) else None
+        self.given = program.form() if isinstance(program, KernelOutline) and known is None else program
+        self.description = doc
+        self.kept = program.key if isinstance(program, KernelOutline) else ""
+        """The key of what is kept of the kernel; empty where nothing is."""
+        self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
+        self.lone: dict[str, Code] = {}
+        self.stand_in = _LOOP(self._single)
+        self.interrupt: Any = None
+        # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
+        self.functions = (ctypes.c_void_p * 2)(
+            ctypes.cast(self.stand_in, ctypes.c_void_p).value, self.code["d"].address
+        )
+        self.data = (ctypes.c_void_p * 2)()
+        letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
+        self.types = (ctypes.c_byte * len(letters))(*letters)
+        self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
+        if not interpreter.is_main():
+            self.address(SINGLE)
+
+    @cached_property
+    def form(self) -> Form:
+        """The program, with its loop if it has one."""
+        return self.given.form() if isinstance(self.given, KernelOutline) else self.given
+
+    @cached_property
+    def program(self) -> Program:
+        """The program without its loop."""
+        from ..ir.loops import program_of
+
+        return program_of(self.form)
+
+    @cached_property
+    def length(self) -> int:
+        """Instructions of the program."""
+        return self.given.length if isinstance(self.given, KernelOutline) else len(self.program.instructions)
+
+    @cached_property
+    def effort(self) -> int:
+        """Operations that a sample takes, in one step if there are several."""
+        from .batch_threads import effort
+
+        return self.given.effort if isinstance(self.given, KernelOutline) else effort(self.given)
+
+    @cached_property
+    def row(self) -> int:
+        """Bytes of all results of a sample, in doubles."""
+        return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
+
+    def _single(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
+        """Stand in for the float32 loop: compile it, put it in the table, run it.
+
+        An exception cannot leave a callback; Python prints it as ignored. So if compiling fails, the results are NaN, never
+        what happened to be in memory, and the next call tries again. An interrupt is raised anew once NumPy has returned.
+        """
+        try:
+            address = self.address(SINGLE)
+        except BaseException as problem:
+            self._spoil(args, dims, steps)
+            if isinstance(problem, Exception):
+                raise
+            returned = _Returned()
+            self.interrupt = weakref.ref(returned, partial(_raise_in_thread(), threading.get_ident(), type(problem)))
+            return returned
+        _LOOP(address)(args, dims, steps, data)
+        return None
+
+    def _spoil(self, args: int, dims: int, steps: int) -> None:
+        """Write NaN into every float32 result of a call of the loop."""
+        operands = axes_of(self.given.signature)
+        sizes = (ctypes.c_ssize_t * (1 + max((k for axes in operands for k in axes), default=0))).from_address(dims)
+        distances = list((ctypes.c_ssize_t * (len(operands) + sum(map(len, operands)))).from_address(steps))
+        inner = distances[len(operands) :]
+        for k, axes in enumerate(operands):
+            strides, inner = inner[: len(axes)], inner[len(axes) :]
+            if k >= len(self.given.inputs):
+                start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
+                for index in np.ndindex(sizes[0], *(sizes[axis] for axis in axes)):
+                    offset = sum(i * step for i, step in zip(index, [distances[k], *strides], strict=True))
+                    ctypes.c_float.from_address((start or 0) + offset).value = float("nan")
+
+    def address(self, precision: Precision) -> int:
+        with LOCK:
+            code = self.code.get(precision.char)
+            if code is None:
+                code = self.code[precision.char] = self._further(precision, self.machine)
+                self.functions[0] = code.address
+        return code.address
+
+    def alone(self, precision: Precision) -> Code:
+        """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
+        with LOCK:
+            if self.length > LONGEST_ALONE or self.machine.lanes(precision) == 1:
+                self.address(precision)
+                return self.code[precision.char]
+            if precision.char not in self.lone:
+                one_lane = self.machine.narrowed(precision.bits)
+                self.lone[precision.char] = self._further(precision, one_lane)
+            return self.lone[precision.char]
+
+    def _further(self, precision: Precision, machine: Machine) -> Code:
+        return code_of(self.kept, precision, machine, lambda: self.form)
+
+
+def make_ufunc(program: Form | KernelOutline, name: str, doc: str, lone: bool = False) -> np.ufunc:
+    """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
+
+    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
+    ``lone`` is for one sample at a time, in one lane.
+    """
+    owner = _Owner(program, name, doc, lone=lone)
+    ufunc = _constructor()(
+        ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
+        2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,
+        ctypes.addressof(owner.name), ctypes.addressof(owner.doc), 0, program.signature.encode(),
+    )  # fmt: skip
+    head = _UFuncObject.from_address(id(ufunc))
+    if not _understood() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
+        _FOREVER.append(owner)  # an unknown layout: better to keep the code forever than to free it too early
+    else:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
+        head.owner = id(owner)
+    return ufunc
+
+
+_FOREVER: list[_Owner] = []
+
+
+def owner_of(kernel: Any) -> _Owner | None:
+    """What is behind a ufunc made here; None of anything else."""
+    if not isinstance(kernel, np.ufunc) or not _understood():
+        return None
+    try:
+        owner = ctypes.py_object.from_address(id(kernel) + _UFuncObject.owner.offset).value
+    except ValueError:  # a null pointer
+        return None
+    return owner if isinstance(owner, _Owner) else None
+
+
+class _Recipe:
+    """A kernel to be pickled as the program that it is made of, and copied as itself."""
+
+    def __init__(self, kernel: Any) -> None:
+        self.kernel = kernel
+
+    def __deepcopy__(self, memo: Any) -> _Recipe:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        owner = owner_of(self.kernel)
+        assert owner is not None
+        return make_ufunc, (owner.form, self.kernel.__name__, owner.description, owner.is_lone)
+
+
+def _kernel_of(given: Any) -> Any:
+    return given.kernel if isinstance(given, _Recipe) else given
+
+
+def _reduced(ufunc: np.ufunc) -> Any:
+    return (_kernel_of, (_Recipe(ufunc),)) if owner_of(ufunc) else _reduced_by_numpy(ufunc)
+
+
+_reduced_by_numpy: Any = copyreg.dispatch_table[np.ufunc]
+copyreg.pickle(np.ufunc, _reduced)
+
+
+@cache
+def _understood() -> bool:
+    """Whether ufuncs lie in memory as :class:`_UFuncObject` says: looked at in one of NumPy's own."""
+    head = _UFuncObject.from_address(id(np.add))
+    counts = (head.nin, head.nout, head.nargs, head.ntypes)
+    return head.type == id(np.ufunc) and counts == (2, 1, 3, np.add.ntypes) and head.owner is None
+
+
+def _constructor() -> Any:
+    from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
+
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    table = ctypes.cast(get_pointer(_multiarray_umath._UFUNC_API, None), ctypes.POINTER(ctypes.c_void_p))
+    pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
+    texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
+    prototype = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)
+    return prototype(table[_FROM_FUNC_AND_DATA_AND_SIGNATURE])

@@ -1,0 +1,76 @@
+"""Which Python this code runs in, and whether programs become machine code in it."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import mmap
+import os
+import sys
+import warnings
+from functools import cache
+
+import numpy as np
+
+from ..errors import ValueRangeError
+from .elf_loader import CodePages, Unplaced
+
+VARIABLE = "TWISTWRENCH_JIT"
+
+
+def compiles() -> bool:
+    """Whether programs are compiled: where they can be, unless ``TWISTWRENCH_JIT=0``.
+
+    Raises ValueRangeError for what is neither on nor off.
+    """
+    text = os.environ.get(VARIABLE, "").strip().lower() or "1"
+    if text not in ("0", "1", "off", "on"):
+        raise ValueRangeError(
+            f"{VARIABLE}: {os.environ[VARIABLE]!r} is not understood. Set 0 or off to run programs on NumPy; 1, on or nothing "
+            "to compile them."
+        )
+    return text in ("1", "on") and runs_machine_code() and _may_run_pages()
+
+
+def runs_machine_code() -> bool:
+    """Whether programs can be compiled for it: CPython of 64 bits, whose objects lie where their ``id`` says, and llvmlite."""
+    return sys.implementation.name == "cpython" and sys.maxsize > 2**32 and _has_llvmlite()
+
+
+@cache
+def _may_run_pages() -> bool:
+    """Whether the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
+    try:
+        CodePages.of(np.zeros(mmap.PAGESIZE, np.uint8))
+    except Unplaced:
+        warnings.warn(
+            "The system forbids executable memory, so programs run on NumPy, which is slower. Allow it to this process "
+            f"(MemoryDenyWriteExecute=no in systemd, execmem in SELinux), or set {VARIABLE}=0.",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return False
+    return True
+
+
+@cache
+def _has_llvmlite() -> bool:
+    """Whether llvmlite is installed; it is no dependency where there is no wheel of it, as in browsers."""
+    try:
+        return importlib.util.find_spec("llvmlite") is not None
+    except ImportError:
+        return False
+
+
+@cache
+def is_main() -> bool:
+    """Whether it is the process's first interpreter.
+
+    In another, ctypes waits forever for a lock when C calls back into Python, and a daemon thread ends the process with the
+    interpreter.
+    """
+    if not runs_machine_code():
+        return True
+    current, main = ctypes.pythonapi.PyInterpreterState_Get, ctypes.pythonapi.PyInterpreterState_Main
+    current.restype = main.restype = ctypes.c_void_p
+    return bool(current() == main())

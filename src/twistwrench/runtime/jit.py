@@ -1,0 +1,160 @@
+"""Machine code in this process: compiled by LLVM or taken from the cache, and the address of its loop."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..core import object_cache as cache
+from ..errors import KernelError
+from ..lowering.target_machine import LOOP, Machine, Precision, chosen, compiler
+from .elf_loader import Unplaced, placed
+
+if TYPE_CHECKING:
+    from ..ir.loops import Form
+
+PATIENCE = 1.0
+"""Seconds of compilation without a word to the terminal."""
+
+
+class Code(NamedTuple):
+    """A function in memory; the code is freed with this object."""
+
+    address: int
+    keep: Any
+    size: int
+    """Bytes of object code."""
+    cached: bool
+    """Whether it came from the disk."""
+    keys: tuple[str, ...] = ()
+    """Those of its entries in the cache."""
+
+
+class _Jit:
+    """The one linker of this process, made at its first use; LLVM is not imported before."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self._linker: Any = None
+        self._numbers = itertools.count()
+        if hasattr(os, "register_at_fork"):  # no fork while another thread compiles: the child would find LLVM locked
+            release = self.lock.release
+            os.register_at_fork(before=self.lock.acquire, after_in_parent=release, after_in_child=release)
+
+    def target(self, machine: Machine) -> Any:
+        import llvmlite.binding as llvm
+
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        llvm.initialize_native_asmparser()
+        # The small code model lets constants be operands in memory; the default for JITs fetches each one's address. Level 2
+        # takes half as long again for code that is no faster (bench/NOTES.md).
+        return llvm.Target.from_triple(machine.triple).create_target_machine(
+            cpu=machine.cpu, features=machine.features, opt=1, reloc="pic", codemodel="small"
+        )
+
+    def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:
+        import llvmlite.binding as llvm
+
+        if self._linker is None:
+            self._linker = llvm.create_lljit_compiler(self.target(machine))
+        builder = llvm.JITLibraryBuilder().add_current_process().export_symbol(symbol)
+        for code in objects:
+            builder.add_object_img(code)
+        return builder.link(self._linker, f"twistwrench{next(self._numbers)}")
+
+
+_JIT = _Jit()
+LOCK = _JIT.lock
+"""Held while anything compiles."""
+
+
+def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
+    """Code for ``program`` on the machine, or the chosen one, from the cache if it is there.
+
+    If it takes more than a second, a terminal is told what is being compiled.
+    """
+    from ..lowering.lower import modules
+
+    machine = machine or chosen()
+    with _JIT.lock:
+        return _linked(lambda: _announced(program, modules(program, precision, machine)), LOOP, machine)
+
+
+def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
+    """The texts; once the first ones have taken long, a line on stderr says what they are of."""
+    began, said = time.perf_counter(), False
+    for text in texts:
+        if not said and time.perf_counter() - began > PATIENCE and sys.stderr is not None and sys.stderr.isatty():
+            results = ", ".join(port.name for port in program.outputs)
+            sys.stderr.write(f"twistwrench: compiling a kernel of {results}; the cache keeps it for the next time.\n")
+            said = True
+        yield text
+
+
+def found(keys: Sequence[str], machine: Machine) -> Code | None:
+    """The code of a kernel by the keys of its entries in the cache; None where one is lost, or they do not link."""
+    objects = [code for key in keys if (code := cache.load(key)) is not None]
+    if len(objects) < len(keys):
+        return None
+    with _JIT.lock:
+        try:
+            return _loaded(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
+        except RuntimeError:
+            return None
+
+
+def assembled(text: str, symbol: str, machine: Machine) -> Code:
+    """Code of a module of LLVM assembly, from the cache if it is there; the address is that of ``symbol``."""
+    return _linked(lambda: [text], symbol, machine)
+
+
+def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
+    """Code of several modules together. Each is made, compiled and kept by itself: their texts are long."""
+    with _JIT.lock:
+        try:
+            objects = [_object(text, machine) for text in texts()]
+            try:
+                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
+            except RuntimeError:  # cache entries that no longer link are as good as none
+                if not any(cached for *_, cached in objects):
+                    raise
+                objects = [_object(text, machine, afresh=True) for text in texts()]
+                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=False)
+        except RuntimeError as problem:
+            raise KernelError(
+                f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
+            ) from problem
+        for key, code, cached in objects:
+            if not cached:
+                cache.store(key, code)
+        return loaded._replace(keys=tuple(key for key, *_ in objects))
+
+
+def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
+    """The cache's key of a module, its object code, and whether that was in the cache."""
+    import llvmlite
+
+    key = cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
+    code = None if afresh else cache.load(key)
+    if code is not None:
+        return key, code, True
+    import llvmlite.binding as llvm
+
+    # In the global context its constants would live for ever. Both are freed here, the module first: the garbage collector,
+    # which an exception's traceback may leave them to, knows no order, and a module freed after its context is freed twice.
+    with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
+        return key, _JIT.target(machine).emit_object(module), False
+
+
+def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
+    try:
+        library: Any = placed(objects)
+    except Unplaced:
+        library = _JIT.link(objects, symbol, machine)
+    return Code(library[symbol], library, sum(map(len, objects)), cached)

@@ -1,0 +1,148 @@
+"""The shortest way from XLA into a loop: a handler of its typed foreign functions, as LLVM assembly.
+
+XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``; this reads the number of samples from the shape of one
+array, puts the arrays' pointers in a table, and runs the loop. The code knows shapes but no addresses, so it can be cached: the
+function that the module shows, ``install(loop)``, keeps the loop's address and gives the handler's.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..ir.program import Port
+from ..lowering.target_machine import DOUBLE, SINGLE, Precision
+from .call_signature import loop_steps
+from .gufunc import owner_of
+from .jit import assembled
+
+INSTALL = "install"
+"""Name of the function that keeps the address of the loop and gives that of the handler."""
+
+EXTENSION, STAGE, ARGUMENTS, RESULTS = 8, 32, 72, 112
+"""Offsets in the call's frame: of what XLA asks beside a call, of the stage, of the tables of pointers to buffers."""
+
+DATA, RANK, DIMENSIONS = 24, 32, 40
+"""Offsets in a buffer."""
+
+TYPE, METADATA, MAJOR, MINOR = 8, 24, 24, 28
+"""Offsets in an extension: its type and what it points to; in that, the version of the interface that the handler speaks."""
+
+IS_METADATA, EXECUTE = 1, 3
+"""XLA_FFI_Extension_Metadata, XLA_FFI_ExecutionStage_EXECUTE."""
+
+
+def handler_assembly(
+    inputs: Sequence[Port], outputs: Sequence[Port], precision: Precision, version: tuple[int, int]
+) -> str:
+    """The module for contiguous arrays of these shapes behind one batch shape; some array has to have entries."""
+    ports = (*inputs, *outputs)
+    tables = [(ARGUMENTS, k) for k in range(len(inputs))] + [(RESULTS, k) for k in range(len(outputs))]
+    counted = next(k for k, port in enumerate(ports) if port.size)
+    steps = ", ".join(f"i64 {n}" for n in loop_steps(ports, precision))
+    lines = []
+    for k, (table, place) in enumerate(tables):
+        lines += [
+            *_loaded(f"table{k}", "ptr", "%frame", table),
+            *_loaded(f"buffer{k}", "ptr", f"%table{k}", 8 * place),
+            *_loaded(f"data{k}", "ptr", f"%buffer{k}", DATA),
+            f"  %slot{k} = getelementptr ptr, ptr %arrays, i64 {k}",
+            f"  store ptr %data{k}, ptr %slot{k}",
+        ]
+    return "\n".join(
+        [
+            "@loop = internal global ptr null",
+            f"@steps = internal constant [{steps.count('i64')} x i64] [{steps}]",
+            "define ptr @handler(ptr %frame) {",
+            "entry:",
+            f"  %arrays = alloca [{len(ports)} x ptr]",
+            "  %samples = alloca i64",
+            *_loaded("extension", "ptr", "%frame", EXTENSION),
+            "  %call = icmp eq ptr %extension, null",
+            "  br i1 %call, label %staged, label %asked",
+            "asked:",
+            *_loaded("type", "i32", "%extension", TYPE),
+            f"  %metadata = icmp eq i32 %type, {IS_METADATA}",
+            "  br i1 %metadata, label %answer, label %staged",
+            "answer:",
+            *_loaded("about", "ptr", "%extension", METADATA),
+            f"  %major = getelementptr i8, ptr %about, i64 {MAJOR}",
+            f"  store i32 {version[0]}, ptr %major",
+            f"  %minor = getelementptr i8, ptr %about, i64 {MINOR}",
+            f"  store i32 {version[1]}, ptr %minor",
+            "  ret ptr null",
+            "staged:",
+            *_loaded("stage", "i32", "%frame", STAGE),
+            f"  %now = icmp eq i32 %stage, {EXECUTE}",
+            "  br i1 %now, label %run, label %done",
+            "run:",
+            *lines,
+            *_loaded("rank", "i64", f"%buffer{counted}", RANK),
+            *_loaded("dims", "ptr", f"%buffer{counted}", DIMENSIONS),
+            f"  %last = sub i64 %rank, {len(ports[counted].shape)}",
+            "  br label %count",
+            "count:",
+            "  %axis = phi i64 [ 0, %run ], [ %next, %more ]",
+            "  %n = phi i64 [ 1, %run ], [ %product, %more ]",
+            "  %left = icmp slt i64 %axis, %last",
+            "  br i1 %left, label %more, label %counted",
+            "more:",
+            "  %place = getelementptr i64, ptr %dims, i64 %axis",
+            "  %length = load i64, ptr %place",
+            "  %product = mul i64 %n, %length",
+            "  %next = add i64 %axis, 1",
+            "  br label %count",
+            "counted:",
+            "  store i64 %n, ptr %samples",
+            "  %f = load ptr, ptr @loop",
+            "  call void %f(ptr %arrays, ptr %samples, ptr @steps, ptr null)",
+            "  br label %done",
+            "done:",
+            "  ret ptr null",
+            "}",
+            f"define ptr @{INSTALL}(ptr %address) {{",
+            "  store ptr %address, ptr @loop",
+            "  ret ptr @handler",
+            "}\n",
+        ]
+    )
+
+
+def _loaded(name: str, kind: str, base: str, offset: int) -> list[str]:
+    """``name`` is what lies ``offset`` bytes from ``base``."""
+    return [f"  %at.{name} = getelementptr i8, ptr {base}, i64 {offset}", f"  %{name} = load {kind}, ptr %at.{name}"]
+
+
+# ── The compiled loop of a kernel as a handler of XLA's foreign functions: a call of it enters no Python
+
+_INSTALLED = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+
+
+@dataclass(frozen=True)
+class XlaHandler:
+    """A function in memory, and what has to live as long as it."""
+
+    address: int
+    keep: tuple[Any, ...]
+
+
+def is_compiled(kernel: Any) -> bool:
+    """Whether there is machine code behind a kernel, with something to compute."""
+    owner = owner_of(kernel)
+    return owner is not None and any(port.size for port in owner.given.outputs)
+
+
+def make_handler(kernel: Any, char: str, version: tuple[int, int], *, alone: bool) -> XlaHandler:
+    """The handler of a compiled kernel for arrays of type ``char``, of one sample (``alone``) or of any number."""
+    owner = owner_of(kernel)
+    if owner is None:
+        raise TypeError("kernel: a compiled one is wanted; is_compiled says which are")
+    precision = SINGLE if char == SINGLE.char else DOUBLE
+    loop = owner.alone(precision).address if alone else owner.address(precision)
+    code = assembled(
+        handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
+    )
+    address = _INSTALLED(code.address)(loop)
+    return XlaHandler(address, (code, kernel))

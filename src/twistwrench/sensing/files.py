@@ -1,0 +1,422 @@
+"""An identified sensor as a JSON file, from ``identify`` to ``compensate``."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..bodies.inertia import SpatialInertia
+from ..core import arguments
+from ..core.files import read_text, replacing
+from ..core.gravity import GRAVITY
+from ..core.numbers import printed
+from ..core.third_party import foreign_errors
+from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
+from ..lie.labelled import TWIST, WRENCH
+from ..motion.array_files import TableFile
+from ..motion.csv_reader import Block, CsvFile, table_errors
+from ..typing import Array
+from .contact_detection import checked_noise
+from .fit import Uncertainty
+from .log import ReadingLog, checked_log, late
+from .sensor import ForceTorqueSensor, rotations_of_quaternions
+
+_ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
+
+_MOST_BYTES = 2**20
+_ADVICE = "`sensor identify LOG --save FILE` writes one."
+
+
+@dataclass(frozen=True)
+class SensorFile:
+    """What a sensor file says."""
+
+    sensor: ForceTorqueSensor
+    noise: tuple[float, float]
+    """Standard deviations of moments [N m] and forces [N]."""
+    uncertainty: Uncertainty | None
+    """How well the sensor is known; None in older files, which say nothing of it."""
+
+
+def write_sensor(
+    sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float], uncertainty: Uncertainty | None = None
+) -> None:
+    """Write a sensor and the noise of its readings to a file, every digit of them.
+
+    Parameters
+    ----------
+    sensor : ForceTorqueSensor
+    path : str or Path, the file that is written
+    noise : (moment [N m], force [N]), standard deviations of a reading
+    uncertainty : Uncertainty, optional, how well it is known, as :attr:`Identification.uncertainty` has it
+        Covariance and degrees of freedom, which :func:`~twistwrench.sensing.compensation.compensation` needs for its
+        rate of false alarms to hold. Whether the load's rotational inertia is known goes with it.
+
+    Raises
+    ------
+    ShapeError
+        Arguments are of another type.
+    ValueRangeError
+        A noise is none, or nothing can be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_sensor(ForceTorqueSensor(), f"{folder}/hand.json", (0.01, 0.3))
+    ...     Path(folder, "hand.json").exists()
+    True
+    """
+    if not isinstance(sensor, ForceTorqueSensor) or not isinstance(path, str | Path):
+        raise ShapeError(
+            f"write_sensor takes a ForceTorqueSensor, then a path, got {type(sensor).__name__} and {type(path).__name__}."
+        )
+    content: dict[str, Any] = {
+        "sign": sensor.sign,
+        "bias": np.asarray(sensor.bias).tolist(),
+        "mounting": np.asarray(sensor.mounting).tolist(),
+        "load": sensor.load.parameters.tolist(),
+        "inertia": sensor.inertia,
+        "noise": checked_noise(noise, none_at_all=True).tolist(),
+    }
+    if sensor.frame is not None:
+        content["frame"] = sensor.frame
+    if uncertainty is not None and not isinstance(uncertainty, Uncertainty):
+        raise ShapeError(
+            f"write_sensor: uncertainty is {arguments.shown(uncertainty)}: give Identification.uncertainty, or None."
+        )
+    if uncertainty is not None:
+        content["uncertainty"] = {
+            "unknowns": list(uncertainty.unknowns),
+            **{name: _plain(getattr(uncertainty, name)) for name in _ARRAYS},
+        }
+    with replacing(path) as scratch:
+        scratch.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
+
+
+def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float]]:
+    """Read a sensor and its noise from a file that :func:`write_sensor` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    sensor : ForceTorqueSensor
+    noise : (moment [N m], force [N]), standard deviations of a reading
+
+    Raises
+    ------
+    NotFoundError, ValueRangeError
+        As :func:`read_sensor_file`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_sensor(ForceTorqueSensor(bias=[0, 0, 0, 5, 0, 0]), f"{folder}/hand.json", (0.01, 0.3))
+    ...     sensor, noise = read_sensor(f"{folder}/hand.json")
+    >>> sensor.bias.tolist(), noise
+    ([0.0, 0.0, 0.0, 5.0, 0.0, 0.0], (0.01, 0.3))
+    """
+    found = read_sensor_file(path)
+    return found.sensor, found.noise
+
+
+def read_sensor_file(path: str | Path) -> SensorFile:
+    """Read what :func:`write_sensor` wrote, and how well the sensor is known if the file says it.
+
+    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`.
+    """
+    if not isinstance(path, str | Path):
+        raise ShapeError(f"read_sensor takes the path of a sensor file, got {type(path).__name__}.")
+    path = Path(path)
+    try:
+        content = _content(path)
+        load = SpatialInertia.from_parameters(content["load"])
+        if load.mass < 0:
+            raise ValueRangeError(f"the load's mass, {load.mass} kg, is negative. Identify the sensor again.")
+        sensor = ForceTorqueSensor(
+            load, content["bias"], content["sign"], content["mounting"], content.get("frame"), _inertia(content, load)
+        )
+        moment, force = checked_noise(content["noise"], none_at_all=True).tolist()
+        known = content.get("uncertainty")
+        uncertainty = None if known is None else _uncertainty(known)
+    except FileNotFoundError:
+        raise NotFoundError(f"no sensor file {str(path)!r}. {_ADVICE}") from None
+    except TwistWrenchError as problem:
+        raise ValueRangeError(f"{path}: {problem}") from None
+    except (ValueError, TypeError, KeyError, OverflowError):
+        raise ValueRangeError(f"{path}: is no sensor file. {_ADVICE}") from None
+    return SensorFile(sensor, (moment, force), uncertainty)
+
+
+def _plain(x: Array) -> Any:
+    """Lists of numbers for JSON, which has no infinity: null."""
+    return [_plain(row) for row in x] if x.ndim > 1 else [float(v) if np.isfinite(v) else None for v in x]
+
+
+def _uncertainty(known: dict[str, Any]) -> Uncertainty:
+    # A float array takes None for NaN: what is no number in the file is an infinity, and refused where that is none.
+    arrays = {name: np.array(known[name], float) for name in _ARRAYS}
+    return Uncertainty(tuple(known["unknowns"]), **{k: np.where(np.isnan(x), np.inf, x) for k, x in arrays.items()})
+
+
+def _content(path: Path) -> dict[str, Any]:
+    with foreign_errors(lambda reason: ValueRangeError(f"is no sensor file: {reason}. {_ADVICE}")):
+        try:
+            content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no number beyond floats
+        except FileNotFoundError:
+            raise NotFoundError(str(path)) from None
+    if not isinstance(content, dict):
+        raise ValueRangeError(f"is no sensor file: it holds one value of kind {type(content).__name__}. {_ADVICE}")
+    return content
+
+
+def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
+    """What the file says of the rotational inertia; one that says nothing has none if it is that of a point mass."""
+    if "inertia" in content:
+        return content["inertia"]
+    point = SpatialInertia.from_com(load.mass, load.com) if load.mass else SpatialInertia.zero()
+    same = np.allclose(load.parameters, point.parameters, rtol=1e-9, atol=1e-12)
+    return "unknown" if same or load.defects() else "given"
+
+
+# ── Logs of readings as CSV files: a header that names the columns in any order, then a row for each reading
+
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
+_GRAVITY = ("gx", "gy", "gz")
+_DV = tuple(f"d{name}" for name in TWIST)
+_POSITION = ("px", "py", "pz")
+_KNOWN = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *WRENCH, *TWIST, *_DV, *_POSITION)
+_ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
+_ANGLES = {"roll", "pitch", "yaw", "rx", "ry", "rz", "a", "b", "c", "alpha", "beta", "gamma", "phi", "theta", "psi"}
+_UNITS = {
+    "m": ("N m", "Nm", "N*m", "N·m"),
+    "f": ("N",),
+    "w": ("rad/s", "1/s"),
+    "v": ("m/s",),
+    "dw": ("rad/s²", "rad/s^2", "rad/s2", "1/s²", "1/s^2"),
+    "dv": ("m/s²", "m/s^2", "m/s2"),
+    "time": ("s",),
+    "p": ("m",),
+    "g": ("", "1", "-", "m/s²", "m/s^2", "m/s2"),
+}
+
+
+def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
+    r"""Read a log of a force-torque sensor from a CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+    gravity : (3,) array_like, in {w} [m/s²]
+
+    Returns
+    -------
+    log : ReadingLog
+
+    Raises
+    ------
+    NotFoundError
+        There is no such file.
+    ValueRangeError
+        The file cannot be read; line and column are named.
+    ShapeError
+        ``path`` is none.
+
+    Notes
+    -----
+    Columns, in any order, each perhaps followed by its unit as in ``fx [N]``:
+
+    ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf,
+    row by row) or ``gx, gy, gz`` (the direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz``
+    and ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. Other columns are ignored, and
+    named in the log's ``notes``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "log.csv")
+    ...     count = path.write_text("mx,my,mz,fx,fy,fz,gx,gy,gz\n0,0,0,0,0,-29.43,0,0,-1\n")
+    ...     read_log(path).readings.tolist()
+    [[0.0, 0.0, 0.0, 0.0, 0.0, -29.43]]
+    """
+    if not isinstance(path, str | Path):
+        raise ShapeError(f"read_log takes the path of a CSV file, got a {type(path).__name__}.")
+    path = Path(path)
+    with table_errors(path, "log", f"a header ({', '.join(WRENCH)} and an orientation), then rows"):
+        file = CsvFile.open(path)
+        header = _names(file.header, f"{path}: line {file.header_line}")
+        names = [name for name in header if name in _KNOWN]
+        ignored = [name for name in header if name not in _KNOWN]
+        _check_complete(names, ignored, f"{path}: line {file.header_line}")
+        blocks = list(file.blocks([k for k, name in enumerate(header) if name in _KNOWN]))
+    table = np.concatenate([np.zeros((0, len(names))), *(block.table for block in blocks)])
+    if not len(table):
+        raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
+    columns = {name: table[:, k] for k, name in enumerate(names)}
+    if "time" in columns and (k := late(columns["time"])) is not None:
+        raise ValueRangeError(
+            f"{path}: {_place(blocks, k)}: time {printed(columns['time'][k])} s is not after the "
+            f"{printed(columns['time'][k - 1])} s of the row before. Times must increase: sort the rows, or remove the column."
+        )
+    return replace(_log(path, columns, gravity), notes=_notes(ignored))
+
+
+def _place(blocks: list[Block], row: int) -> str:
+    """Where a row stands in the file."""
+    for block in blocks:
+        if row < len(block.table):
+            return block.place(row)
+        row -= len(block.table)
+    return "the last line"
+
+
+def _names(cells: Sequence[str], where: str) -> list[str]:
+    names = []
+    for column in cells:
+        match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", column.strip().strip('"'))
+        name = (match[1] if match else column).strip().lower()
+        name = _ALIASES.get(name, name)
+        if re.fullmatch(r"[-+]?\d[-+.\de]*", name):
+            raise ValueRangeError(f"{where}: the header is missing; the first line has numbers. Name the columns.")
+        if name in _KNOWN and match and match[2] is not None:
+            _check_unit(name, match[2], where)
+        names.append(name if name in _KNOWN else column.strip().strip('"'))
+    for name in names:
+        if name in _KNOWN and names.count(name) > 1:
+            raise ValueRangeError(f"{where}: column {name!r} is there {names.count(name)} times. Keep one of them.")
+    return names
+
+
+def _notes(ignored: list[str]) -> tuple[str, ...]:
+    if not ignored:
+        return ()
+    meant = {name: difflib.get_close_matches(name.lower(), _KNOWN, n=1, cutoff=0.7) for name in ignored}
+    said = [f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name) for name, near in meant.items()]
+    return (f"Columns that are no part of a reading are ignored: {_listed(said)}.",)
+
+
+def _check_unit(name: str, unit: str, where: str) -> None:
+    kind = name if name in _UNITS else name.rstrip("xyz")
+    allowed = _UNITS.get(kind)
+    if allowed is not None and unit.strip().lower() not in map(str.lower, allowed):
+        raise ValueRangeError(
+            f"{where}: column {name!r} is in {unit.strip()!r}. Convert it to {allowed[0] or 'a plain direction'} (SI units)."
+        )
+
+
+def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
+    if missing := [name for name in WRENCH if name not in names]:
+        raise ValueRangeError(
+            f"{where}: no column for {_listed(missing)}. {_near(missing, ignored)}A reading has {_listed(WRENCH)}, the moments "
+            "perhaps as Tx, Ty, Tz."
+        )
+    kinds = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if any(name in names for name in kind)]
+    if len(kinds) != 1:
+        said = "no orientation" if not kinds else "more than one orientation"
+        angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLES] if not kinds else []
+        hint = (
+            f"{_listed(angles)}: angles have many conventions, so none is guessed; convert them to a quaternion. "
+            if len(angles) > 1
+            else _near([*_QUATERNION, *_MATRIX, *_GRAVITY], ignored)
+        )
+        raise ValueRangeError(
+            f"{where}: {said}. {hint}Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
+            "direction in the sensor's frame)."
+        )
+    moving = TWIST + _DV if any(name in names for name in TWIST + _DV) else ()
+    if missing := [name for name in (*kinds[0], *moving) if name not in names]:
+        raise ValueRangeError(
+            f"{where}: no column for {_listed(missing)}, although others of its kind are there. {_near(missing, ignored)}"
+            "Add it."
+        )
+
+
+def _near(missing: list[str], ignored: list[str]) -> str:
+    """A column that is not known, but spelt like one that is missing."""
+    for name in ignored:
+        plain = re.sub(r"torque|moment|\bt(?=_)", "m", re.sub(r"force", "f", name.lower()))
+        if near := difflib.get_close_matches(re.sub(r"[^a-z0-9]", "", plain), missing, n=1, cutoff=0.7):
+            return f"Column {name!r} is not known: did you mean {near[0]!r}? "
+    return ""
+
+
+def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLog:
+    def take(names: tuple[str, ...]) -> Array | None:
+        return np.stack([columns[n] for n in names], axis=1) if names[0] in columns else None
+
+    pose, direction, quaternion, matrix = None, gravity, take(_QUATERNION), take(_MATRIX)
+    if quaternion is not None:
+        pose = rotations_of_quaternions(quaternion, f"{path}: quaternion")
+    elif matrix is not None:
+        pose = matrix.reshape(-1, 3, 3)
+    elif (along := take(_GRAVITY)) is not None:
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        if not length.all():
+            row = int(np.flatnonzero(length[:, 0] == 0)[0])
+            raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
+        direction = along / length * np.linalg.norm(np.asarray(gravity, float))
+    readings = np.stack([columns[n] for n in WRENCH], axis=1)
+    return ReadingLog.of(
+        readings, pose=pose, gravity=direction, V=take(TWIST), dV=take(_DV), time=columns.get("time"), name=str(path)
+    )
+
+
+def write_log(log: ReadingLog, path: str | Path) -> None:
+    """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``.
+
+    Parameters
+    ----------
+    log : ReadingLog
+    path : str or Path, the file that is written
+
+    Raises
+    ------
+    ShapeError
+        Arguments are of another type or order.
+    ValueRangeError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_log(log, f"{folder}/log.csv")
+    ...     len(read_log(f"{folder}/log.csv"))
+    1
+    """
+    if isinstance(path, ReadingLog):
+        raise ShapeError("write_log takes the log first, then the path: write_log(log, 'log.csv').")
+    checked_log(log, "write_log")
+    if not isinstance(path, str | Path):
+        raise ShapeError(f"write_log takes a path after the log, got a {type(path).__name__}.")
+    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    parts: list[tuple[tuple[str, ...], Array | None]] = [
+        (("time",), None if log.time is None else log.time[:, None]),
+        (_GRAVITY, unit),
+        (TWIST, log.V),
+        (_DV, log.dV),
+        (WRENCH, log.readings),
+    ]
+    present = [(names, values) for names, values in parts if values is not None]
+    with TableFile.writing(path, [n for names, _ in present for n in names]) as file:
+        if file is not None:
+            file.write(np.concatenate([values for _, values in present], axis=1))
+
+
+def _listed(names: Any) -> str:
+    return ", ".join(names)

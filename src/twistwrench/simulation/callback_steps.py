@@ -1,0 +1,394 @@
+"""Steps in machine code whose torques or wrenches are functions in Python, asked before each stage of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..ir.loops import Recurrence
+from ..runtime.bound_calls import Rows, row_calls
+from ..typing import Array
+from .compiled_steps import TABLEAUS, CompiledSteps, SimulatedStep, stages
+from .forces import Law
+
+if TYPE_CHECKING:
+    from .run import Run
+
+
+class AskedSteps(CompiledSteps):
+    """The steps of one method under torques and wrenches of which some are functions; its kernel takes one stage a call."""
+
+    @staticmethod
+    def recurrence(plan: SimulatedStep) -> Recurrence:
+        """What is compiled: a stage, which of a method of one stage is a step."""
+        return plan.one_stage() if plan.stages > 1 else plan.recurrence()
+
+    @property
+    def shares(self) -> list[float]:
+        """The times of the stages, as shares of a step."""
+        return [float(c) for c in TABLEAUS[self.plan.method].c] if self.stages > 1 else [0.0]
+
+    @property
+    def table(self) -> Array:
+        """What leads from each stage to the next, (stages, 5)."""
+        return np.array(stages(TABLEAUS[self.plan.method]))
+
+    def laws(self) -> Iterator[tuple[str, Law]]:
+        """The functions, and what each of them gives, by its name in the plan."""
+        if self.system.tau is not None:
+            yield "tau", self.system.tau
+        for frame, law in self.system.wrenches.items():
+            if law.varies:
+                yield f"wrench at {frame}", law
+
+    def after(self, t: Any, y: Array, h: float) -> Array:
+        """The states a time h after states (..., size) at times t."""
+        return self._stepped(t, y, h, len(self.shares))[0]
+
+    def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
+        """The same, and the accelerations (..., nv) at these states."""
+        if self.system.braked is not None:
+            return self.after(t, y, h), self.accelerations(t, y)
+        return self._stepped(t, y, h, len(self.shares))
+
+    def accelerations(self, t: Any, y: Array) -> Array:
+        """Of states (..., size) at times t, (..., nv), those that a step begins with."""
+        return self._stepped(t, y, self.h, 1)[1]
+
+    def _stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
+        """States after so many stages of a step, and the accelerations that it begins with."""
+        if self.stages == 1:
+            states, ddq, _ = self.taken(y, 1, h, self._given(t, y))
+            return states[..., 1, :], ddq[..., 0, :]
+        s, x, sums, begun = self.system, y, np.zeros_like(y), None
+        start = [y[..., None, cut] for cut in self.cuts]
+        for share, row in zip(self.shares[:count], self.table, strict=False):
+            given = [g[..., None, :] for g in self._given(t + share * h, x)]
+            after, summed = np.empty((2, *y.shape[:-1], 1, s.size))
+            ddq = np.empty((*y.shape[:-1], 1, s.nv))
+            state, added, end, total = ([part[..., cut] for cut in self.cuts] for part in (x, sums, after, summed))
+            said = (ddq, np.empty((*ddq.shape[:-1], len(s.contacts)))) if s.contacts else (ddq,)
+            out = (*end, np.empty(after.shape[:-1]), *total, *said)
+            self.kernel(*state, 0.0, *added, *start, row[None], np.array([h]), *given, out=out)
+            x, sums = after[..., 0, :], summed[..., 0, :]
+            begun = ddq[..., 0, :] if begun is None else begun
+        s.evaluations += count
+        assert begun is not None
+        return x, begun
+
+    def _given(self, t: Any, y: Array) -> list[Array]:
+        """What a stage at states (..., size) is given but its length, functions asked there."""
+        s = self.system
+        given = {"tau": s.held, **self.constants}
+        for name, law in self.laws():
+            q, dq = y[..., : s.nq].copy(), y[..., s.moving].copy()
+            found = law(t, q, dq) if y.ndim == 1 else law.values(np.broadcast_to(t, len(y)), q, dq)
+            given[name] = s.held + found if name == "tau" else found
+        return [given[name] for name in self.names]
+
+
+# ── Room for a block of steps between which functions in Python are asked, and the calls that take them, all prepared
+
+Ask = tuple[Law, Array, Array | None]
+"""A function to be asked, where what it gives goes, and what is added to it, if anything."""
+
+Stage = tuple[float, int, Array, Array, list[Ask]]
+"""A call: at which share of its step, its number, its coordinates and velocities, and who is asked."""
+
+
+SHORT, LONG = 128, 512
+"""Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
+
+
+class AskedRows:
+    """A block of m steps: their states, the torques given, and what is to be done for each of them."""
+
+    def __init__(self, steps: CompiledSteps, m: int) -> None:
+        s = steps.system
+        laws = _laws(steps)
+        shares = steps.shares if isinstance(steps, AskedSteps) else [0.0]
+        self.every = n = len(shares)
+        """Calls that make a step."""
+        own = np.arange(m * n)
+        step, one = own // n, np.zeros(m * n, int)
+        self.states = np.zeros((m * n + 1, s.size))
+        """At the beginning of each call, and after the last one."""
+        self.ddq = np.zeros((m * n, s.nv))
+        self.held = np.zeros((m, s.nv))
+        """(m, nv), what the controller gives and what is constant."""
+        self._h = np.zeros(1)
+        self._constants = {name: x[None].copy() for name, x in steps.constants.items()}
+        given: dict[str, Rows] = {name: (x, one) for name, x in self._constants.items()}
+        given["tau"] = self.held, step
+        given |= {name: (np.zeros((m * n, *law.shape)), own) for name, law in laws}
+        self.given = given["tau"][0]
+        """The torques of each call; of each step where no function but a controller gives them."""
+        self.tau = self.given[:: len(self.given) // m]
+        """(m, nv), the torques as each step begins."""
+        self.peaks = np.zeros(m * n + 1)
+        """Of the same states: see :func:`.simulated_step.ended`."""
+        states, after = ([*self._parts(steps, which), (self.peaks, which)] for which in (own, own + 1))
+        if isinstance(steps, AskedSteps) and n > 1:
+            sums = np.zeros_like(self.states)
+            states += [(sums[:, cut], own) for cut in steps.cuts]
+            after += [(sums[:, cut], own + 1) for cut in steps.cuts]
+            states += [*self._parts(steps, step * n), (steps.table, own % n)]
+        named = [given[name] for name in steps.names]
+        self.gaps = np.zeros((m * n, len(s.contacts)))
+        """Of the contacts as each call begins."""
+        said = [(self.ddq, own), (self.gaps, own)][: 1 + bool(s.contacts)]
+        operands = [*states, (self._h, one), *named, *after, *said]
+        first = len(states) + 1
+        self.call = row_calls(
+            steps.kernel, operands, first + steps.names.index("tau"), first + len(named) + len(steps.cuts)
+        )
+        """Makes a call, with torques of its own if they are given, and gives the peak after it."""
+
+        self._rows = {name: given[name][0] for name, _ in laws}
+        q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
+        self._calls = [*zip(shares * m, own.tolist(), q, dq, strict=True)]
+        self.sole: Law | None = None
+        """Who alone gives the torques of every call, if one function does and no other is asked."""
+        self.steps: list[list[Stage]] = []
+        """Of each step its calls."""
+        self._plain: list[list[Stage]] = []
+
+    @classmethod
+    @contextmanager
+    def lent(cls, steps: CompiledSteps, controller: Law | None, constant: Array, n: int) -> Iterator[AskedRows]:
+        """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
+        m = SHORT if n <= 2 * SHORT else LONG
+        key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in _laws(steps))
+        free: list[AskedRows] = steps.system.robot.engine.kept(key, list)
+        try:
+            rows = free.pop()
+        except (
+            IndexError
+        ):  # all of them are lent: a function that is asked may simulate itself, and so may another thread
+            rows = cls(steps, m)
+        rows._begin(steps, controller, constant)
+        yield rows
+        rows.steps = rows._plain  # no function is kept
+        rows.sole = None
+        free.append(rows)
+
+    def _begin(self, steps: CompiledSteps, controller: Law | None, constant: Array) -> None:
+        """Numbers and functions of a run."""
+        self._h[0], self.held[:], laws, n = steps.h, constant, _laws(steps), self.every
+        for name, x in steps.constants.items():
+            self._constants[name][0] = x
+        self.sole = _sole(controller, constant, laws)
+        if self.sole is not None or not (controller or laws):
+            self._plain = self._plain or self._steps([[] for _ in self._calls])
+            self.steps = self._plain
+            return
+        asks: list[list[Ask]] = [[] for _ in self._calls]
+        if controller is not None:
+            for k, row in enumerate(self.held):
+                asks[k * n].append((controller, row, constant))
+        for name, law in laws:
+            added = controller is not None and name == "tau"
+            for k, row in enumerate(self._rows[name]):
+                asks[k].append((law, row, self.held[k // n] if added else None))
+        self.steps = self._steps(asks)
+
+    def _steps(self, asks: list[list[Ask]]) -> list[list[Stage]]:
+        every = [(*call, mine) for call, mine in zip(self._calls, asks, strict=True)]
+        return [every[k : k + self.every] for k in range(0, len(every), self.every)]
+
+    def _parts(self, steps: CompiledSteps, which: NDArray[np.intp]) -> list[Rows]:
+        return [(self.states[:, cut], which) for cut in steps.cuts]
+
+
+def _laws(steps: CompiledSteps) -> list[tuple[str, Law]]:
+    return list(steps.laws()) if isinstance(steps, AskedSteps) else []
+
+
+def _sole(controller: Law | None, constant: Array, laws: list[tuple[str, Law]]) -> Law | None:
+    """The one function that gives all torques, to which nothing is added, where no other is asked."""
+    if controller is not None:
+        return None if laws or constant.any() else controller
+    return laws[0][1] if len(laws) == 1 and laws[0][0] == "tau" else None
+
+
+# ── The part of a run that machine code takes: blocks of steps, what is kept of each, and where it stops
+
+FASTEST = 1e6
+"""rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
+_LOOKS = 100
+"""Blocks of a run of which progress is told, at least."""
+
+
+def take_blocks(run: Run, steps: CompiledSteps) -> None:
+    """Take the steps of a run as long as they are stable: from the first one that is not they are to be taken one by one."""
+    system = run.system
+    most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
+    while run.steps < run.n:
+        counted = system.evaluations
+        found = steps.take(run.last[1], min(most, run.n - run.steps))
+        system.evaluations = counted
+        if not use_block(run, steps, *found):
+            return
+    t, y = run.last
+    run.record.keep(t, y, steps.accelerations(t, y), system.held)
+
+
+def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: Array) -> bool:
+    """Keep the next m steps of a run, by states (m + 1, size), up to one that is unstable or ends it; whether none is.
+
+    ``ddq`` (m, nv) and ``gaps`` (m, contacts) are said of the beginnings of steps.
+    """
+    m = _stable_steps(states[1:], run.system.moving)
+    states, stable = states[: m + 1], m == len(ddq)
+    gaps = _all_gaps(run, gaps[:m], states[-1])
+    first, end, used = run.steps, None, m
+    if run.watch is not None and m:
+        at_once = first == 0 and run.leaves_at_once(states[0], states[1], run.h)
+        for k in (0,) if at_once else run.watch.passings(states, gaps):
+            end = 0.0 if at_once else look_in_step(run, steps, (first + k) * run.h, states[k], states[k + 1])
+            if end is not None:
+                used = k
+                break
+    run.system.evaluations += steps.stages * (used + (end is not None))
+    keep_steps(run, states[: used + 1], ddq[:used], run.system.held, run.system.held, gaps[: used + 1])
+    if end is not None:
+        end_in_step(run, steps, end, ddq[used], run.system.held)
+    elif run.tick is not None and m:
+        run.tick(run.last[0])
+    return end is None and stable
+
+
+def _all_gaps(run: Run, begun: Array, last: Array) -> Array:
+    """How far each contact is from touching at the beginnings of m steps and after them, (m + 1, contacts)."""
+    if not (contacts := run.system.contacts) or run.watch is None:
+        return np.zeros((len(begun) + 1, 0))
+    q = run.system.split(last)[0]
+    found = np.concatenate([begun, [[contact.gap(q) for contact in contacts]]])
+    found[0] = run.watch.gaps  # as they were looked at last: rounding is no contact
+    return found
+
+
+def _stable_steps(Y: Array, moving: slice) -> int:
+    """How many states (m, size) there are up to the first with an entry that is no number, or velocities out of reach."""
+    if abs(float(Y[:, moving].max())) < FASTEST and float(Y[:, moving].min()) > -FASTEST and np.isfinite(Y).all():
+        return len(Y)  # row by row takes ten times as long
+    return int((np.isfinite(Y).all(axis=1) & (np.abs(Y[:, moving]).max(axis=1) < FASTEST)).argmin())
+
+
+def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
+    """Look for events in a step from y at t; how long after t one ends the run, if one does."""
+    if t == 0.0 and run.leaves_at_once(y, after, run.h):
+        return 0.0
+    return run.looked(t, [(run.h, after)], partial(steps.after, t, y))
+
+
+def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
+    """End a run in its next step, which begins with ``ddq`` and ``tau``, a time ``end`` after that."""
+    t, y = run.last
+    if run.steps % run.every == 0:
+        run.record.keep(t, y, ddq, tau)
+    if not run.stopped:
+        run.finish(t, end, partial(steps.after, t, y))
+
+
+def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gaps: Array) -> None:
+    """Keep and note the next m steps of a run, by the states (m + 1, size) between them.
+
+    ``ddq`` and ``tau`` are those of their beginnings, ``held`` the torques of the controller; one for all, or (m, nv).
+    ``gaps`` (m + 1, contacts) are those of the states.
+    """
+    system, first, m = run.system, run.steps, len(ddq)
+    if not m:
+        return
+    numbers = np.arange(first, first + m + 1)
+    times = np.asarray(numbers * run.h, float)
+    if numbers[-1] == run.n:
+        times[-1] = run.end
+    kept = slice(-first % run.every, m, run.every)
+    run.record.keep_block(times[kept], states[kept], ddq[kept], tau if tau.ndim == 1 else tau[kept])
+    changed = run.touches.block(times[1:], gaps[1:], states[1:, -1] != states[:-1, -1])
+    if system.braked is not None:
+        signs = np.sign(states[:, system.moving])
+        changed |= (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
+    run.doubling.note_block(times[:-1], states, held, ddq, changed)
+    run.unseen.note_block(times[:-1], states, held)
+    run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())
+
+
+# ── The part of a run that machine code takes between calls of Python: controllers, torques and wrenches, and events
+
+
+def take_asked(run: Run, steps: CompiledSteps) -> None:
+    """Take all steps of a run, to its end or to an event that ends it. Raises SimulationError where a function fails."""
+    system = run.system
+    with AskedRows.lent(steps, run.controller, run.constant, run.n) as rows:
+        while run.steps < run.n:
+            if _take_block(run, steps, rows):
+                return
+    t, y = run.last
+    system.rates(t, y, run.rate)
+    run.keep(t, y)
+
+
+def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
+    """As many steps as there are rows, or are left; whether an event ended the run."""
+    first, h, system = run.steps, run.h, run.system
+    watched, tick = run.watch is not None, run.tick
+    states = rows.states[:: rows.every]
+    states[0] = run.last[1]
+    call, sole, bound = rows.call, rows.sole, FASTEST**2
+    function = None if sole is None else sole.function
+    done = sampled = 0
+    end: float | None = None
+    try:
+        for stages in rows.steps[: run.n - first]:
+            begin = (first + done) * h
+            for share, k, q, dq, asks in stages:
+                t = begin + share * h
+                for law, row, base in asks:
+                    row[...] = law(t, q, dq) if base is None else base + law(t, q, dq)
+                if function is None or sole is None:
+                    peak = call(k)
+                else:
+                    try:
+                        found = function(t, q.copy(), dq.copy())
+                    except Exception as problem:
+                        raise sole.failure(t, problem) from problem
+                    peak = call(k, found)
+                    if peak is None:  # it is no plain array
+                        peak = call(k, sole.checked(t, found))
+                    if not peak < bound:  # the work of torques that are no numbers is none
+                        sole.checked(t, rows.given[k])
+            if not peak < bound:
+                sampled = done + 1
+                run.require_stable(begin, run.time(first + done + 1), states[done + 1])
+            if watched:
+                sampled, system.held = done + 1, rows.held[done].copy()
+                end = look_in_step(run, steps, begin, states[done], states[done + 1])
+                if end is not None:
+                    break
+            done += 1
+            if tick is not None:
+                tick(run.time(first + done))
+    finally:
+        sampled = max(sampled, done)
+        if sampled:
+            system.held = rows.held[sampled - 1].copy()
+        system.evaluations += steps.stages * sampled
+        ddq = rows.ddq[:: rows.every]
+        gaps = _gaps(run, rows, states[done], done)
+        keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done], gaps)
+    if end is not None:
+        end_in_step(run, steps, end, ddq[done], rows.tau[done])
+    return end is not None
+
+
+def _gaps(run: Run, rows: AskedRows, last: Array, done: int) -> Array:
+    """How far each contact is from touching as each step begins and after the last one, (done + 1, contacts)."""
+    q = run.system.split(last)[0]
+    return np.concatenate([rows.gaps[:: rows.every][:done], [[contact.gap(q) for contact in run.system.contacts]]])

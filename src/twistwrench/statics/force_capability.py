@@ -1,0 +1,573 @@
+"""The wrench ellipsoid: what torques of unit norm can press with, direction by direction. Modern Robotics section 5.4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.numbers import number, vector
+from ..errors import UnknownNameError, ValueRangeError
+from ..typing import Array
+from .equilibrium import RANK_TOLERANCE
+from .torque_limits import (
+    effort_limits,
+    growth,
+    one_configuration,
+    require_fixed_base,
+    resting_torques,
+    same_batch,
+    span,
+    unit_vectors,
+)
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from ..robot.derivatives import Kind
+
+PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
+"""The rows of a wrench that each part means."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WrenchEllipsoid:
+    """Force ellipsoid: all x (n,) with x' A x ≤ 1, centred where the torques of gravity would put nothing.
+
+    Leading axes are the poses'.
+    """
+
+    matrix: Array
+    """(..., n, n): A = J W⁻² J', with the rows of J that are meant and W the scale of each torque."""
+    axes: Array
+    """(..., n, n): the directions of the semi-axes, as columns, strongest first."""
+    semi_axes: Array
+    """(..., n): their lengths, descending; inf along what the structure bears."""
+    part: str
+    """"force", "moment" or "wrench"."""
+    kind: Kind
+    """Axes and reference point, as in :meth:`Robot.jacobian`."""
+
+    def __repr__(self) -> str:
+        what = f"WrenchEllipsoid of {self.part}s, {self.kind}"
+        if self.semi_axes.ndim > 1:
+            return f"{what}, of poses {self.semi_axes.shape[:-1]}"
+        said = [
+            f"{number(size)} along {vector(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
+            for size, axis in zip(self.semi_axes, self.axes.T, strict=True)
+            if not np.isinf(size)
+        ]
+        free = int(np.isinf(self.semi_axes).sum())
+        across = [f"unbounded in {free} direction{'s' if free > 1 else ''}"] if free else []
+        return f"{what}: {', '.join(said + across)}"
+
+    @property
+    def condition(self) -> Array:
+        """Condition number (...): the longest semi-axis over the shortest; inf at singular poses."""
+        return self.semi_axes[..., 0] / self.semi_axes[..., -1]
+
+    def reach(self, direction: ArrayLike) -> Array:
+        """How far the ellipsoid extends along a direction.
+
+        Parameters
+        ----------
+        direction : (..., n) array_like, made of unit length
+
+        Returns
+        -------
+        reach : (...) array [N or N m for each unit of torque]
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``direction`` is of another size, or zero.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> float(wrench_ellipsoid(tw.robots.planar_2r(), [0.0, np.pi / 2]).reach([0, 1, 0]))
+        inf
+        """
+        d = unit_vectors(direction, self.matrix.shape[-1])
+        same_batch(poses=self.semi_axes, direction=d)
+        square = np.einsum("...i,...ij,...j->...", d, self.matrix, d)
+        none = square <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
+        return np.where(none, np.inf, 1.0 / np.sqrt(np.where(none, 1.0, square)))
+
+
+def wrench_ellipsoid(
+    robot: Robot,
+    q: ArrayLike,
+    frame: str | None = None,
+    *,
+    part: str = "force",
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> WrenchEllipsoid:
+    """Force ellipsoid: the wrenches whose torques have norm at most 1, without gravity.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    frame : str, optional, a link of the robot; its tip if None
+    part : "force", "moment" or "wrench"
+        "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench", all
+        six numbers (m, f), whose axes depend on the unit of length.
+    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
+    limits : (nv,) array_like, optional, each torque then counts as a share of its limit [N m, sliding joints: N]
+
+    Returns
+    -------
+    ellipsoid : WrenchEllipsoid, with n semi-axes, for any batch of q; rows with NaN have NaN
+
+    Raises
+    ------
+    UnknownNameError, ShapeError, ValueRangeError
+        An argument is none of the choices, or of another size.
+
+    Notes
+    -----
+    MR section 5.4. With ``limits`` the ellipsoid lies inside the polytope of
+    :func:`~twistwrench.statics.wrench_polytope` without gravity.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> wrench_ellipsoid(arm, [0.0, np.pi / 2]).semi_axes.round(6).tolist()  # the golden ratio, and one over it
+    [inf, 1.618034, 0.618034]
+    >>> wrench_ellipsoid(arm, [0.0, np.pi / 2], part="moment")
+    WrenchEllipsoid of moments, world_aligned: 0.7071 along (0, 1, 0), unbounded in 2 directions
+    """
+    J = np.asarray(robot.jacobian(q, frame, kind))[..., part_rows(part), :]
+    if limits is not None:
+        J = J * effort_weights(robot, limits)
+    A = J @ np.swapaxes(J, -1, -2)
+    unknown = np.isnan(J).any(axis=(-2, -1))
+    U, s, _ = np.linalg.svd(np.where(unknown[..., None, None], 0.0, J), full_matrices=True)
+    U, s = np.where(unknown[..., None, None], np.nan, U), np.where(unknown[..., None], np.nan, s)
+    n = J.shape[-2]
+    sigma = np.concatenate([s, np.zeros((*s.shape[:-1], n - s.shape[-1]))], axis=-1)
+    flat = sigma <= RANK_TOLERANCE * np.maximum(sigma.max(axis=-1, keepdims=True), 1e-300)
+    semi_axes = np.where(flat, np.inf, 1.0 / np.where(flat, 1.0, sigma))
+    return WrenchEllipsoid(A, U[..., ::-1], semi_axes[..., ::-1], part, kind)
+
+
+def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
+    """One over each limit, (nv,); zero where a joint has none. Raises ValueRangeError for a limit of zero."""
+    L = effort_limits(robot, limits)
+    if (L == 0).any():
+        raise ValueRangeError(
+            "a torque limit of zero leaves the ellipsoid and the polytope no inside. "
+            "Give limits above zero, or ask statics.robot_equilibrium, which takes joints that nothing drives."
+        )
+    return 1.0 / L
+
+
+def part_rows(part: str) -> slice:
+    """The rows of a wrench meant by ``part``; UnknownNameError lists the choices."""
+    try:
+        return PARTS[part]
+    except (KeyError, TypeError):
+        raise UnknownNameError.of("part of a wrench", part, PARTS) from None
+
+
+# ── The largest wrench along a direction, and the direction in which a robot is weakest: both in closed form
+
+
+@dataclass(frozen=True, eq=False)
+class LargestWrench:
+    """Largest wrench along a direction: how much the robot can apply at rest.
+
+    Leading axes are the poses' and directions'.
+    """
+
+    magnitude: Array
+    """(...) N (N m for a moment): 0 where the robot cannot hold even itself, inf where the structure bears it."""
+    wrench: Array
+    """(..., 6): the direction, of unit length, as (m, f)."""
+    joint: Array
+    """(...) of int: the joint that is then at its limit; -1 if none."""
+    side: Array
+    """(...): +1 if at its upper limit, -1 at its lower; 0 if none."""
+    joint_names: tuple[str, ...]
+    """Names of the joints, as ``joint`` counts them."""
+
+    def __str__(self) -> str:
+        if self.magnitude.ndim:
+            return f"largest wrenches: {span(self.magnitude)}"
+        if np.isnan(self.magnitude):
+            return "unknown: q has an entry that is not a number"
+        name = self.joint_names[int(self.joint)] if self.joint >= 0 else "no joint"
+        along = ", ".join(number(round(x, 12) + 0.0, 3) for x in self.wrench)  # no minus zeros
+        return f"{number(self.magnitude)} along ({along}), limited by {name}"
+
+
+def largest_wrench(
+    robot: Robot,
+    q: ArrayLike,
+    direction: ArrayLike,
+    *,
+    frame: str | None = None,
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> LargestWrench:
+    """Largest force or wrench along a direction: the largest s with s · direction within the torque limits, at rest.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    direction : (3,) or (6,) array_like, a force at zero moment, or a wrench (m, f); made of unit length
+    frame : str, optional, a link of the robot; its tip if None
+    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
+
+    Returns
+    -------
+    found : LargestWrench, ``magnitude`` () [N, moments: N m]
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument is of another size, or the direction is zero.
+    UnknownNameError
+        The robot has no such frame.
+    FrameError
+        No frame is named, and the robot has no single tip.
+
+    Notes
+    -----
+    Closed form: the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
+    gravity and of springs. MR section 5.2.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> print(largest_wrench(tw.robots.planar_2r(), [0.0, 0.0], (0, 0, 1), limits=[50.0, 20.0]))
+    10.19 along (0, 0, 0, 0, 0, 1), limited by joint2
+    """
+    require_fixed_base(robot, "the largest wrench")
+    d = unit_vectors(direction, 3, 6)
+    F = d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)
+    g, J = resting_torques(robot, q), np.asarray(robot.jacobian(q, frame, kind))
+    same_batch(q=g, direction=F)
+    return _along(robot, g, J, F, effort_limits(robot, limits))
+
+
+def weakest_direction(
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    frame: str | None = None,
+    part: str = "force",
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> LargestWrench:
+    """Weakest direction: the one in which the robot at rest can apply least.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    frame : str, optional, a link of the robot; its tip if None
+    part : "force", "moment" or "wrench", as in :func:`wrench_ellipsoid`
+    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
+
+    Returns
+    -------
+    found : LargestWrench
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, FrameError, UnknownNameError
+        As :func:`largest_wrench`.
+
+    Notes
+    -----
+    The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i
+    is the joint's column of J, and its normal ±J_i / |J_i| is the direction. Any batch of q; rows with NaN have NaN.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> print(weakest_direction(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0]))
+    10.19 along (0, 0, 0, 0, 0, 1), limited by joint2
+    """
+    require_fixed_base(robot, "the weakest direction")
+    rows, L = part_rows(part), effort_limits(robot, limits)
+    g, J = resting_torques(robot, q), np.asarray(robot.jacobian(q, frame, kind))
+    lever = np.linalg.norm(J[..., rows, :], axis=-2)
+    felt = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
+    unknown = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
+    if not (felt.any(axis=-1) | unknown).all():
+        raise ValueRangeError(
+            f"no joint of {robot.name!r} feels any {part} there: the structure bears it all. Name a frame it moves."
+        )
+    distance = np.where(felt, (L - np.abs(g)) / np.where(felt, lever, 1.0), np.inf)
+    joint = np.argmin(distance, axis=-1)[..., None]
+    sign = np.where(np.take_along_axis(g, joint, axis=-1) < 0, -1.0, 1.0)
+    column = sign * np.take_along_axis(J, joint[..., None, :], axis=-1)[..., 0]
+    F = np.zeros_like(column)
+    F[..., rows] = column[..., rows]
+    F /= np.where(unknown[..., None], np.nan, np.linalg.norm(F, axis=-1, keepdims=True))
+    return _along(robot, g, J, F, L)
+
+
+def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrench:
+    a = np.einsum("...ij,...i->...j", J, F)
+    s = growth(g, a, L)
+    unknown = np.isnan(g).any(axis=-1) | np.isnan(a).any(axis=-1)
+    holds = np.all(np.abs(g) <= L, axis=-1)
+    return LargestWrench(
+        np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0)),
+        np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
+        np.where(holds, s.joint, -1),
+        np.where(holds, s.side, 0),
+        robot.model.velocity_names,
+    )
+
+
+# ── The wrench polytope: every wrench a robot at rest can apply within its torque limits, gravity held first
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchPolytope:
+    """Wrench polytope: all x (n,) with ``normals`` @ x ≤ ``offsets``.
+
+    A bounded cross-section, times what the structure bears.
+    """
+
+    normals: Array
+    """(h, n): outward, of unit length."""
+    offsets: Array
+    """(h,): distance of each half-space's edge from zero, negative where zero is outside."""
+    vertices: Array
+    """(k, n): corners of the cross-section perpendicular to ``borne``."""
+    borne: Array
+    """(n, b): an orthonormal basis of the directions without bound; no columns for a bounded polytope."""
+    sides: tuple[str, ...]
+    """(h,): the joint and sign behind each half-space, such as "+elbow"; empty for a projection."""
+    part: str
+    """"force", "moment" or "wrench"."""
+    rest: str
+    """What the other three numbers are: "zero" or "any"."""
+    frame: str
+    """The frame at which the wrench is applied."""
+    kind: Kind
+    """Axes and reference point, as in :meth:`Robot.jacobian`."""
+
+    def contains(self, x: ArrayLike, slack: float = 1e-9) -> Array:
+        """Whether the robot can apply a force, moment or wrench.
+
+        Parameters
+        ----------
+        x : (..., n) array_like [N or N m]
+        slack : float, by which it may lie outside [N or N m]
+
+        Returns
+        -------
+        answer : (...) array of bool
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``x`` is of another size, or not finite.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
+        >>> found.contains([[0, 0, 0], [0, 0, 100]]).tolist()
+        [True, False]
+        """
+        x = arguments.finite(x, "x", self.normals.shape[1])
+        return np.all(x @ self.normals.T <= self.offsets + slack, axis=-1)
+
+    def support(self, direction: ArrayLike) -> Array:
+        """Support function: the largest direction · x over the polytope.
+
+        Parameters
+        ----------
+        direction : (..., n) array_like
+
+        Returns
+        -------
+        largest : (...) array, inf where the structure bears part of the direction
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``direction`` is of another size, or not finite.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
+        >>> round(float(found.support([0, 0, 1])), 6)
+        50.38
+        """
+        d = arguments.finite(direction, "direction", self.normals.shape[1])
+        most = (d @ self.vertices.T).max(axis=-1)
+        size = np.linalg.norm(d, axis=-1)
+        return np.where(np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * size, np.inf, most)
+
+    @property
+    def facets(self) -> tuple[str, ...]:
+        """The sides that do bound it: those that pass through as many corners as its dimension."""
+        dimension = self.normals.shape[1] - self.borne.shape[1]
+        gap = np.abs(self.normals @ self.vertices.T - self.offsets[:, None])
+        touching = np.sum(gap <= 1e-7 * (1.0 + np.abs(self.offsets[:, None])), axis=1)
+        return tuple(s for s, n in zip(self.sides, touching, strict=False) if n >= dimension)
+
+    def __str__(self) -> str:
+        free = f", unbounded along {self.borne.shape[1]} directions the structure bears" if self.borne.size else ""
+        return (
+            f"{self.part} polytope at {self.frame}: {len(self.vertices)} corners{free}; the other part is {self.rest}"
+        )
+
+
+def wrench_polytope(
+    robot: Robot,
+    q: ArrayLike,
+    frame: str | None = None,
+    *,
+    part: str = "force",
+    rest: str = "zero",
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> WrenchPolytope:
+    """Wrench polytope (force polytope): every x with abs(g(q) + J' F) ≤ limits, at one pose.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    frame : str, optional, a link of the robot; its tip if None
+    part : "force", "moment" or "wrench" (m, f)
+    rest : "zero" or "any", what the other three numbers are
+        "zero", the section of the six-dimensional polytope; "any", its projection.
+    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
+
+    Returns
+    -------
+    polytope : WrenchPolytope, with corners (k, 3), or (k, 6) for ``part="wrench"``
+
+    Raises
+    ------
+    ValueRangeError
+        No wrench at all keeps the limits, the base floats, or there are no limits.
+    ShapeError
+        q is a batch; it says how to loop.
+    UnknownNameError, FrameError
+        As the robot's methods.
+
+    Notes
+    -----
+    Joints without a limit bound nothing. One pose at a time, as poses differ in how many corners they have;
+    :func:`~twistwrench.statics.largest_wrench`, :func:`~twistwrench.statics.weakest_direction` and
+    :func:`~twistwrench.statics.wrench_ellipsoid` take any batch.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> found = wrench_polytope(arm, [0.0, np.pi / 2], limits=[50.0, 20.0])
+    >>> found.vertices.shape, found.facets
+    ((4, 3), ('+joint1', '+joint2', '-joint1', '-joint2'))
+    """
+    require_fixed_base(robot, "the wrench polytope")
+    if rest not in ("zero", "any"):
+        raise UnknownNameError.of("value of rest", rest, ("zero", "any"))
+    q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
+    rows, whole = part_rows(part), slice(0, 6)
+    effort_weights(robot, limits)  # refuses limits of zero
+    L, g = effort_limits(robot, limits), resting_torques(robot, q)
+    J = np.asarray(robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
+    some = np.isfinite(L)
+    A = np.concatenate([J.T[some], -J.T[some]])
+    b = np.concatenate([(L - g)[some], (L + g)[some]])
+    names = [n for n, finite in zip(robot.model.velocity_names, some, strict=True) if finite]
+    sides = [f"+{n}" for n in names] + [f"-{n}" for n in names]
+    labels: tuple[Any, ...] = (part, rest, str(robot.tip if frame is None else frame), kind)
+    length = np.linalg.norm(A, axis=1)
+    felt = length > 1e-12 * max(1.0, length.max(initial=0.0))
+    if np.any(b[~felt] < 0):
+        k = int(np.flatnonzero(~felt)[np.argmin(b[~felt])])
+        raise ValueRangeError(
+            f"{sides[k][1:]} is beyond its limit whatever wrench is applied: the robot cannot hold itself."
+        )
+    A, b = A[felt] / length[felt, None], b[felt] / length[felt]
+    sides = [s for s, f in zip(sides, felt, strict=True) if f]
+    vertices, borne = _corners(A, b)
+    if rest == "any" and part != "wrench":
+        return _projection(vertices[:, rows], borne[rows], labels)
+    return WrenchPolytope(A, b, vertices, borne, tuple(sides), *labels)
+
+
+def _corners(A: Array, b: Array) -> tuple[Array, Array]:
+    """Corners (k, n) of A x ≤ b perpendicular to its lines, and an orthonormal basis (n, l) of these."""
+    from scipy.spatial import HalfspaceIntersection
+
+    _, s, Vt = np.linalg.svd(A, full_matrices=True)
+    rank = int(np.sum(s > RANK_TOLERANCE * s.max(initial=1e-300)))
+    Q, borne = Vt[:rank].T, Vt[rank:].T
+    if rank == 0:
+        return np.zeros((1, A.shape[1])), borne
+    H = A @ Q
+    inside = _deepest_point(H, b)
+    if rank == 1:
+        ends = b / H[:, 0]
+        corners = np.array([[ends[H[:, 0] > 0].min()], [ends[H[:, 0] < 0].max()]])
+    else:
+        corners = HalfspaceIntersection(np.column_stack([H, -b]), inside).intersections
+        scale = np.abs(corners - inside).max()
+        _, first = np.unique(np.round((corners - inside) / (1e-9 * scale)), axis=0, return_index=True)
+        corners = corners[np.sort(first)]
+    return corners @ Q.T, borne
+
+
+def _deepest_point(H: Array, b: Array) -> Array:
+    """The centre (r,) of the largest ball in H x ≤ b, by linear programming."""
+    from scipy.optimize import linprog
+
+    scale = np.abs(b).max(initial=1e-300)
+    size = H.shape[1]
+    found = linprog(
+        [0.0] * size + [-1.0],
+        A_ub=np.column_stack([H, np.ones(len(H))]),
+        b_ub=b / scale,
+        bounds=[(None, None)] * size + [(0.0, 1e3)],
+        method="highs",
+    )
+    if found.status != 0 or found.x is None or found.x[-1] <= 1e-9:
+        raise ValueRangeError(
+            "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs ask for more. "
+            "Look at statics.largest_payload for the joint, or pass larger limits=."
+        )
+    return np.asarray(found.x[:-1]) * scale
+
+
+def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> WrenchPolytope:
+    """The shadow on three numbers: hull of the corners' shadows across the lines' shadows."""
+    from scipy.spatial import ConvexHull
+
+    U, s, _ = np.linalg.svd(lines, full_matrices=True)
+    rank = int(np.sum(s > 1e-7))
+    borne, Q = U[:, :rank], U[:, rank:]
+    flat = corners @ Q
+    if Q.shape[1] >= 2:
+        hull = ConvexHull(flat)
+        equations = np.unique(np.round(hull.equations, 12), axis=0)
+        normals, offsets, kept = equations[:, :-1], -equations[:, -1], flat[hull.vertices]
+    elif Q.shape[1] == 1:
+        kept = np.array([[flat.max()], [flat.min()]])
+        normals, offsets = np.array([[1.0], [-1.0]]), np.array([flat.max(), -flat.min()])
+    else:
+        kept, normals, offsets = np.zeros((1, 0)), np.zeros((0, 0)), np.zeros(0)
+    return WrenchPolytope(normals @ Q.T, offsets, kept @ Q.T, borne, (), *labels)

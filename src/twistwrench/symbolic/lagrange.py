@@ -1,0 +1,359 @@
+"""What ``lagrange`` is given: symbols, a Lagrangian of those alone, and perhaps a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from numbers import Real
+from typing import Any
+
+from ..errors import ShapeError, ValueRangeError
+from .equations import Equations, Label, Step, assembled, entry_name, steps_of, term_lines
+from .expanded_form import Coordinate, Terms, Variable, dotted
+from .factored_form import EquationWriter
+from .trig_polynomial import HIGHEST, Ring, TrigSum
+
+
+def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
+    """One symbol or several different ones, as a tuple; ShapeError for anything else."""
+    import sympy
+
+    symbols = (
+        (given,)
+        if isinstance(given, sympy.Symbol)
+        else tuple(given)
+        if isinstance(given, Sequence | sympy.MatrixBase | sympy.Tuple)
+        else ()
+    )
+    if not symbols or not all(isinstance(s, sympy.Symbol) for s in symbols) or len(set(symbols)) < len(symbols):
+        raise ShapeError(
+            f"{what}={given!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
+            "their own, theta, thetadot = sympy.symbols('theta thetadot')."
+        )
+    return symbols
+
+
+def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
+    """The symbol of time, None where there is none; ShapeError for what is no symbol, or a coordinate or rate."""
+    import sympy
+
+    if given is None:
+        return None
+    if not isinstance(given, sympy.Symbol) or given in moving:
+        raise ShapeError(
+            f"time={given!r} is not a SymPy symbol other than {', '.join(map(str, moving))}. Give t = sympy.Symbol('t')."
+        )
+    return given
+
+
+def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
+    """ValueRangeError for what would be taken for a constant and is none, and for an L without kinetic energy."""
+    import sympy
+
+    if found := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
+        raise ValueRangeError(
+            f"L contains {_listed(found)}. Write coordinates and rates as symbols, theta and thetadot instead of theta(t) "
+            "and its derivative: L.subs({theta(t).diff(t): thetadot}).subs({theta(t): theta})."
+        )
+    known = {*q, *dq, *(() if time is None else (time,))}
+    others = L.free_symbols - known
+    names = {s.name for s in known}
+    if twins := {s for s in others if s.name in names}:
+        raise ValueRangeError(
+            f"L contains another {_listed(twins)} than the coordinates, rates or time given: symbols of one name with "
+            "different assumptions (real=True) differ in SymPy. Make each symbol once."
+        )
+    if moving := {s for s in others if _is_rate(s.name)}:
+        raise ValueRangeError(
+            f"L contains {_listed(moving)}, by name the rate of a coordinate that is not in q={_listed(q)}, or a derivative "
+            f"of too high an order: L may depend on the rates {_listed(dq)}. Add the coordinate to q, name rates of other "
+            "names in rates=[…], or give a constant a name that does not end in dot."
+        )
+    if time is None and (clocks := {s for s in others if s.name == "t"}):
+        raise ValueRangeError(
+            f"L contains {_listed(clocks)}. Is it the time? Then say so, time=t; if it is a constant, give it another name."
+        )
+    if not L.free_symbols & set(dq):
+        raise ValueRangeError(
+            f"L does not depend on {', '.join(map(str, dq))}, so there is no kinetic energy. Name the rates so, or give "
+            "them: lagrange(L, q, rates=[…])."
+        )
+
+
+def _is_rate(name: str) -> bool:
+    """By the naming rule, xdot and thetaddot_1; and by a likely other one, theta_1dot and x_dot."""
+    stem = name.partition("_")[0]
+    return any(word.endswith("dot") and word != "dot" for word in (stem, name))
+
+
+def _listed(symbols: Any) -> str:
+    return ", ".join(sorted(map(str, symbols)))
+
+
+# ── Lagrange's equations from any Lagrangian: a bead on a wire, a cart with a pole, coordinates that are no joint angles
+
+
+def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
+    """Lagrange's equations d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression.
+
+    Parameters
+    ----------
+    L : SymPy expression
+    q : coordinates, independent SymPy symbols
+    rates : symbols of their rates in L, optional
+        Without it, by the naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot.
+    time : symbol of time, optional, where L depends on it
+        Then ∂/∂t of the momenta, a step of its own, is part of the equations.
+    name : str, of the system
+
+    Returns
+    -------
+    equations : Equations
+
+    Raises
+    ------
+    ShapeError
+        L is no expression (strings are not read), or coordinates, rates and a time are no symbols or do not match.
+    ValueRangeError
+        L depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t``
+        that ``time`` does not name.
+    MissingExtraError
+        There is no SymPy.
+
+    Notes
+    -----
+    MR eq. 8.2 and 8.3. Every other symbol is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms
+    linear in the rates in the equations, and g is whatever is left at rest, centrifugal forces of a wire that is turned
+    included.
+
+    Examples
+    --------
+    >>> import sympy
+    >>> m, R, g, Omega, theta, thetadot = sympy.symbols("m R g Omega theta thetadot")
+    >>> bead = lagrange(m*R**2/2*(thetadot**2 + Omega**2*sympy.sin(theta)**2) + m*g*R*sympy.cos(theta), theta)
+    >>> print(bead.text("gravity_forces"))
+    gravity_forces: g, what is left at rest
+      g₁ = m g R sin(θ) − m Ω² R² cos(θ) sin(θ)
+    """
+    from .derivation import require_sympy
+
+    require_sympy()
+    import sympy
+
+    L = _expression(L)
+    coordinates = symbols_of(q, "q")
+    velocities = _rates(rates, coordinates, L)
+    now = time_of(time, (*coordinates, *velocities))
+    check_lagrangian(L, coordinates, velocities, now)
+    named = tuple(Coordinate(s.name, True, "coordinate") for s in coordinates)
+    accelerations = tuple(sympy.Symbol(dotted(s.name, "ddot")) for s in coordinates)
+    moved = now is not None and now in L.free_symbols
+    parsed = None if moved else _parsed(L, coordinates, velocities, accelerations)
+    if parsed is None:
+        fields = _differentiated(L, coordinates, velocities, accelerations, now if moved else None)
+    else:
+        terms, expressions = parsed
+        masses = [n for n in terms.ring.symbols if n.startswith("m") and not n.startswith("mu")]
+        fields = assembled(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
+    first = Step("lagrangian", "as given", ((Label("L"), L),))
+    fields = {**fields, "lagrangian": L, "steps": (first, *fields["steps"])}
+    return Equations(
+        name=name,
+        q=coordinates,
+        dq=velocities,
+        ddq=accelerations,
+        meanings=tuple((c.name, c.meaning) for c in named),
+        **fields,
+    )
+
+
+def _expression(L: Any) -> Any:
+    import sympy
+
+    # Never a string: SymPy would evaluate it as Python.
+    if not isinstance(L, bool) and isinstance(L, Real):
+        return sympy.sympify(L)
+    if not isinstance(L, sympy.Expr) or L.is_Matrix:
+        raise ShapeError(
+            f"a Lagrangian is one SymPy expression, got {type(L).__name__} {str(L)[:80]!r}. "
+            "Make it of sympy.symbols; give K - P of an equation, and the single entry of a matrix."
+        )
+    return L
+
+
+def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
+    import sympy
+
+    if rates is None:
+        known = {s.name: s for s in L.free_symbols}
+        return tuple(known.get(dotted(s.name), sympy.Symbol(dotted(s.name))) for s in coordinates)
+    found = symbols_of(rates, "rates")
+    if len(found) != len(coordinates) or set(found) & set(coordinates):
+        raise ShapeError(
+            f"rates={rates!r}: one symbol for each of {', '.join(map(str, coordinates))}, and none of these."
+        )
+    return found
+
+
+# ── sums of products, where L is one ──
+
+
+def _parsed(
+    L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]
+) -> tuple[Terms, Mapping[str, Any]] | None:
+    """L as a sum of products, with what the symbols of its ring stand for; None where it is none."""
+    moving = {*q, *dq}
+    atoms: dict[Any, str] = {s: s.name for s in (*q, *dq, *ddq)}
+    if not _collect(L, moving, atoms) or len(set(atoms.values())) < len(atoms):
+        return None
+    if _degree(L, atoms) > HIGHEST - _RAISED:
+        return None
+    ring = Ring(list(atoms.values()), [s.name for s in q], exact=True)
+    reader = _Reader(ring, atoms, q, moving)
+    total = reader.read(L)
+    if total is None:
+        return None
+    coordinates = tuple(Variable(a.name, b.name, c.name) for a, b, c in zip(q, dq, ddq, strict=True))
+    terms = Terms(ring, coordinates, total, ring.number(0))
+    if any(sum(ring.exponents(m).get(s.name, 0) for s in dq) > 2 for m, _ in total.terms):
+        return None
+    return terms, {name: atom for atom, name in atoms.items()}
+
+
+def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
+    """Find the constants that L is a polynomial in: symbols, and constant expressions that are no polynomials of them."""
+    if expr.is_Rational or expr in atoms:
+        return True
+    if expr.is_Symbol:
+        atoms[expr] = expr.name
+        return True
+    if expr.is_Add or expr.is_Mul:
+        return all(_collect(x, moving, atoms) for x in expr.args)
+    if expr.is_Pow and expr.exp.is_Integer and 0 < expr.exp < 8:
+        return _collect(expr.base, moving, atoms)
+    if expr.func.__name__ in ("sin", "cos") and expr.free_symbols & moving:
+        return True
+    if not expr.free_symbols & moving:
+        atoms[expr] = f"constant{len(atoms)}"
+        return True
+    return False
+
+
+_RAISED = 4
+"""How far Lagrange's equations raise an exponent: c multiplies by two rates, rates of momenta by a rate or acceleration."""
+
+
+def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
+    """A bound of the exponents that L has when it is multiplied out."""
+    if expr in atoms:
+        return 1
+    if expr.is_Add:
+        return max(_degree(x, atoms) for x in expr.args)
+    if expr.is_Mul:
+        return sum(_degree(x, atoms) for x in expr.args)
+    return int(expr.exp) * _degree(expr.base, atoms) if expr.is_Pow else 0
+
+
+class _Reader:
+    def __init__(self, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...], moving: set[Any]) -> None:
+        self.ring, self.atoms, self.q, self.moving = ring, atoms, q, moving
+
+    def read(self, expr: Any) -> TrigSum | None:
+        """The sum of products that an expression is, None if it is none."""
+        if expr.is_Rational:
+            return self.ring.number(Fraction(int(expr.p), int(expr.q)))
+        if expr in self.atoms:
+            return self.ring.symbol(self.atoms[expr])
+        if expr.is_Add or expr.is_Mul:
+            parts = [self.read(x) for x in expr.args]
+            total = self.ring.number(0 if expr.is_Add else 1)
+            for part in parts:
+                if part is None:
+                    return None
+                total = total + part if expr.is_Add else total * part
+            return total
+        if expr.is_Pow:
+            base = self.read(expr.base)
+            total = self.ring.number(1)
+            for _ in range(int(expr.exp)):
+                if base is None:
+                    return None
+                total = total * base
+            return total
+        return self._wave(expr)
+
+    def _wave(self, expr: Any) -> TrigSum | None:
+        import sympy
+
+        try:
+            factors = [sympy.Poly(expr.args[0], *self.q).coeff_monomial(s) for s in self.q]
+        except sympy.PolynomialError:
+            return None
+        rest = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, self.q, strict=True)))
+        if rest != 0 or not all(f.is_Integer for f in factors):
+            return None
+        return self.ring.wave(expr.func.__name__, [int(f) for f in factors])
+
+
+# ── any other L: plain differentiation ──
+
+
+def _differentiated(
+    L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...], time: Any = None
+) -> dict[str, Any]:
+    import sympy
+
+    n = len(q)
+    at_rest = dict.fromkeys(dq, 0)
+    momenta = [L.diff(v) for v in dq]
+    slopes = [L.diff(x) for x in q]
+    M = sympy.ImmutableMatrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
+    if M.free_symbols & set(dq):
+        raise ValueRangeError(
+            "L is not a polynomial of degree two in the rates, so its equations have no mass matrix of the coordinates alone. "
+            "Use kinetic energies ½ q̇'M q̇."
+        )
+    explicit = [sympy.Integer(0) if time is None else sympy.expand(p.diff(time)) for p in momenta]
+    rates = [
+        sympy.Add(e, *(p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)))
+        for p, e in zip(momenta, explicit, strict=True)
+    ]
+    dM = [[[M[i, j].diff(x) for x in q] for j in range(n)] for i in range(n)]
+    half = sympy.Rational(1, 2)
+    gamma = sympy.ImmutableDenseNDimArray(
+        [
+            [[sympy.expand(half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i])) for k in range(n)] for j in range(n)]
+            for i in range(n)
+        ]
+    )
+    C = sympy.ImmutableMatrix(n, n, lambda i, j: sympy.Add(*(gamma[i, j, k] * dq[k] for k in range(n))))
+    c = sympy.ImmutableMatrix([sympy.expand(sympy.Add(*(C[i, j] * dq[j] for j in range(n)))) for i in range(n)])
+    g = sympy.ImmutableMatrix([-s.subs(at_rest) for s in slopes])
+    tau = sympy.ImmutableMatrix(
+        [_collected(sympy.expand(r - s), (*ddq, *dq)) for r, s in zip(rates, slopes, strict=True)]
+    )
+    parts = [sympy.Add(*(M[i, j] * ddq[j] for j in range(n)), c[i], g[i]) for i in range(n)]
+    lines = {
+        "momenta": [(Label("L", v.name), p) for v, p in zip(dq, momenta, strict=True)],
+        "explicit_time": [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0],
+        "momentum_rates": [(Label("L", v.name, rate=True), r) for v, r in zip(dq, rates, strict=True)],
+        "slopes": [(Label("L", x.name), s) for x, s in zip(q, slopes, strict=True)],
+        **term_lines(M, gamma, C, g),
+        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
+    }
+    return {
+        "mass_matrix": M,
+        "christoffel": gamma,
+        "coriolis_matrix": C,
+        "coriolis_forces": c,
+        "gravity_forces": g,
+        "tau": tau,
+        "split": all(sympy.expand(t - part) == 0 for t, part in zip(tau, parts, strict=True)),
+        "steps": steps_of(lines),
+    }
+
+
+def _collected(expr: Any, symbols: tuple[Any, ...]) -> Any:
+    import sympy
+
+    return sympy.collect(expr, symbols)

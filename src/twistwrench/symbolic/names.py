@@ -1,0 +1,576 @@
+"""Numbers as their files had them: 0.01 again, where fusing links and Steiner's theorem left 0.010000000000000002."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ..core.numbers import printed
+from ..errors import UnknownNameError, ValueRangeError
+from ..model.model import BASE, Body, Model
+
+_ROUND_OFF = 4e-16
+"""Two units in the last place."""
+
+
+def shortest(value: float, scale: float = 0.0) -> float:
+    """The shortest decimal within round-off, 4e-16 of the value, or of ``scale`` where it is a difference of such numbers.
+
+    >>> shortest(0.010000000000000002), shortest(0.1 + 0.2), shortest(1 / 3)
+    (0.01, 0.3, 0.3333333333333333)
+    """
+    value = float(value)
+    allowed = _ROUND_OFF * max(abs(value), scale)
+    for digits in range(1, 17):
+        near = float(f"{value:.{digits}g}")
+        if abs(near - value) <= allowed:
+            return near
+    return value
+
+
+# ── The parts of a symbol's name: letter, dots, index
+
+GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ", "iota": "ι",
+    "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
+    "upsilon": "υ", "phi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω", "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ",
+    "Lambda": "Λ", "Xi": "Ξ", "Pi": "Π", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ", "Omega": "Ω",
+}  # fmt: skip
+
+MARKS = {"ddot": "\u0308", "dot": "\u0307"}
+
+
+def name_parts(name: str) -> tuple[str, str, str]:
+    """Stem, mark and index of a symbol's name: thetadot_1 → theta, dot, 1."""
+    stem, _, index = name.partition("_")
+    for mark in MARKS:
+        if stem.endswith(mark) and len(stem) > len(mark):
+            return stem[: -len(mark)], mark, index
+    return stem, "", index
+
+
+def link_number(index: str) -> tuple[int, bool]:
+    """The number of a link or joint, rotors (r1) after the links of the same number."""
+    number = re.match(r"(r?)(\d+)", index)
+    return (int(number[2]), bool(number[1])) if number else (0, False)
+
+
+# ── The order in which a book writes factors and terms, and the parts of a symbol's name
+
+RANKS = {"G": -0.7, "m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3, "t": 4.5}
+
+
+def _factors(expr: Any) -> list[Any]:
+    return list(expr.args) if expr.is_Mul else [expr]
+
+
+def is_sum(factors: list[Any]) -> bool:
+    """One factor, a sum."""
+    return len(factors) == 1 and bool(factors[0].is_Add)
+
+
+def signed_factors(term: Any) -> tuple[bool, list[Any]]:
+    """The sign of a term and the factors of its size; of sums among them, the sign of their first term is pulled out."""
+    coefficient, rest = term.as_coeff_Mul()
+    negative = bool(coefficient.is_negative)
+    factors = [] if abs(coefficient) == 1 else [abs(coefficient)]
+    for factor in _factors(rest):
+        whole = factor.is_Pow and factor.exp.is_Integer and factor.exp.is_positive
+        base, power = (factor.base, int(factor.exp)) if whole else (factor, 1)
+        if base.is_Add and signed_factors(ordered_terms(base)[0])[0]:
+            negative ^= bool(power % 2)
+            factor = (-base) ** power
+        if factor != 1:
+            factors.append(factor)
+    return negative, factors or [abs(coefficient)]
+
+
+@lru_cache(maxsize=1 << 14)
+def ordered_terms(expr: Any) -> list[Any]:
+    """The terms of a sum in the order of a book."""
+    return sorted(expr.as_ordered_terms() if expr.is_Add else [expr], key=_term_key)
+
+
+def _term_key(term: Any) -> tuple[Any, ...]:
+    marks, letters = [0, 0], []
+    for symbol in term.free_symbols:
+        stem, mark, index = name_parts(symbol.name)
+        if mark:
+            marks[mark == "dot"] += 1
+        power = int(next((f.exp for f in _factors(term) if f.is_Pow and f.base == symbol and f.exp.is_Integer), 1))
+        letters.append((link_number(index), 9 if mark else RANKS.get(stem, 4), symbol.name, -power))
+    return (-min(marks[0], 1), -min(marks[1], 1), tuple(sorted(letters)), str(term) if not letters else "")
+
+
+# ── How an expression is written: in plain text, in LaTeX, in MathML, with factors and terms in the order of a book
+
+# Factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Terms: those with
+# accelerations, with rates, without; then by the numbers of the links.
+
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")  # Unicode has x below the line, but neither y nor z
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+class Notation:
+    """The order in which things are written. What follows says how they look."""
+
+    def write(self, expr: Any) -> str:
+        """An expression, a column or a matrix."""
+        import sympy
+
+        if isinstance(expr, sympy.MatrixBase):
+            return self.matrix([[self.write(x) for x in row] for row in expr.tolist()])
+        if expr.is_Add:
+            return self.join(self.terms(expr))
+        if expr.is_Mul:
+            return self._product(expr)
+        if expr.is_Symbol:
+            return self.symbol(expr.name)
+        if expr.is_Number:
+            return self._number(expr)
+        if expr.is_Pow:
+            return self._power(expr)
+        if expr.func.__name__ in ("sin", "cos"):
+            return self.function(expr.func.__name__, self.write(expr.args[0]))
+        return self.other(expr)
+
+    def terms(self, expr: Any) -> list[tuple[str, str]]:
+        """The terms of a sum, each with its sign."""
+        found = []
+        for term in ordered_terms(expr):
+            negative, factors = signed_factors(term)
+            found.append(("-", self._negated(factors)) if negative else ("+", self._quotient(factors)))
+        return found
+
+    def _product(self, expr: Any) -> str:
+        negative, factors = signed_factors(expr)
+        return self.minus(self._negated(factors)) if negative else self._quotient(factors)
+
+    def _negated(self, factors: list[Any]) -> str:
+        """What stands after a minus: a sum by itself in brackets."""
+        inner = self._quotient(factors)
+        return self.bracket(inner) if is_sum(factors) else inner
+
+    def _quotient(self, factors: list[Any]) -> str:
+        above: list[Any] = []
+        below: list[Any] = []
+        for factor in factors:
+            if factor.is_Pow and factor.exp.is_Number and factor.exp.is_negative:
+                below.append(factor.base**-factor.exp)
+            else:
+                above.append(factor)
+        top = self._factors(above)
+        if not below:
+            return top
+        return self.fraction(self.above(top) if is_sum(above) else top or "1", self._factors(below))
+
+    def _factors(self, factors: list[Any]) -> str:
+        ordered = sorted(factors, key=self._factor_key)
+        alone = len(ordered) == 1
+        return self.times([self.write(f) if alone or not f.is_Add else self.bracket(self.write(f)) for f in ordered])
+
+    def _factor_key(self, factor: Any) -> tuple[Any, ...]:
+        import sympy
+
+        base = factor.base if factor.is_Pow else factor
+        if base.is_Number:
+            return (-1, 0, "")
+        if base.is_Symbol:
+            stem, mark, index = name_parts(base.name)
+            return ({"": RANKS.get(stem, 4), "dot": 8, "ddot": 9}[mark], link_number(index), base.name)
+        if base.is_Add:
+            parts = [name_parts(s.name) for s in base.free_symbols]
+            if any(mark for _, mark, _ in parts):
+                return (7, 0, str(base))
+            heavy = any(stem in ("m", "I") for stem, _, _ in parts) and not base.has(sympy.sin, sympy.cos)
+            return (-0.5 if heavy else 5, 0, str(base))
+        return (6, 0, str(base))
+
+    def _power(self, expr: Any) -> str:
+        if expr.exp.is_Number and expr.exp.is_negative:
+            return self.fraction("1", self.write(expr.base**-expr.exp))
+        if not expr.exp.is_Integer:
+            return self.other(expr)
+        if expr.base.func.__name__ in ("sin", "cos"):
+            return self.function(expr.base.func.__name__, self.write(expr.base.args[0]), str(expr.exp))
+        base = self.write(expr.base)
+        return self.raised(base if expr.base.is_Symbol else self.bracket(base), str(expr.exp))
+
+    def _number(self, x: Any) -> str:
+        if x.is_negative:
+            return self.minus(self._number(-x))
+        if x.is_Rational and not x.is_Integer:
+            return self.fraction(self.figure(str(x.p)), self.figure(str(x.q)))
+        return self.figure(str(x) if x.is_Integer else f"{printed(float(x))}")
+
+    # How things look: in plain text, as in the terminal.
+
+    def symbol(self, name: str) -> str:
+        """A symbol: Greek letters, dots for rates, indices."""
+        stem, mark, index = name_parts(name)
+        low = re.sub(r"^r(?=\d)", "ᵣ", index).replace("_", ",").translate(_SUBSCRIPTS)
+        return unicodedata.normalize("NFC", GREEK.get(stem, stem) + (MARKS[mark] if mark else "")) + low
+
+    def figure(self, digits: str) -> str:
+        """A number without a sign."""
+        return digits
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        """A sine or cosine, or a power of it."""
+        return f"{name}{power.translate(_SUPERSCRIPTS)}({argument})"
+
+    def raised(self, base: str, power: str) -> str:
+        """A power."""
+        return base + power.translate(_SUPERSCRIPTS)
+
+    def bracket(self, inner: str) -> str:
+        """Parentheses."""
+        return f"({inner})"
+
+    def above(self, inner: str) -> str:
+        """A sum that something divides."""
+        return self.bracket(inner)
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+        halves = {("1", "2"): "½", ("1", "4"): "¼", ("3", "4"): "¾"}
+        return halves.get((top, bottom)) or f"{top}/{f'({bottom})' if ' ' in bottom else bottom}"
+
+    def times(self, factors: list[str]) -> str:
+        """A product."""
+        return " ".join(factors)
+
+    def minus(self, inner: str) -> str:
+        """The negative."""
+        return f"−{inner}"
+
+    def join(self, terms: list[tuple[str, str]]) -> str:
+        """A sum."""
+        first, *rest = terms
+        head = self.minus(first[1]) if first[0] == "-" else first[1]
+        return head + "".join(self.between(sign) + term for sign, term in rest)
+
+    def between(self, sign: str) -> str:
+        """Plus or minus with what is around it."""
+        return f" {self.operator(sign)} "
+
+    def operator(self, sign: str) -> str:
+        """Plus or minus between terms."""
+        return "−" if sign == "-" else "+"
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        """A matrix; columns lie down, in parentheses."""
+        if all(len(row) == 1 for row in rows):
+            return "(" + ", ".join(row[0] for row in rows) + ")"
+        return "[" + "; ".join(", ".join(row) for row in rows) + "]"
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        """∂top/∂variable, or its rate."""
+        return f"{'d/dt ' if rate else ''}∂{top}/∂{variable}"
+
+    def partial(self, variable: str, inner: str) -> str:
+        """∂/∂variable of what follows."""
+        return f"∂/∂{variable} {inner}"
+
+    def other(self, expr: Any) -> str:
+        """What there is no rule for."""
+        return str(expr)
+
+
+class Text(Notation):
+    """Plain text with Greek letters and indices."""
+
+
+# ── The numbers of a robot as named symbols: lengths, centres of mass, masses, inertias, gravity
+
+_AXES = "xyz"
+_SAME = 1e-12  # a centre of mass is a quotient, so it meets the joint's place to round-off
+_ROUND_OFF_of_symbols = 1e-14
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Named number of the robot; signs stay in the equations, so the values of lengths are positive."""
+
+    name: str
+    """Its symbol."""
+    value: float
+    """In SI units."""
+    kinds: frozenset[str]
+    """What it is of: lengths, coms, masses, inertias, gravity, springs, gears."""
+    meaning: str
+    """In words."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A number of the model, in the equations ``sign * parameter``, or the number itself where there is no parameter."""
+
+    value: float
+    parameter: Parameter | None = None
+
+    @property
+    def sign(self) -> int:
+        """Of the value, beside a parameter."""
+        return -1 if self.parameter is not None and self.value * self.parameter.value < 0 else 1
+
+
+Entries = tuple[Entry, ...]
+
+
+@dataclass(frozen=True)
+class BodyEntries:
+    """The numbers of one body: place of its joint, a point of its axis, pitch, mass, centre of mass, inertia about it."""
+
+    tag: str
+    """What its symbols end in: its number, r1 for the rotor of joint 1."""
+    place: Entries
+    point: Entries
+    pitch: Entry
+    mass: Entry
+    com: Entries
+    inertia: tuple[Entries, ...]
+    ratio: Entry
+    """Of its joint's rate to that of the coordinate; a symbol where a gear is between."""
+
+
+@dataclass(frozen=True)
+class ModelEntries:
+    """The numbers of the robot, and the parameters among them."""
+
+    bodies: tuple[BodyEntries, ...]
+    gravity: Entries
+    springs: Entries
+    """Stiffnesses."""
+    armature: Entries
+    """Inertias of the drives, one for each velocity."""
+    parameters: tuple[Parameter, ...]
+
+
+class Namer:
+    """Goes through a model body by body and gives names: L_1 for the place of the next joint, r_1 for a centre of mass."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.parameters: list[Parameter] = []
+        self.tags = _tags(model)
+
+    def entries(self) -> ModelEntries:
+        """The numbers of the model, each with its name where it has one."""
+        bodies = self.model.bodies
+        lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
+        found = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))
+        gravity = self._gravity()
+        springs = tuple(
+            Entry(
+                s.stiffness,
+                self._new(f"k_{n}", s.stiffness, ["springs"], f"stiffness between {joined} [N m/rad or N/m]"),
+            )
+            for n, s in enumerate(self.model.springs, 1)
+            for joined in [" and ".join(joint for joint, _ in s.terms)]
+        )
+        return ModelEntries(found, gravity, springs, self._armature(), tuple(self.parameters))
+
+    def _armature(self) -> Entries:
+        found = [Entry(0.0)] * self.model.nv
+        for n, body in enumerate(self.model.leaders, 1):
+            values = self.model.armature[body.places[1]]
+            if body.joint.nv > 1 and values.any():
+                raise ValueRangeError(
+                    f"joint {body.joint.name!r} is {body.joint.kind} and has an armature, which equations of motion are not "
+                    f"derived with. Leave it out: robot.with_armature({{{body.joint.name!r}: 0}})."
+                )
+            if values.any():
+                meaning = f"inertia of the drive of joint {body.joint.name} [kg m² or kg]"
+                value = float(values[0])
+                found[body.v_index] = Entry(value, self._new(f"J_{n}", value, ["gears"], meaning))
+        return tuple(found)
+
+    def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str) -> Parameter:
+        self.parameters.append(Parameter(name, float(abs(value)), frozenset(kinds), meaning))
+        return self.parameters[-1]
+
+    def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
+        """Of body i: coordinate axis and size of what is apart on it, joints and its tip, → their symbol."""
+        children = [(f"joint {b.joint.name}", b.placement[:3, 3]) for b in self.model.bodies if b.parent == i]
+        tip = self.model.all_frames.get(self.model.tip or "")
+        if i != BASE and tip is not None and tip.body == i:
+            children.append((f"frame {self.model.tip}", tip.pose[:3, 3]))
+        com = np.zeros(3) if i == BASE else self.model.bodies[i].inertia.com
+        sizes: dict[tuple[int, float], tuple[str, list[str]]] = {}
+        for what, place in children:
+            for k, x in enumerate(place):
+                if x and not any(_same(k, x, key) for key in sizes):
+                    sizes[k, shortest(abs(x))] = (what, ["lengths"])
+        for (k, size), (_, kinds) in sizes.items():
+            if _same(k, com[k], (k, size)):
+                kinds.append("coms")
+        axes = [k for k, _ in sizes]
+        found, link = {}, "the base" if i == BASE else self.model.bodies[i].link
+        for n, ((k, size), (what, kinds)) in enumerate(sizes.items()):
+            letter = _AXES[k] if len(sizes) > 1 else ""
+            again = f"_{axes[:n].count(k) + 1}" if axes[:n].count(k) else ""
+            meaning = f"{_AXES[k]} of {what} in {link}" + (", and of its centre of mass" if "coms" in kinds else "")
+            tag = "0" if i == BASE else self.tags[i]
+            found[k, size] = self._new(f"L_{tag}{letter}{again}", size, kinds, f"{meaning} [m]")
+        return found
+
+    def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
+        n, link, G = self.tags[i], body.link, body.inertia
+        m = shortest(G.mass)
+        mass = Entry(0.0) if not m else Entry(m, self._new(f"m_{n}", m, ["masses"], f"mass of {link} [kg]"))
+        place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
+        extent = float(np.abs(G.com).max())
+        com_places = [0.0 if abs(x) <= _ROUND_OFF_of_symbols * extent else shortest(x, extent) for x in G.com]
+        com = [_with_length(k, x, lengths[i]) for k, x in enumerate(com_places)]
+        unnamed = [k for k, entry in enumerate(com) if entry.value and entry.parameter is None]
+        for k in unnamed:
+            name = f"r_{n}{_AXES[k] if len(unnamed) > 1 else ''}"
+            com[k] = Entry(
+                com[k].value, self._new(name, com[k].value, ["coms"], f"{_AXES[k]} of the centre of mass of {link} [m]")
+            )
+        point, pitch = self._axis(n, body)
+        return BodyEntries(n, place, point, pitch, mass, tuple(com), self._inertia(n, body), self._ratio(n, body))
+
+    def _ratio(self, n: str, body: Body) -> Entry:
+        if body.joint.moves_body or abs(body.ratio) == 1.0:
+            return Entry(body.ratio)
+        meaning = f"gear ratio of {_driven(self.model, body)}"
+        return Entry(body.ratio, self._new(f"G_{n.removeprefix('r')}", body.ratio, ["gears"], meaning))
+
+    def _axis(self, n: str, body: Body) -> tuple[Entries, Entry]:
+        """Where the axis passes, in the child's frame, and its pitch; zeros of joints that do not turn about one axis."""
+        none = (Entry(0.0),) * 3
+        if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
+            return none, Entry(0.0)
+        w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
+        at, h = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
+        at = np.where(np.abs(at) <= _ROUND_OFF_of_symbols * np.abs(at).max(), 0.0, [shortest(x) for x in at])
+        name = body.joint.name
+        many = np.count_nonzero(at) > 1
+        point = tuple(
+            Entry(
+                float(x),
+                self._new(
+                    f"a_{n}{_AXES[k] if many else ''}",
+                    x,
+                    ["lengths"],
+                    f"{_AXES[k]} of the axis of {name} in {body.link} [m]",
+                ),
+            )
+            if x
+            else Entry(0.0)
+            for k, x in enumerate(at)
+        )
+        if abs(h) <= _ROUND_OFF_of_symbols * float(np.abs(v).max(initial=0.0)):
+            return point, Entry(0.0)
+        return point, Entry(h, self._new(f"h_{n}", h, ["lengths"], f"pitch of {name} [m/rad]"))
+
+    def _inertia(self, n: str, body: Body) -> tuple[Entries, ...]:
+        I, scale = body.inertia.moment_about_com, float(np.abs(body.inertia.moment_about_origin).max())
+        found: list[list[Entry]] = [[Entry(0.0)] * 3 for _ in range(3)]
+        for a in range(3):
+            for b in range(a, 3):
+                value = shortest(I[a, b], scale)  # Steiner's term leaves its round-off behind
+                if abs(value) > _ROUND_OFF_of_symbols * scale:
+                    axes = _AXES[a] + _AXES[b]
+                    meaning = f"rotational inertia {axes} of {body.link} about its centre of mass [kg m²]"
+                    found[a][b] = found[b][a] = Entry(value, self._signed(f"I_{n}{axes}", value, meaning))
+        return tuple(map(tuple, found))
+
+    def _signed(self, name: str, value: float, meaning: str) -> Parameter:
+        # Products of inertia have a sign of their own, as the matrix has them.
+        self.parameters.append(Parameter(name, value, frozenset(["inertias"]), meaning))
+        return self.parameters[-1]
+
+    def _gravity(self) -> Entries:
+        g = self.model.gravity
+        many = np.count_nonzero(g) > 1
+        return tuple(
+            Entry(float(x), self._new(f"g_{_AXES[k]}" if many else "g", x, ["gravity"], "gravity [m/s²]"))
+            if x
+            else Entry(0.0)
+            for k, x in enumerate(g)
+        )
+
+
+def _driven(model: Model, rotor: Body) -> str:
+    """The joint that a rotor drives."""
+    name = rotor.joint.name
+    actuator = model.actuators.get(name)
+    return name.removesuffix(".rotor") if actuator is None else actuator.joint
+
+
+def _tags(model: Model) -> list[str]:
+    """What tells the symbols of bodies apart: their number; of a rotor, r and the number of the joint it drives."""
+    numbers = {body.joint.name: n for n, body in enumerate(model.leaders, 1)}
+    tags: list[str] = []
+    for i, body in enumerate(model.bodies, 1):
+        n = numbers.get(_driven(model, body)) if not body.joint.moves_body else None
+        tag = f"r{n}"
+        tags.append(str(i) if n is None or tag in tags else tag)
+    return tags
+
+
+def _same(k: int, x: Any, key: tuple[int, float]) -> bool:
+    return key[0] == k and abs(abs(float(x)) - key[1]) <= _SAME * key[1]
+
+
+def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
+    return Entry(shortest(x), next((p for key, p in lengths.items() if x and _same(k, x, key)), None))
+
+
+# ── Which numbers of a robot are symbols: what ``symbols=`` chooses
+
+KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
+"""What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""
+
+
+def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
+    """Name the model's numbers, those that ``symbols`` chooses: kinds, names, ``"all"`` or ``"none"``.
+
+    Raises :class:`~twistwrench.UnknownNameError` for names that the robot does not have.
+    """
+    every = Namer(model).entries()
+    chosen = _chosen(symbols, every.parameters)
+
+    def kept(entries: Any) -> Any:
+        """An entry, or entries in tuples, as plain numbers where no symbol was chosen."""
+        if isinstance(entries, tuple):
+            return tuple(map(kept, entries))
+        return entries if entries.parameter is None or entries.parameter.name in chosen else Entry(entries.value)
+
+    bodies = tuple(
+        BodyEntries(b.tag, **{name: kept(entry) for name, entry in vars(b).items() if name != "tag"})
+        for b in every.bodies
+    )
+    parameters = tuple(p for p in every.parameters if p.name in chosen)
+    return ModelEntries(bodies, kept(every.gravity), kept(every.springs), kept(every.armature), parameters)
+
+
+def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
+    words = [symbols] if isinstance(symbols, str) else symbols
+    try:
+        words = [str(word).strip() for word in words]
+    except TypeError:
+        raise ValueRangeError(
+            f"symbols={symbols!r}: give 'all', 'none', or a list of kinds ({', '.join(KINDS)}) and names such as 'L_1'."
+        ) from None
+    names = {p.name for p in parameters}
+    chosen: set[str] = set()
+    for word in words:
+        if word == "all":
+            chosen |= names
+        elif word in KINDS:
+            chosen |= {p.name for p in parameters if word in p.kinds}
+        elif word in names:
+            chosen.add(word)
+        elif word != "none":
+            raise UnknownNameError.of("symbol or kind of symbols", word, ["all", "none", *KINDS, *sorted(names)])
+    return chosen

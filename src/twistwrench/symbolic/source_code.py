@@ -1,0 +1,365 @@
+"""Equations as straight-line statements, and those as a Python module that needs NumPy only."""
+
+from __future__ import annotations
+
+import keyword
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.arguments import visible
+from ..errors import ValueRangeError
+
+if TYPE_CHECKING:
+    from .equations import Equations
+
+FUNCTIONS = {
+    "inverse_dynamics": (("q", "dq", "ddq"), "tau", 1, "tau = M(q) ddq + h(q, dq)"),
+    "bias_forces": (("q", "dq"), "h", 1, "h, all of tau but M ddq"),
+    "mass_matrix": (("q",), "M", 2, "M, symmetric and full"),
+    "coriolis_forces": (("q", "dq"), "c", 1, "c, the velocity products"),
+    "coriolis_matrix": (("q", "dq"), "C", 2, "C with C dq = c and dM/dt - 2C skew"),
+    "gravity_forces": (("q",), "g", 1, "g, what is left at rest"),
+}
+"""Name of each function → its arrays in, its array out, how many axes that has, and what it is."""
+
+_FIELDS = {"inverse_dynamics": "tau", "bias_forces": "tau"}
+_RESERVED = frozenset(
+    """q dq ddq tau M C c g h p out batch parameters PARAMETERS np float ValueError f math double int char const void
+    return if else for while do long short signed unsigned static struct union enum switch case default break
+    continue goto auto register volatile extern inline restrict sizeof typedef asm typeof fortran bool true false
+    nullptr alignas alignof constexpr thread_local static_assert typeof_unqual complex imaginary noreturn class new
+    delete this namespace template typename operator private protected public friend virtual explicit export mutable
+    using try catch throw and or not xor bitand bitor compl and_eq or_eq xor_eq not_eq wchar_t main sin cos tan asin
+    acos atan atan2 sinh cosh tanh asinh acosh atanh sincos exp exp2 exp10 expm1 log log2 log10 log1p logb ilogb pow
+    pow10 sqrt cbrt hypot fabs fmod fmin fmax fma fdim floor ceil round trunc rint nearbyint lround llround lrint
+    llrint modf remainder remquo drem frexp ldexp scalb scalbn scalbln significand copysign nan nextafter nexttoward
+    gamma lgamma tgamma erf erfc j0 j1 jn y0 y1 yn isnan isinf isfinite isnormal signbit fpclassify finite signgam
+    matherr float_t double_t math_errhandling abs labs div errno stdin stdout stderr I NAN INFINITY NULL EOF DOMAIN
+    SING OVERFLOW UNDERFLOW PLOSS TLOSS X_TLOSS MAXFLOAT HUGE linux unix i386 near far huge min max""".split()  # noqa: SIM905
+)
+"""What means something else in Python, C or C++, in their mathematics headers, or in the functions written here."""
+_MACRO = re.compile(r"(M_\w*[A-Z]|FP_|HUGE_|MATH_|DBL_|FLT_|LDBL_|INT|UINT|SIZE_|E[A-Z0-9]{3,}$)\w*")
+"""Names that mathematics headers keep for macros: M_PI, FP_NAN, HUGE_VAL, and those of limits and errors beside them."""
+
+
+@dataclass(frozen=True)
+class Routine:
+    """One function as statements: what it reads, in which names, the lines in order, the results."""
+
+    name: str
+    inputs: tuple[tuple[str, int, str], ...]
+    """Array (q, dq, ddq, p), index, and the name for it."""
+    lines: tuple[tuple[str, Any], ...]
+    results: tuple[Any, ...]
+    """In C order; every symbol has its safe name."""
+
+
+def ordered_names(equations: Equations) -> dict[Any, str]:
+    """A safe and unused name for every symbol."""
+    taken: set[str] = set()
+    names = {}
+    symbols = [
+        *equations.q,
+        *equations.dq,
+        *equations.ddq,
+        *constants(equations),
+        *(s for s, _ in equations.definitions),
+    ]
+    for symbol in symbols:
+        name = re.sub(r"\W", "_", symbol.name, flags=re.ASCII)
+        name = name if re.match(r"[A-Za-z]", name) else f"v{name}"
+        name = f"{name}_" if _MACRO.fullmatch(name) else name
+        while name in taken or name in _RESERVED or keyword.iskeyword(name):
+            name += "_"
+        taken.add(name)
+        names[symbol] = name
+    return names
+
+
+def constants(equations: Equations) -> list[Any]:
+    """The symbols that are neither coordinates nor definitions, the parameters first, in order."""
+    known = {*equations.q, *equations.dq, *equations.ddq, *(s for s, _ in equations.definitions)}
+    ordered = [s for s in equations.values if s not in known]
+    exprs = [*equations.tau, *equations.mass_matrix, *(e for _, e in equations.definitions)]
+    free = {s for e in exprs for s in e.free_symbols} - known - set(ordered)
+    return [*ordered, *sorted(free, key=str)]
+
+
+def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
+    """The statements of one function: the definitions it needs, then what its results share."""
+    import sympy
+
+    safe = {symbol: sympy.Symbol(text) for symbol, text in names.items()}
+    field, definitions = getattr(equations, _FIELDS.get(name, name)), equations.definitions
+    results = [field[place] for place in np.ndindex(tuple(int(n) for n in field.shape))]
+    if name == "bias_forces":
+        at_rest = dict.fromkeys(equations.ddq, sympy.Integer(0))
+        results = [e.subs(at_rest) for e in results]
+        definitions = tuple((s, e.subs(at_rest)) for s, e in definitions)
+    needed = _needed(definitions, results)
+    exprs = [e for _, e in needed] + results
+    exprs = [e.xreplace(safe) for e in exprs]
+    fresh = (s for s in sympy.numbered_symbols("k") if s.name not in set(names.values()))
+    if needed:  # the definitions are what is shared
+        lines = [(names[s], e) for (s, _), e in zip(needed, exprs, strict=False)]
+        results = exprs[len(needed) :]
+    else:
+        shared, results = sympy.cse(exprs, symbols=fresh, order="none")
+        lines = [(s.name, e) for s, e in shared]
+    used = {s.name for e in [*(e for _, e in lines), *results] for s in e.free_symbols}
+    inputs = []
+    for array, symbols in (
+        ("q", equations.q),
+        ("dq", equations.dq),
+        ("ddq", equations.ddq),
+        ("p", constants(equations)),
+    ):
+        inputs += [(array, k, names[s]) for k, s in enumerate(symbols) if names[s] in used]
+    return Routine(name, tuple(inputs), tuple(lines), tuple(results))
+
+
+def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
+    """The definitions that the results depend on, in order."""
+    wanted = {s for e in results for s in e.free_symbols}
+    kept = []
+    for symbol, expr in reversed(definitions):
+        if symbol in wanted:
+            kept.append((symbol, expr))
+            wanted |= expr.free_symbols
+    return kept[::-1]
+
+
+def header(equations: Equations) -> list[str]:
+    """Sentences for the top of a file of source."""
+    from .documents import remarks_of
+
+    split = "h = c(q, dq) + g(q)"
+    if not equations.split:
+        split = "h has more in it than c and g: what is linear in the rates, or due to time"
+    lines = [
+        f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians.",
+        f"{split}.",
+    ]
+    for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):
+        lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
+    lines += [f"{name}: {meaning}" for name, meaning in equations.meanings]
+    return [*lines, *remarks_of(equations)]
+
+
+def unused(names: Iterable[str], made: Routine) -> list[str]:
+    """Those arrays that a function does not read."""
+    read = {array for array, _, _ in made.inputs}
+    return [name for name in names if name not in read]
+
+
+# ── An expression in the operators that Python and C share
+
+
+def written(expr: Any, functions: Mapping[str, str]) -> str:
+    """An expression in the operators that Python and C share; powers of whole numbers as products.
+
+    ``functions`` maps SymPy's name of each function that the language has to how a call of it looks. ValueRangeError names
+    any other, and numbers that no double holds.
+    """
+    return _Operators(functions).write(expr)
+
+
+class _Operators:
+    def __init__(self, functions: Mapping[str, str]) -> None:
+        self.functions = functions
+
+    def write(self, expr: Any) -> str:
+        import sympy
+
+        if expr.is_Add:
+            return " + ".join(map(self.write, expr.args)).replace("+ -", "- ")
+        if expr.is_Mul:
+            coefficient, rest = expr.as_coeff_Mul()
+            if coefficient == -1:
+                return "-" + self._joined(rest)
+            return self._joined(expr)
+        if expr.is_Pow and expr.exp.is_Integer and 0 < int(expr.exp) <= 8:
+            return "*".join([self._factor(expr.base)] * int(expr.exp))
+        if expr.is_Pow and expr.exp.is_Integer and int(expr.exp) < 0:
+            return f"1.0/{self._divisor(expr.base**-expr.exp)}"
+        if expr.is_Symbol:
+            return str(expr.name)
+        if expr.is_Number or expr.is_NumberSymbol:
+            return self._number(expr)
+        if expr.is_Pow and expr.exp == sympy.Rational(1, 2):
+            return self._call("sqrt", expr.base)
+        if expr.is_Pow and expr.exp == sympy.Rational(-1, 2):
+            return f"1.0/{self._call('sqrt', expr.base)}"
+        if expr.is_Pow:
+            return self._call("pow", expr.base, expr.exp)
+        return self._call(expr.func.__name__ if expr.args else str(expr), *expr.args)
+
+    def _call(self, name: str, *args: Any) -> str:
+        if name not in self.functions:
+            known = ", ".join(n for n in self.functions if n != "pow")
+            raise ValueRangeError(
+                f"{name}, in these equations or the derivatives, cannot be written as source. Allowed are powers and {known}, "
+                "of symbols with real=True where Abs is differentiated. Rewrite the Lagrangian in these, or evaluate the "
+                "expressions with SymPy."
+            )
+        return self.functions[name].format(*map(self.write, args))
+
+    def _number(self, x: Any) -> str:
+        if not (x.is_finite and math.isfinite(_double(x))):
+            raise ValueRangeError(
+                f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian."
+            )
+        if x.is_Rational and not x.is_Integer:
+            if max(abs(x.p), x.q) >= 1 << 1000:
+                return repr(float(x))
+            exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
+            return repr(float(x)) if exact else f"({x.p}.0/{x.q}.0)"
+        return repr(float(x))
+
+    def _joined(self, expr: Any) -> str:
+        return "*".join(map(self._factor, expr.args)) if expr.is_Mul else self._factor(expr)
+
+    def _factor(self, expr: Any) -> str:
+        text = self.write(expr)
+        plain = expr.is_Symbol or expr.is_Function or expr.is_NumberSymbol or (expr.is_Number and not expr.is_negative)
+        power = expr.is_Pow and expr.exp.is_Integer and int(expr.exp) > 0
+        return text if plain or power else f"({text})"
+
+    def _divisor(self, expr: Any) -> str:
+        return self.write(expr) if expr.is_Symbol or expr.is_Function else f"({self.write(expr)})"
+
+
+def _double(x: Any) -> float:
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf
+
+
+# ── Equations as C99: functions of plain arrays, no allocation, nothing but math.h
+
+# :mod:`..targets.c` prints recorded programs, one operation a line under a number, with the bits of the kernels. Equations are
+# printed here as they are read: a formula a line under its own names, which no program keeps.
+
+
+def c_source(equations: Equations, prefix: str | None = None) -> str:
+    """One file. ``prefix`` begins the names of its functions; without it, the name of the robot.
+
+    Raises ValueRangeError for a prefix that is no C identifier, and for functions that math.h does not have.
+    """
+    if prefix is None:
+        prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
+        prefix = prefix if re.match(r"[A-Za-z]", prefix) else f"robot_{prefix}"
+    if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z]\w*", prefix, flags=re.ASCII):
+        raise ValueRangeError(f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores.")
+    names, symbols = ordered_names(equations), constants(equations)
+    n = len(equations.q)
+    about = [*header(equations)]
+    if symbols:
+        about.append(f"p = ({', '.join(s.name for s in symbols)})")
+    comment = "\n".join(
+        f" * {line}" for line in visible("\n".join(about)).replace("*/", "* /").replace("/*", "/ *").splitlines()
+    )
+    parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
+    signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
+    parts.append("\n".join(f"{signature};" for signature in signatures.values()))
+    values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
+    if symbols and all(s in values for s in symbols):
+        rows = "\n".join(f"    {float(values[s])!r}, /* {s.name} */" for s in symbols)
+        parts.append(
+            f"extern const double {prefix}_parameters[{len(symbols)}];\n"
+            f"const double {prefix}_parameters[{len(symbols)}] = {{\n{rows}\n}};"
+        )
+    parts += [_function(routine(equations, name, names), signatures[name], n, bool(symbols)) for name in FUNCTIONS]
+    return "\n\n".join(parts) + "\n"
+
+
+def _signature(name: str, prefix: str, n: int, parameters: int) -> str:
+    arrays, letter, axes, _ = FUNCTIONS[name]
+    inputs = [f"const double {a}[{n}]" for a in arrays]
+    inputs += [f"const double p[{parameters}]"] if parameters else []
+    return f"void {prefix}_{name}({', '.join(inputs)}, double {letter}[{n**axes}])"
+
+
+def _function(made: Routine, signature: str, n: int, has_parameters: bool) -> str:
+    arrays, letter, axes, meaning = FUNCTIONS[made.name]
+    lines = [f"/* {meaning}. */", signature, "{"]
+    lines += [f"    (void){name};" for name in unused((*arrays, *(["p"] if has_parameters else [])), made)]
+    lines += [f"    const double {name} = {array}[{k}];" for array, k, name in made.inputs]
+    lines += [f"    const double {name} = {written(expr, _C)};" for name, expr in made.lines]
+    for k, (_, expr) in enumerate(zip(np.ndindex((n,) * axes), made.results, strict=True)):
+        lines.append(f"    {letter}[{k}] = {written(expr, _C)};")
+    return "\n".join([*lines, "}"])
+
+
+_C = {
+    **{name: f"{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")},
+    **{f"a{name}": f"a{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    "atan2": "atan2({}, {})",
+    "Abs": "fabs({})",
+    "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
+    "pow": "pow({}, {})",
+}
+
+
+# ── Equations as a Python module that needs NumPy only
+
+
+def numpy_source(equations: Equations) -> str:
+    """The Python module."""
+    names = ordered_names(equations)
+    values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
+    symbols = constants(equations)
+    parts = ['"""' + "\n".join(header(equations)).replace("\\", "").replace('"', "'") + '\n"""\n\nimport numpy as np\n']
+    if all(s in values for s in symbols):
+        rows = [f"    {s.name!r}: {float(values[s])!r}," for s in symbols]
+        parts.append("\n".join(["PARAMETERS = {", *rows, "}\n"]))
+    else:
+        parts.append(f"# parameters = {{{', '.join(f'{s.name!r}: …' for s in symbols)}}}\n")
+    parts += [_numpy_function(equations, routine(equations, name, names)) for name in FUNCTIONS]
+    return "\n".join(parts)
+
+
+def _numpy_function(equations: Equations, made: Routine) -> str:
+    arrays, letter, axes, meaning = FUNCTIONS[made.name]
+    n = len(equations.q)
+    shape = ", ".join([str(n)] * axes)
+    symbols = constants(equations)
+    known = len(symbols) == len(equations.parameters)
+    lines = [f"\ndef {made.name}({', '.join(arrays)}, parameters{'=PARAMETERS' if known else ''}):"]
+    ins = ", ".join(f"{a} (..., {n})" for a in arrays)
+    lines.append(f'    """{meaning}; {ins} -> (..., {shape})."""')
+    lines.append(
+        f"    {', '.join(arrays)}{',' if len(arrays) == 1 else ''} = (np.asarray(x, float) for x in ({', '.join(arrays)},))"
+    )
+    for name in arrays:
+        wanted = f'f"{name} has shape {{{name}.shape}}, wanted (..., {n})"'
+        lines += [f"    if {name}.shape[-1:] != ({n},):", f"        raise ValueError({wanted})"]
+    for array, k, name in made.inputs:
+        lines.append(
+            f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"
+        )
+    lines += [f"    {name} = {written(expr, _NUMPY)}" for name, expr in made.lines]
+    batch = ", ".join(f"{a}.shape[:-1]" for a in arrays)
+    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch}), {shape}))")
+    for place, expr in zip(np.ndindex((n,) * axes), made.results, strict=True):
+        if expr != 0:
+            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {written(expr, _NUMPY)}")
+    lines.append(f"    return {letter}\n")
+    return "\n".join(lines)
+
+
+_NUMPY = {
+    **{
+        name: f"np.{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "sign")
+    },
+    **{f"a{name}": f"np.arc{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    "atan2": "np.arctan2({}, {})",
+    "Abs": "np.abs({})",
+    "pow": "np.power({}, {})",
+}

@@ -1,1 +1,0 @@
-"""One emitter per target, each from the same program."""

@@ -1,0 +1,491 @@
+"""One section of Modern Robotics as a page shows it: its idea, formulas, sliders and programs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core import arguments
+from ..errors import ValueRangeError
+from ..joints.units import unit_of
+from ..motion.coordinates import Coordinates
+from ..typing import Array
+from .page_data import round_above
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .page_data import PagePrograms
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .page_data import PagePrograms
+
+MOST_JOINTS = 9
+"""Columns that a table of the page has room for."""
+
+
+@dataclass(frozen=True)
+class BookSection:
+    """What one page shows; its readout is the function of the same number in ``player/*readouts.js``."""
+
+    number: str
+    title: str
+    idea: str
+    formulas: tuple[tuple[str, str], ...]
+    """As :func:`~twistwrench.viz.section_pages.formula_html` takes them, and where the book has them."""
+    inputs: tuple[str, ...]
+    """Sliders besides the joints': dq, ddq, tau, wrench, dV, motor."""
+    programs: Callable[[PagePrograms], Asked]
+    chooses: str = ""
+    """What is picked from a list: a joint or a link."""
+    load: str = ""
+    """Sliders of what the tip carries: payload, all (with push and the button that lets the robot go), or none."""
+    shown: tuple[str, ...] = ("looks", "torques")
+    """What is switched on at first."""
+    at_rest: bool = False
+    """Whether the velocities are zero at first."""
+    presses: bool = False
+    """Whether the torques at first press the tip along the first axis along which it can be moved."""
+
+    def require(self, robot: Robot) -> None:
+        """Raise ValueRangeError unless the page can show this robot."""
+        why = None
+        if robot.model.tip is None:
+            why = "has no single tip: name one, by --tip FRAME or tw.load(…, tip=…)"
+        elif any(body.joint.nv != 1 or not body.joint.driven for body in robot.model.leaders):
+            why = "has joints that neither turn nor slide, or a base that moves"
+        elif not 1 <= robot.nv <= MOST_JOINTS:
+            why = f"has {robot.nv} joints that move"
+        if why is not None:
+            raise ValueRangeError(
+                f"section {self.number}: robot {robot.name!r} {why}. These pages take an arm with one tip and 1 to "
+                f"{MOST_JOINTS} joints that turn or slide, such as planar_2r, ur5 or panda."
+            )
+
+
+# ── Formulas as HTML, which every browser draws without a network: letters, indices, powers, dots
+
+_TOKEN = re.compile(
+    r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign)|([A-Za-zτθω])([\u0307\u0308]?)"
+)
+_DOTS = {"\u0307": "dot", "\u0308": "ddot"}
+
+
+def formula_html(text: str) -> str:
+    """HTML of a formula: ``_i``, ``_{i+1}`` and ``^T`` are indices and powers, θ̇ and θ̈ have their dots.
+
+    >>> formula_html("F_b = [ad_{V_b}]^T P")
+    '<i>F</i><sub>b</sub> = [ad<sub><i>V</i><sub>b</sub></sub>]<sup>T</sup> <i>P</i>'
+    """
+    return _TOKEN.sub(_html, text)
+
+
+def _html(token: re.Match[str]) -> str:
+    script, braced, plain, word, letter, dots = token.groups()
+    if script:
+        inside = plain if braced is None else formula_html(braced) if "_" in braced else braced
+        tag = "sub" if script == "_" else "sup"
+        return f"<{tag}>{inside}</{tag}>"
+    if word:
+        return word
+    return f'<i class="{_DOTS[dots]}">{letter}</i>' if dots else f"<i>{letter}</i>"
+
+
+# ── The directions of the base in which a tip can be moved at will
+
+AXES = ("vx", "vy", "vz")
+_POSES = 16
+
+
+def task_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
+    """Names of velocities of a frame, its tip if None, that are independent at most configurations: as many as there are.
+
+    >>> import twistwrench as tw
+    >>> task_rows(tw.robots.planar_2r()), task_rows(tw.robots.ur5())
+    (('vx', 'vz'), ('vx', 'vy', 'vz'))
+    """
+    J = np.asarray(robot.jacobian(robot.random_configuration(0, _POSES), frame, kind="world_aligned"))[:, 3:]
+    found: list[int] = []
+    for k in range(3):
+        if np.linalg.matrix_rank(J[:, [*found, k]], tol=1e-9).max() > len(found):
+            found.append(k)
+    return tuple(AXES[k] for k in found)
+
+
+# ── What a page of a section of Modern Robotics has in its header: words, formulas, sliders, and the links' constants
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_NAMES = {
+    "dq": ("θ̇", "velocities of the joints"),
+    "ddq": ("θ̈", "accelerations of the joints"),
+    "tau": ("τ", "torques of the joints"),
+    "dV": ("V̇", "acceleration of the tip, in the axes of {s}"),
+    "wrench": ("F_b", "wrench that the tip applies, in its frame {b}"),
+    "motor": ("G", "gear, rotor and friction of every joint"),
+}
+_MOTOR = (
+    ("gear ratio G", "", 1.0, 200.0, 100.0),
+    ("rotor's inertia I", "kg cm²", 0.0, 5.0, 0.5),
+    ("viscous friction b", "N m s/rad", 0.0, 20.0, 2.0),
+    ("Coulomb friction μ", "N m", 0.0, 20.0, 3.0),
+)
+"""Name, unit, ends and beginning of the sliders of a motor."""
+_COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
+
+
+def book_data(section: BookSection, robot: Robot, start: Array) -> dict[str, Any]:
+    """The section for one robot, which starts at a configuration."""
+    model = robot.model
+    sliders = _sliders(robot, start, section)
+    return {
+        "number": section.number,
+        "title": section.title,
+        "idea": section.idea,
+        "formulas": [(formula_html(text), number) for text, number in section.formulas],
+        "inputs": [
+            {"key": key, "letter": formula_html(_NAMES[key][0]), "meaning": _NAMES[key][1], "rows": sliders[key]}
+            for key in section.inputs
+        ],
+        "chooses": section.chooses,
+        "load": section.load,
+        "gravity": model.gravity.tolist(),
+        "ranks": _ranks(robot),
+        "rows": [AXES.index(row) for row in task_rows(robot)],
+        "links": [
+            {
+                "name": body.link,
+                "inertia": body.inertia.matrix.ravel().tolist(),
+                "axis": body.joint.axes[0].tolist(),
+            }
+            for body in model.bodies
+        ],
+    }
+
+
+def _ranks(robot: Robot) -> dict[str, int]:
+    """Of the Jacobian of the tip at most configurations: all of it, its angular and its linear rows."""
+    J = np.asarray(robot.jacobian(robot.random_configuration(0, 16), kind="world_aligned"))
+    rows = {"all": slice(6), "angular": slice(3), "linear": slice(3, 6)}
+    return {key: int(np.linalg.matrix_rank(J[:, mine], tol=1e-9).max()) for key, mine in rows.items()}
+
+
+def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list[dict[str, Any]]]:
+    """Rows of name, unit, ends and beginning, by input."""
+    coordinates, limits = Coordinates.of(robot.model), robot.limits
+    turns = coordinates.angular_velocity
+    holding = np.asarray(robot.holding_torques(start))
+    weight = sum(float(b.inertia.mass) for b in robot.model.bodies) * float(np.linalg.norm(robot.model.gravity))
+    push = round_above(weight / 2 or 10.0)
+    if section.presses:
+        J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(task_rows(robot)[0])]
+        holding = holding + push / 4 * J  # with gravity, tau = g + J' F
+    torque = [
+        e if 0 < e < np.inf else round_above(max(2 * float(np.abs(holding).max()), 1.0)) for e in limits.effort.tolist()
+    ]
+    rates = [v if 0 < v < np.inf else 3.0 for v in limits.velocity.tolist()]
+
+    def joints(unit: str, most: list[float], begin: list[float]) -> list[dict[str, Any]]:
+        return [
+            {"name": name, "unit": f"{'rad' if turns[k] else 'm'}/{unit}", "most": most[k], "start": begin[k]}
+            for k, name in enumerate(coordinates.velocity_names)
+        ]
+
+    n = robot.nv
+    first = [(not section.at_rest) * round(0.25 * v * (-1) ** k / (1 + k / 2), 2) for k, v in enumerate(rates)]
+    tau = joints("", torque, holding.tolist())
+    for row, unit in zip(tau, coordinates.torque_units, strict=True):
+        row["unit"] = unit
+    most = 3 * [round_above(push / 5)] + 3 * [push]
+    begin = [0.0, 0.0, 0.0, push / 4, 0.0, -push / 2]
+    accelerations = [f"along {row[1]}" for row in task_rows(robot)]
+    return {
+        "dV": [{"name": n, "unit": "m/s²", "most": 10.0, "start": 1.0 - k} for k, n in enumerate(accelerations)],
+        "dq": joints("s", rates, first),
+        "ddq": joints("s²", n * [10.0], [1.0, *(n - 1) * [0.0]]),
+        "tau": tau,
+        "motor": [
+            {"name": name, "unit": unit, "least": least, "most": most, "start": start}
+            for name, unit, least, most, start in _MOTOR
+        ],
+        "wrench": [
+            {"name": name, "unit": unit_of("tau", k < 3), "most": most[k], "start": begin[k]}
+            for k, name in enumerate(_COMPONENTS)
+        ],
+    }
+
+
+# ── The programs that sections of Modern Robotics ask for, by the names that their pages call them
+
+Asked = Mapping[str, tuple[str, dict[str, Any]]]
+"""Quantities and their options by the names that the page calls their programs."""
+
+
+def of_links(programs: PagePrograms) -> Asked:
+    """Twists of the links and their rates."""
+    found = {}
+    for k, frame in enumerate(programs.body_frames):
+        found[f"V{k}"] = "frame_velocity", {"frame": frame, "kind": "body"}
+        found[f"dV{k}"] = "frame_acceleration", {"frame": frame, "kind": "body"}
+    return found
+
+
+def jacobian(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
+    """That of the tip."""
+    return "jacobian", {"frame": programs.tip, "kind": kind}
+
+
+def twist(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
+    """That of the tip."""
+    return "frame_velocity", {"frame": programs.tip, "kind": kind}
+
+
+def task(programs: PagePrograms) -> dict[str, Any]:
+    """Options of quantities of the tip's velocity, in the rows in which it can be moved."""
+    return {"frame": programs.tip, "kind": "world_aligned", "rows": _rows(programs)}
+
+
+def link_jacobians(programs: PagePrograms) -> Asked:
+    """Body Jacobians of the links: the rows of the matrix L A of section 8.4."""
+    return {f"J{k}": ("jacobian", {"frame": f, "kind": "body"}) for k, f in enumerate(programs.body_frames)}
+
+
+def along_wall(programs: PagePrograms) -> Asked:
+    """Dynamics with the tip held on a wall across the first axis of the base along which it can be moved."""
+    tip, row = programs.tip or "", _rows(programs)[0]
+    wall = {"constraints": programs.robot.constrain(tip, row, kind="world_aligned").constraints}
+    return {
+        "wall": ("constraint_jacobian", wall),
+        "wall_bias": ("constraint_bias", wall),
+        "constrained": ("constrained_dynamics", {**wall, **programs.pushed, **programs.load}),
+        "inverse": ("inverse_dynamics", {**programs.pushed, **programs.load}),
+    }
+
+
+def with_friction(programs: PagePrograms) -> Asked:
+    """Inverse dynamics of the links, and friction by viscous and Coulomb coefficients of each joint."""
+    names = [f"{b.joint.name}.{law}" for b in programs.robot.model.leaders for law in ("viscous", "coulomb")]
+    return {
+        "inverse": ("inverse_dynamics", programs.load),
+        "friction": ("friction_forces", {"parameters": tuple(names)}),
+    }
+
+
+def _rows(programs: PagePrograms) -> tuple[str, ...]:
+    """Those in which the tip can be moved; raises ValueRangeError where there are none."""
+    found = task_rows(programs.robot, programs.tip)
+    if not found or programs.tip is None:
+        raise ValueRangeError(
+            f"robot {programs.robot.name!r}: no joint moves the origin of its tip {programs.robot.tip!r}, so the page of this "
+            "section has nothing to show. Load it with another tip: tw.load(…, tip=…), on the command line --tip."
+        )
+    return found
+
+
+# ── The sections of Modern Robotics that have a page, in the order of the book
+
+
+def book_section(number: str) -> BookSection:
+    """The section of a number; raises ValueRangeError, which lists them."""
+    return SECTIONS[arguments.choice(number, "section", tuple(SECTIONS))]
+
+
+_SECTIONS = (
+    BookSection(
+        "3.4",
+        "Twists and wrenches at the tip",
+        "The same motion and the same load, written in two frames: {b} at the tip and {s} at the base. The six numbers change "
+        "with the frame, and their product, the power, does not.",
+        (
+            ("V_s = [Ad_{T_sb}] V_b", "(3.83)"),
+            ("F_s = [Ad_{T_bs}]^T F_b", "(3.98)"),
+            ("V_b^T F_b = V_s^T F_s", "§3.4"),
+        ),
+        ("dq", "wrench"),
+        lambda p: {"twist_b": twist(p, "body"), "twist_s": twist(p, "space")},
+        shown=("looks",),
+    ),
+    BookSection(
+        "5.1",
+        "The Jacobian, column by column",
+        "Column i is the twist of the tip when joint i alone moves at 1 rad/s (sliding joints: 1 m/s). Where columns depend on "
+        "each other, the tip has lost a direction.",
+        (("V_s = J_s(θ) θ̇", "§5.1.1"), ("V_b = J_b(θ) θ̇", "§5.1.2")),
+        ("dq",),
+        lambda p: {
+            "jacobian_b": jacobian(p, "body"),
+            "jacobian_s": jacobian(p, "space"),
+            "twist_b": twist(p, "body"),
+        },
+        shown=("looks",),
+    ),
+    BookSection(
+        "5.2",
+        "Statics: torques of a wrench at the tip",
+        "The joints hold a wrench that the tip applies to the world. Each torque is the product of a column of the Jacobian "
+        "with the wrench. Gravity comes on top and is left out here.",
+        (("τ = J_b^T(θ) F_b", "(5.26)"),),
+        ("wrench",),
+        lambda p: {"jacobian_b": jacobian(p, "body"), "statics": ("wrench_torques", {"frame": p.tip})},
+    ),
+    BookSection(
+        "5.3",
+        "Singularities: a direction is lost",
+        "Where the Jacobian loses rank, the tip cannot move in some way, however fast the joints turn. Stretch the "
+        "arm, or line two axes of the wrist up: the last singular value goes to zero, and the joint velocities for that twist "
+        "grow beyond bounds.",
+        (("J_b(θ) = U Σ W^T,  Σ = diag(σ_1, …, σ_r)", "§5.3"), ("σ_r = 0:  rank J_b(θ) < r", "§5.3")),
+        (),
+        lambda p: {"jacobian_b": jacobian(p, "body")},
+        shown=("looks",),
+    ),
+    BookSection(
+        "5.4",
+        "Manipulability: what moves fast pushes weakly",
+        "Joint velocities of norm 1 move the tip within one ellipsoid; joint torques of norm 1 hold the forces within another. "
+        "Both have the same axes, and the lengths of one are the reciprocals of the other's. Drag the tip.",
+        (("v^T (J_v J_v^T)^{−1} v = 1", "§5.4"), ("f^T (J_v J_v^T) f = 1", "§5.4")),
+        (),
+        lambda _: {},
+        shown=("looks",),
+    ),
+    BookSection(
+        "8.1.2",
+        "Coriolis and centripetal torques, term by term",
+        "Without gravity and at constant joint velocities a robot still needs torques. Each is a sum of products of two "
+        "velocities: squares are centripetal, the others Coriolis terms.",
+        (
+            ("c_i = ∑_j ∑_k Γ_ijk(θ) θ̇_j θ̇_k", "§8.1.2"),
+            ("Γ_ijk = ½ (∂m_ij/∂θ_k + ∂m_ik/∂θ_j − ∂m_jk/∂θ_i)", "(8.12)"),
+        ),
+        ("dq",),
+        lambda p: {"christoffel": ("christoffel", p.load), "coriolis": ("coriolis_forces", p.load)},
+        chooses="joint",
+        load="payload",
+    ),
+    BookSection(
+        "8.1.3",
+        "The mass matrix, and how heavy the tip is",
+        "The ellipsoid holds the forces that accelerate the tip by 1 m/s² in each direction, at rest and without gravity: it "
+        "is long where the tip is heavy. Drag the tip and watch it turn. J<sub>v</sub> is the lower half of J, for the "
+        "velocity of the tip.",
+        (("K = ½ θ̇^T M(θ) θ̇", "§8.1.2"), ("Λ(θ) = (J_v M^{−1} J_v^T)^{−1}", "§8.1.3, 8.6")),
+        (),
+        lambda _: {},
+        load="payload",
+        shown=("looks", "mass"),
+    ),
+    BookSection(
+        "8.2",
+        "One rigid body",
+        "One link, as a body of its own: its twist, its momentum, and the sum of all wrenches on it, its weight included, in "
+        "the frame {b} of the link.",
+        (("P_b = G_b V_b", "§8.2.2"), ("F_b = G_b V̇_b − [ad_{V_b}]^T G_b V_b", "(8.40)")),
+        ("dq", "ddq"),
+        of_links,
+        chooses="link",
+        shown=("looks",),
+    ),
+    BookSection(
+        "8.3",
+        "Newton–Euler inverse dynamics",
+        "Outward, twists and accelerations from link to link, gravity as a base that accelerates upward; inward, the wrenches "
+        "that carry the links, and from each the torque of its joint.",
+        (
+            ("V_i = [Ad_{T_{i,i−1}}] V_{i−1} + A_i θ̇_i", "(8.51)"),
+            ("V̇_i = [Ad_{T_{i,i−1}}] V̇_{i−1} + [ad_{V_i}] A_i θ̇_i + A_i θ̈_i", "(8.52)"),
+            ("F_i = [Ad_{T_{i+1,i}}]^T F_{i+1} + G_i V̇_i − [ad_{V_i}]^T G_i V_i", "(8.53)"),
+            ("τ_i = F_i^T A_i", "(8.54)"),
+        ),
+        ("dq", "ddq", "wrench"),
+        lambda p: {
+            **of_links(p),
+            "wrenches": ("joint_wrenches", {"wrenches": (p.tip,)}),
+            "inverse": ("inverse_dynamics", {"wrenches": (p.tip,)}),
+        },
+        chooses="link",
+    ),
+    BookSection(
+        "8.4",
+        "The equations in closed form: a sum over the links",
+        "Twists of all links stacked in one column V, joint axes in A, transforms in L: then there is no recursion, only "
+        "products. The six rows of L A that belong to link i are its body Jacobian J<sub>i</sub>, so M is a sum over the "
+        "links, and the torques of gravity are, too.",
+        (
+            ("V = L(θ) A θ̇,  L = (1 − W(θ))^{−1}", "§8.4"),
+            ("M = A^T L^T G L A = ∑_i J_i^T G_i J_i", "§8.4, 8.2"),
+            ("g = A^T L^T G L V̇_{base}", "§8.4"),
+        ),
+        ("dq",),
+        link_jacobians,
+        chooses="link",
+    ),
+    BookSection(
+        "8.5",
+        "Forward dynamics",
+        "Given torques, how does the robot accelerate? At first the torques hold it still. Change one, or give it a velocity, "
+        "and let it go: the page integrates the accelerations.",
+        (("M(θ) θ̈ = τ − h(θ, θ̇) − J^T(θ) F_tip", "§8.5"),),
+        ("tau", "dq"),
+        lambda p: {"inverse": ("inverse_dynamics", {**p.pushed, **p.load})},
+        load="all",
+        at_rest=True,
+    ),
+    BookSection(
+        "8.6",
+        "Dynamics in the task space",
+        "The equation of motion as the tip feels it: the force at the tip, without moment, that gives it an acceleration, "
+        "gravity and velocities counted. The torques J<sub>v</sub><sup>T</sup> F put it there; the last table says what they "
+        "give.",
+        (
+            ("F = Λ(θ) V̇ + η(θ, θ̇)", "§8.6"),
+            ("Λ = (J_v M^{−1} J_v^T)^{−1}", "§8.6"),
+            ("η = Λ (J_v M^{−1} h − J̇_v θ̇)", "§8.6"),
+        ),
+        ("dV", "dq"),
+        lambda p: {
+            "task_inertia": ("task_inertia", {**task(p), **p.load}),
+            "task_bias": ("task_bias", {**task(p), **p.load}),
+            "tip_acceleration": ("frame_acceleration", {"frame": p.tip, "kind": "world_aligned"}),
+        },
+        load="payload",
+        shown=("looks", "torques", "mass"),
+    ),
+    BookSection(
+        "8.7",
+        "Constrained dynamics: the tip on a wall",
+        "The tip can slide along a wall without friction, and cannot leave it. At first the torques hold the robot and press "
+        "on the wall. The projector P keeps of the torques what moves the robot; the rest presses, with λ. Velocities are "
+        "projected, too. Let it go, and the tip stays on the wall.",
+        (
+            ("A(θ) θ̇ = 0,  τ = M θ̈ + h + A^T λ", "§8.7"),
+            ("λ = (A M^{−1} A^T)^{−1} (A M^{−1} (τ − h) + Ȧ θ̇)", "§8.7"),
+            ("P = 1 − A^T (A M^{−1} A^T)^{−1} A M^{−1}", "§8.7"),
+        ),
+        ("tau", "dq"),
+        along_wall,
+        load="all",
+        presses=True,
+    ),
+    BookSection(
+        "8.9",
+        "Gears, rotors and friction",
+        "Every joint has the same motor behind a gear, which turns G times as fast as the joint. Its rotor feels as heavy as "
+        "G² I<sub>rotor</sub> at the joint, often more than all links. The gear here is stiff and has no losses; its friction "
+        "is that of the joint, in place of what the robot's file says.",
+        (
+            ("τ_i = τ_{i,links} + G^2 I_{rotor} θ̈_i + τ_{i,fric}", "§8.9.2"),
+            ("τ_{i,fric} = b θ̇_i + μ sign(θ̇_i)", "§8.9.4"),
+            ("τ_{motor} = τ_i / G,  θ̇_{motor} = G θ̇_i", "§8.9.2"),
+        ),
+        ("motor", "dq", "ddq"),
+        with_friction,
+        load="payload",
+    ),
+)
+SECTIONS: Mapping[str, BookSection] = {section.number: section for section in _SECTIONS}
