@@ -1,4 +1,4 @@
-"""The console that tables are printed on."""
+"""Input and output of commands: the console, progress bars, paths of pictures, and files of a batch."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def console() -> Console:
     return made if made.is_terminal else Output(highlight=False, width=_WIDTH)
 
 
-# ── Bars on stderr for work that takes long enough to be watched. They are shown where a person watches, on a terminal
+# ── Progress bars on stderr, on a terminal only
 
 _PATIENCE = 1.0
 """s of work before a bar is shown."""
@@ -102,7 +102,7 @@ def share_done(what: str) -> Iterator[Callable[[float], None] | None]:
             bar.stop()
 
 
-# ── Where a command puts its picture
+# ── Paths of pictures
 
 
 def check_extra(plot_path: str | None) -> None:
@@ -121,7 +121,7 @@ def picture(plot_path: str | None) -> str | None:
     return None if plot_path is None else picture_path(plot_path)
 
 
-# ── Work on many files: folders and patterns as the files in them, and who does it, this process, others, or a cluster
+# ── Batches: the files of folders and patterns
 
 worker_options = option_group(
     click.option(

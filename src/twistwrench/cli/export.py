@@ -1,4 +1,4 @@
-"""The command ``twistwrench export``: its options, and what it prints."""
+"""The commands ``twistwrench export`` and ``convert``: programs as source, robots in another format."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
     return name.strip(), options
 
 
-# ── The command ``twistwrench convert``: a robot into a file of another format
+# ── ``convert``: a robot into a file of another format
 
 convert_options = option_group(
     click.option("--force", "overwrite", is_flag=True, help="Replace OUT if it is there."),

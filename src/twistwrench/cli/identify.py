@@ -1,4 +1,4 @@
-"""The files of ``twistwrench identify``: what was found as JSON, pictures and tables, and the robot's own file."""
+"""The command ``twistwrench identify``: options, logs of any length, files of the result, and the robot's own file."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
     click.echo(f"wrote {path}")
 
 
-# ── Logs of any length in ``twistwrench identify``: information gathered in portions, added to what was saved, and saved
+# ── Logs of any length: information in portions, added to what was saved
 
 LARGE = 1 << 26
 """Bytes of all logs, from which they are read in portions."""
@@ -141,7 +141,7 @@ def _gathered(robot: Robot, logs: tuple[str, ...], old: str | None, options: dic
     return before + gather(robot, logs, like=before, **options)
 
 
-# ── The command ``twistwrench identify``: its options, and its run from the logs to the files
+# ── The command
 
 _AUTO = "auto"
 

@@ -1,4 +1,4 @@
-"""The command ``twistwrench info``: what a robot is made of."""
+"""The commands ``twistwrench info`` and ``log``: the contents of robots and of files of motions."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def answer_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: 
     show(info_view(robot, degrees=options.degrees))
 
 
-# ── The commands ``twistwrench log``: what is in files of motions
+# ── ``log``: files of motions
 
 
 @click.group(name="log", cls=click.Group, **about("log"))

@@ -1,4 +1,4 @@
-"""Options that several commands take, each with one name, one form and one text; and groups of options."""
+"""Options that several commands share: groups, the motion with its columns, and known parameters."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
     return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))
 
 
-# ── How every command reads a motion: its options, and the robot and the file that they give
+# ── The motion: its options, its robot and its file
 
 Load = Callable[..., "tuple[Robot, tuple[str, ...]]"]
 """Loads the robot meant, and tells the joints held still; ``stiff`` takes elastic gears to be rigid, ``held`` names joints of
@@ -186,7 +186,7 @@ def with_torques(path: str, motion: Motion) -> Motion:
     return motion
 
 
-# ── Known values of parameters, as ``--known`` of ``twistwrench identify`` takes them
+# ── Known values of parameters, ``--known``
 
 _UNITS = {
     "m": ("kg",),

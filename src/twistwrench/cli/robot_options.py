@@ -1,4 +1,4 @@
-"""What the argument ROBOT of the shell means."""
+"""The argument ROBOT and the options for reading it, with the files of bundled robots."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def robot_source(source: str) -> str | Path:
     )
 
 
-# ── Files that come with the bundled robots, which commands call ``demo``
+# ── Files of bundled robots, called ``demo``
 
 if TYPE_CHECKING:
     pass
@@ -86,7 +86,7 @@ def motion_path(options: RobotOptions, motion: str) -> Path:
     return path
 
 
-# ── What every command of the shell takes to know its robot
+# ── The options
 
 
 @dataclass(frozen=True)

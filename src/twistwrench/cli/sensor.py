@@ -1,4 +1,4 @@
-"""What the commands of ``twistwrench sensor`` share: options, the log they read, the files they write."""
+"""The commands ``twistwrench sensor identify``, ``compensate`` and ``poses``, with the options and files they share."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _checked_files(given: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-# ── The command ``twistwrench sensor compensate``
+# ── ``sensor compensate``
 
 
 @click.command("compensate", **about("sensor compensate"))
@@ -180,7 +180,7 @@ def compensate_command(
         sys.exit(found.verdict.exit_code)
 
 
-# ── The command ``twistwrench sensor identify``
+# ── ``sensor identify``
 
 
 @click.command("identify", **about("sensor identify"))
@@ -260,7 +260,7 @@ def identify_command(
         sys.exit(found.verdict.exit_code)
 
 
-# ── The command ``twistwrench sensor poses``
+# ── ``sensor poses``
 
 
 @click.command("poses", **about("sensor poses"))
@@ -310,7 +310,7 @@ def poses_command(
         sys.exit(ExitCode.NO)
 
 
-# ── The commands ``twistwrench sensor identify | compensate | poses``. What is heavy is imported inside the one that needs it
+# ── The group; heavy modules are imported inside the command that needs them
 
 
 @click.group(cls=click.Group, **about("sensor"))

@@ -1,4 +1,4 @@
-"""The command ``torques``: its options, and its run from the motion to the report."""
+"""The command ``twistwrench torques``: one motion to the report, or many to a line each."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _draw(report: TorqueReport, plot_path: str | None, motor_plot: str | None, a
         plot_motors(report, motor_plot)
 
 
-# ── ``twistwrench torques`` of many motions: a folder, or a pattern; each file's verdict in a line, whoever works on it
+# ── Many motions: a folder or a pattern, on processes or a cluster
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What ``--help`` shows: a command's own options, then those that say how the robot is read."""
+"""The shell's framework: help, standard streams, errors with their exit codes, and the texts of commands."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class OwnOptionsFirst(click.Command):
                     formatter.write_dl(rows)
 
 
-# ── Standard output and error that take every sign, whatever the system's code page
+# ── Standard output and error, whatever the system's code page
 
 
 class VisibleStream:
@@ -91,7 +91,7 @@ def take_every_sign() -> None:
             change(encoding="utf-8")
 
 
-# ── How the shell speaks and ends: errors in one line each with their exit codes, the library's sentences in words of options
+# ── Endings: one line and an exit code for each error, in words of options
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
 """A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
@@ -269,7 +269,7 @@ def in_shell_words(text: str, command: click.Command | None = None) -> str:
     return _KEYWORD.sub(said, text)
 
 
-# ── How errors and warnings of the library end a command: a line each, and an exit code
+# ── Errors and warnings of the library
 
 
 @contextmanager
@@ -288,7 +288,7 @@ def plain_errors() -> Iterator[None]:
             sys.exit(ExitCode.BAD_INPUT)
 
 
-# ── What help says of each command beside its docstring: a summary, and examples that run as they stand
+# ── Summaries and examples of commands
 
 
 class CommandText(NamedTuple):

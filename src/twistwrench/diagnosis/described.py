@@ -1,4 +1,4 @@
-"""The effect of other inertias on the dynamics: change of the diagonal of M and of gravity torques over configurations.
+"""A robot file as data of the doctor: links, joints, load errors, symmetric links, and the effect of changed inertias.
 
 With the pseudo-inertia J of a body in the base frame and the twist [A] that a velocity gives it, both (4, 4),
 M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4: linear in J, so that a change needs the changed bodies alone.
@@ -157,7 +157,7 @@ class Effects:
         return np.stack([joint.pose(one) for one in q])
 
 
-# ── What the loader refuses in a URDF, all of it and not only the first
+# ── Load errors of a URDF, all of them
 
 _MOST = 20
 
@@ -229,7 +229,7 @@ def _leaders(root: Element) -> Iterator[FileProblem]:
                 yield FileProblem(f"joint {joint.attributes.get('name', '')!r}", joint.line, said, mimic=True)
 
 
-# ── What a robot file says, link by link and joint by joint, with the places where its numbers stand
+# ── Links and joints, with the places of their numbers
 
 
 def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
@@ -387,7 +387,7 @@ class DescribedRobot:
         return link.written is not None and link.written.mass >= share * self.mass > 0
 
 
-# ── Left and right: the pairs of links that mirror each other with the joints at zero
+# ── Symmetric links: pairs that mirror each other with the joints at zero
 
 _SIDES = {"left": "right", "l": "r", "fl": "fr", "rl": "rr", "hl": "hr", "bl": "br", "lf": "rf", "lh": "rh", "lr": "rr"}
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^A-Za-z0-9]+")

@@ -1,4 +1,4 @@
-"""What the doctor finds: a finding with its effect on the dynamics, and the repair of it."""
+"""Findings of the doctor with their effects, and repairs that edit only the numbers concerned."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def _percent(value: float) -> str:
     return f"{number(value, 3)} %" if value < 1e4 else f"a factor of {number(value / 100.0, 2)}"
 
 
-# ── Editing a robot file: only the numbers concerned, and a comment before each element; everything else byte for byte
+# ── Edits of a robot file
 
 _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 _SIGNATURE = "twistwrench doctor"

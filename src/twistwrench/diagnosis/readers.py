@@ -1,4 +1,4 @@
-"""URDF as the doctor reads it: numbers with their places, shapes of links."""
+"""Readers of the doctor: URDF, SDF and MJCF with the places of their numbers, and the choice between them."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _joint(joint: Element, numbers: dict[int, int]) -> DescribedJoint:
     )  # fmt: skip
 
 
-# ── SDF as the doctor reads it: inertias as they are written, shapes of links
+# ── SDF
 
 _SIZES_of_sdf = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
@@ -187,7 +187,7 @@ def _spec_of_sdf(part: Element, role: str) -> ShapeSpec | None:
         return ShapeSpec("unknown", (), np.eye(4), role=role)
 
 
-# ── MJCF as the doctor reads it: inertias as they are written, shapes of geoms
+# ── MJCF
 
 
 def describe_mjcf(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> DescribedRobot:
@@ -294,7 +294,7 @@ def _spec_of_mjcf(
     return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")
 
 
-# ── From a robot file, or a robot, to what the doctor looks at
+# ── From a file or a robot to the subject of the checks
 
 MOST_BODIES = 2_000
 """Links or bodies that are looked at unless ``max_bodies`` says otherwise: every one takes some milliseconds."""

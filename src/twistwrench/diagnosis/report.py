@@ -1,4 +1,4 @@
-"""The doctor's report: its findings, what they say as text, and the robot with their repairs."""
+"""The doctor: all checks on one robot file, and the report of their findings with the repaired robot."""
 
 from __future__ import annotations
 
@@ -252,7 +252,7 @@ def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# ── The doctor: all checks on one robot file
+# ── The checks
 
 _ORDER = list(Severity)
 

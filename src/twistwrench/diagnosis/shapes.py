@@ -1,4 +1,4 @@
-"""The shapes that a file gives a link, as points and as uniform solids, in the link's frame."""
+"""Shapes of a link as points and uniform solids in its frame, and the nearest tensor that a body can have."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def hull_solid(corners: Array) -> SpatialInertia | None:
         return None
 
 
-# ── The nearest tensor that a body can have, in a metric that is named
+# ── The nearest physically consistent tensor, in a named metric
 
 # With S the second moments, ½ tr(I) 1 - I: a body can have I where S is positive semidefinite.
 

@@ -1,4 +1,4 @@
-"""Covariance of weighted least squares whose rows come in witnesses: the sandwich, corrected for few witnesses."""
+"""Covariance of weighted least squares with correlated rows: sandwich estimates over clusters and over blocks of time."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def by_moments(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
     return C, trace**2 / np.maximum(square, 1e-300)
 
 
-# ── How sure groups of parameters are, where residuals hang together in time: the sandwich over blocks of time
+# ── Covariance of groups of parameters: the sandwich over blocks of time
 
 # Rows of a block of time count as one witness (Liang and Zeger, "Longitudinal data analysis using generalized linear models",
 # Biometrika 73, 1986), with the correction for few witnesses of Bell and McCaffrey that the sensors' fits have as well. The

@@ -1,4 +1,4 @@
-"""How well rows are predicted that a fit has not seen."""
+"""Cross-validation: residuals of rows that a fit has not seen, beside those of other predictions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Least squares by normal equations, joint by joint: what many settings are tried with.
+"""Least squares by normal equations, joint by joint, and weighted least squares of rows with a robust loss.
 
 For joint j, W_j (n, r) and τ_j (n): N_j = W_j' W_j, c_j = W_j' τ_j, y_j = |τ_j|². Weighted, x solves
 
@@ -259,7 +259,7 @@ class Prior:
         )
 
 
-# ── Weighted least squares of rows: each joint by its own size of residual, and large residuals less than small ones
+# ── Weighted least squares of rows with Huber's loss
 
 # Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).

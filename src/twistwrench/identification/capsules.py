@@ -1,4 +1,4 @@
-"""Capsules around the links of a robot: what keeps an exciting motion clear of the floor and of the robot itself.
+"""Capsules around the links of a robot and the distances between them: clearance of an exciting motion.
 
 A capsule holds all points that are within r of a segment from a to b. Around given points, with the axis u through c, ρ_i their
 distances from the axis and t_i their places along it,
@@ -267,7 +267,7 @@ def capsule_around(points: Array) -> tuple[Array, float]:
     return min(found, key=lambda one: _volume(*one))
 
 
-# ── Distances between capsules that move, and their slopes by the joints
+# ── Distances between moving capsules, and their gradients by the joints
 
 # Of segments p + s d and q + t e, s and t from 0 to 1, the nearest points are those of the lines where these are within,
 # else one

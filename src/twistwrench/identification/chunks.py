@@ -1,4 +1,4 @@
-"""Logs of any length, read in portions: the clock that one pass over the stamps finds, pieces of rows, and excerpts."""
+"""Logs of any length in chunks: their clock, overlapping chunks on a steady clock, and the rows of equations of each."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ class LogSource:
         return replace(found, dq=None, ddq=None)
 
 
-# ── Portions of a log as chunks on a steady clock that overlap by what filters reach: each row is owned by one chunk
+# ── Chunks on a steady clock, which overlap by the reach of the filters
 
 _STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to the steady clock."""
@@ -317,7 +317,7 @@ def _steady(
     return first, CubicSpline(local, q)(inside), np.stack([np.interp(inside, local, x) for x in tau.T], axis=1)
 
 
-# ── Rows of equations of one chunk of a log: the rows that :class:`FilteredRows` makes of a log in memory, a stretch at a time
+# ── Rows of equations of one chunk
 
 # Beside the groups' columns stand those of the settings that were chosen on an excerpt, the derivatives of the equation by the
 # clock's offset and by the speeds of friction: in a fit of all rows the errors of that choice are unknowns like others,

@@ -1,4 +1,4 @@
-"""Changes to the text of a robot file, told by elements: numbers that are set, attributes that go, elements that come."""
+"""Identified numbers in the text of a URDF, SDF or MJCF file, edited element by element."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _meaning(text: str) -> list[float] | str:
         return text.strip()
 
 
-# ── Identified numbers in the text of an MJCF file: ``<inertial>`` of bodies; damping, frictionloss and armature of joints
+# ── MJCF: ``<inertial>`` of bodies; damping, frictionloss and armature of joints
 
 # What ``<compiler>`` does to inertias (inertiafromgeom, settotalmass, boundmass, …) is taken out where it would change what is
 # written; bodies that it has changed otherwise are then written as they were.
@@ -214,7 +214,7 @@ def _joints_in(element: Element) -> Iterator[Element]:
             yield from _joints_in(child)
 
 
-# ── Identified numbers in the text of a URDF: ``<inertial>`` of links, ``<dynamics>`` of joints
+# ── URDF: ``<inertial>`` of links, ``<dynamics>`` of joints
 
 LAWS = {"viscous": "damping", "coulomb": "friction"}
 
@@ -287,7 +287,7 @@ class UrdfText:
             self._changes.add(joint, f"<dynamics {entries}/>")
 
 
-# ── Identified numbers in the text of an SDF file: ``<inertial>`` of links, ``<dynamics>`` of the axes of joints
+# ── SDF: ``<inertial>`` of links, ``<dynamics>`` of the axes of joints
 
 _TWO_AXES = ("universal", "revolute2")
 _ROTOR = "drake:rotor_inertia"

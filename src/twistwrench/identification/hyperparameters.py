@@ -1,4 +1,4 @@
-"""Settings of a fit, and the normal equations of all blocks of time under settings that change one at a time."""
+"""Hyperparameters of a fit: essential groups, cut-off, clock offset and speeds of friction, chosen on training rows alone."""
 
 from __future__ import annotations
 
@@ -280,7 +280,7 @@ def _order(total: Information, size: Array, held: Array) -> Array:
     return np.array(order, int)
 
 
-# ── Things that are made once and kept while there is room for them; those used longest ago go first
+# ── A bounded cache: least recently used entries go first
 
 Made = TypeVar("Made")
 
@@ -327,7 +327,7 @@ class BoundedMemory(Generic[Made]):
             self._made.pop(next(iter(self._made)))
 
 
-# ── The choice of cut-off, clock offset and speeds of friction, on training rows alone
+# ── Search for cut-off, clock offset and speeds of friction
 
 # Blocks of time are left out in turn and predicted from the others. A setting is the better the smaller Σ_j log |τ_j -
 # τ̂_j|², the

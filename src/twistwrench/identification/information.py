@@ -1,4 +1,4 @@
-"""Sums over rows: of each joint the products of its entries and torques, in blocks of time; and their triangular factors.
+"""Information of logs as sums of products of regressor rows, which add up, in a small file in place of the logs.
 
 With A_j = (W_j, τ_j) and weights w, a block has Σ A_j' A_j and Σ A_j' w A_j, the lower triangles in a row of numbers, and all
 rows together R_j with R_j' R_j = Σ A_j' w A_j by orthogonal transformations (TSQR: Demmel, Grigori, Hoemmen and Langou,
@@ -122,7 +122,7 @@ def _factor(above: Array, below: Array) -> Array:
     return np.asarray(np.linalg.qr(np.concatenate([above, below]), mode="r"))
 
 
-# ── Information in a file: arrays and what is said of them, in an archive of NumPy
+# ── Information files: arrays and their description in an archive of NumPy
 
 if TYPE_CHECKING:
     pass
@@ -220,7 +220,7 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
     }
 
 
-# ── The fit of all rows of an information: groups, how sure they are, and how well each fifth of the time is predicted
+# ── The fit of all rows: groups, covariance, cross-validation over fifths of the time
 
 if TYPE_CHECKING:
     pass
@@ -359,7 +359,7 @@ def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
     return np.einsum("jkl,j->kl", equations.N, sigma**-2), (equations.c / sigma[:, None] ** 2).sum(axis=0)
 
 
-# ── Information: what all rows of logs say of a robot's groups, as sums that add up, in a small file in place of the logs
+# ── Information of one or several logs
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""A doubt about a log, and what doubts are judged from."""
+"""Checks of a log behind an identification: dead, saturated, swapped or mis-scaled columns, delay, excitation, residuals."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Evidence:
         return self.base.unknown.model.velocity_names
 
 
-# ── Doubts about columns of a log: dead, cut off, coarse, of the wrong sign or unit, exchanged
+# ── Columns: dead, saturated, coarse, of the wrong sign or unit, exchanged
 
 _SATURATED, _SATURATED_ROWS = 0.02, 30
 _LEAST_GAIN, _MOST_GAIN, _OF_LIMIT = 0.1, 30.0, 1.0
@@ -335,7 +335,7 @@ def _exchanged(seen: Evidence) -> list[LogDoubt]:
     ]
 
 
-# ── What speaks against a log, or against reading it so, each with its evidence
+# ── The log as a whole, and the way that it was read
 
 _LATE = 8e-3
 _UNTOLD = 0.2

@@ -1,4 +1,4 @@
-"""The unknown parameters of a robot: ten of each moving body, and of each joint its motor's inertia, friction and offset.
+"""Parameters of a robot: ten of each moving body, motor inertia, friction and offset of each joint, and their base groups.
 
 Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbach, 1986) and v_0 the speed of friction:
 
@@ -320,7 +320,7 @@ def check_speed(value: float) -> float:
     return float(value)
 
 
-# ── Base parameters: the groups of parameters that torques tell, whatever the motion
+# ── Base parameters: the identifiable groups, whatever the motion
 
 # W on random states has columns that are sums of others. First come, first kept from the base outward; with W_b those kept and
 # W_d = W_b B the others, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.

@@ -1,4 +1,4 @@
-"""Logs of the motors' side: what takes positions and torques of motors to those of the joints.
+"""Logs of the motors' side, and a payload identified alone with all other numbers held fixed.
 
 With R the ratios, R_kk of motor k's own joint and R_kj of others it turns with, o the positions of the joints where the log
 says 0, and g the torque per unit of its columns:
@@ -217,7 +217,7 @@ def read_motion(
     return Motion(rows.time, rows.q, **given, robot=robot, notes=notes, in_seconds=True)
 
 
-# ── A payload alone: the body that a log's robot carries and its file does not, all other numbers held
+# ── A payload alone
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What identification found: groups with intervals, settings, residuals of rows held out, doubts and the verdict."""
+"""Result of an identification: groups with intervals, settings, residuals of rows held out, doubts and the verdict."""
 
 from __future__ import annotations
 
@@ -411,7 +411,7 @@ def _known(values: Mapping[str, float]) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
-# ── A robot without some of the links that its file has
+# ── A robot without some of its links
 
 
 def without_links(robot: Robot, links: Iterable[str]) -> Robot:

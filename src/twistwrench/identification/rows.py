@@ -1,4 +1,4 @@
-"""The columns of the groups by one kernel: only entries that a joint feels are traced, next to each other for each joint.
+"""Rows of equations τ = W x from logs: regressor columns by one kernel, states and torques filtered alike, then decimated.
 
 Row j of τ = W x has entries for the groups that joint j feels, and zeros else; of seven joints with 69 groups each 214 of 483
 are left. The kernel gives those of the bodies, traced with all else folded away; drives' columns are put beside them.
@@ -127,7 +127,7 @@ class BaseColumns:
         return unknown.robot.engine.kept(("base columns", tuple(pairs)), made)
 
 
-# ── Rows of equations τ = W x from logs: states below a cut-off, columns and torques low-passed alike, then fewer rows
+# ── Filtered rows of logs
 
 # Filtering both sides of an equation alike leaves it true, whatever the columns are (Gautier's parallel decimation, "Dynamic
 # identification of robots with power model", ICRA 1997).

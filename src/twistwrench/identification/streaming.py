@@ -1,4 +1,4 @@
-"""From information to the identified robot: the fit of all rows, residuals of rows held out, and doubts."""
+"""Identification of logs of any length: information gathered chunk by chunk in one pass, and the robot fitted to it."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _settings_off(information: Information, x: np.ndarray) -> str:
     return f"friction speed of {', '.join(owners)}" if owners else ""
 
 
-# ── A piece of work on a long log: its rows in chunks, and what they add up to
+# ── Chunks of a log as units of work
 
 CORE, LEAST_CORE = 8192, 1 << 15
 """States, and rows, that a chunk has besides its margins."""
@@ -144,7 +144,7 @@ class Piece:
         return found, said
 
 
-# ── Gathering information of logs of any length: settings from an excerpt, then one pass over all rows, piece by piece
+# ── The pass over all rows
 
 _WINDOWS, WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""

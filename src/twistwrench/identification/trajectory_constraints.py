@@ -1,4 +1,4 @@
-"""The room that a motion has: limits of positions, rates, accelerations and torques, the floor, and what must not touch.
+"""Constraints of an exciting motion: limits of positions, rates, accelerations and torques, the floor, and clearances.
 
 Every limit is a band, low ≤ x ≤ high, with a size that makes the distance s from its edge a share.
 """

@@ -1,4 +1,4 @@
-"""Multipliers of the edges of a motion's room: what holds a search at the limits, not away from them.
+"""Search for exciting trajectories: windowed Fourier series, their Fisher information, and constraints by multipliers.
 
 With the distance s of every edge and instant, as a share of its size, and s_0 what is aimed at, a search makes small
 
@@ -71,7 +71,7 @@ class Edges:
         return replace(self, multipliers=spread, finer=finer)
 
 
-# ── Fourier series that begin and end at rest: what exciting motions are made of
+# ── Windowed Fourier series, which begin and end at rest
 
 # With ω = 2π / T and k = 1 … N, each joint moves as
 #
@@ -175,7 +175,7 @@ class RestSeries:
         return q, dq, ddq
 
 
-# ── What a motion tells of base parameters before it is run: information, its log determinant, and deviations to expect
+# ── Fisher information of a motion about base parameters
 
 # With rows W_j of joint j (the columns that :func:`identify` fits), σ_j the deviation of its torque, and n rows of m that are
 # independent of each other,
@@ -317,7 +317,7 @@ def _smooth_median(values: Array) -> tuple[float, Array]:
     return m, by_values / by_values.sum()
 
 
-# ── Search for the motion that tells most of the base parameters: the merit as large as the room of the robot lets it be
+# ── The search
 
 # What is made small is  -merit  with multipliers of all limits at some hundred instants (``motion_edges``), by SciPy's
 # L-BFGS-B;

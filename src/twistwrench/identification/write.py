@@ -1,4 +1,4 @@
-"""What was identified of drives, as an actuator file: friction and motor inertias as the joints feel them."""
+"""Writing identified numbers: actuator files of the drives, and the robot's own file with only the numbers changed."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def same_actuators(text: str, found: ConsistentRobot) -> float:
     return max(float(np.abs(a - b).max()) for a, b in pairs) / max(size, 1e-300)
 
 
-# ── What was identified, written into the text of the robot's file: the numbers concerned, everything else as it stands
+# ── The robot's file: the numbers concerned, everything else unchanged
 
 # A body of the model is a moving link with the links that are fixed to it; the change goes to the moving link. Where what
 # is left
@@ -320,7 +320,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
     return said
 
 
-# ── Writing what was identified: the robot's file and the actuator file, both or neither, and what to know of them
+# ── Robot file and actuator file, both or neither
 
 _SAME_of_robot_writing = 1e-12
 _KINDS = {

@@ -1,4 +1,4 @@
-"""Motions in files of arrays and tables: npz, npy, MAT, HDF5, parquet and feather, as columns under a header.
+"""Motions in files of arrays and tables (npz, npy, MAT, HDF5, parquet, feather), and the writer of CSV files.
 
 An array (n,) is a column called by its name; of one (n, k) the columns are numbered, ``q1`` to ``qk``. What is no column of
 numbers as long as most is left out.
@@ -312,7 +312,7 @@ _READERS: Mapping[str, Callable[[Path], Mapping[str, Any]]] = {
 }
 
 
-# ── CSV files out: a header, and rows of numbers that lose no digit
+# ── Writing CSV files: a header, and rows of numbers that lose no digit
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The motion in an archive that ``simulate --npz`` wrote, as a table under a header."""
+"""Binary files of columns: archives read whole, and npy, npz, parquet and HDF5 read in blocks of bounded memory."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _read(path: Path) -> tuple[list[str], Array]:
         return header, np.concatenate(columns, axis=1)
 
 
-# ── Large binary files of columns, read in blocks: npy, npz, parquet and HDF5; memory stays bounded however long they are
+# ── Blocks of large files: npy, npz, parquet and HDF5
 
 LARGE = 1 << 25
 """Bytes of all columns once unpacked, beyond which a file is not read whole."""
@@ -415,7 +415,7 @@ _READERS: dict[str, Callable[[Path], Any]] = {
 }
 
 
-# ── Runs of rows of a table that can only be read from its beginning: kept as its blocks pass by
+# ── Buffered rows of a table that can only be read from its beginning
 
 
 def passing_runs(tables: Callable[[], Iterable[Array]], count: int, rows: int, *, whole: bool) -> list[Array]:

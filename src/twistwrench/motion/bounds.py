@@ -1,4 +1,4 @@
-"""The limits that a motion is asked to keep: the robot's own, or others in their places."""
+"""Limits of a motion and the check against them: those passed, by how much, and the time of the worst excess."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def bounds_of(
     return Bounds(robot.limits.lower, robot.limits.upper, found["velocity"], found["acceleration"], found["effort"])
 
 
-# ── The one check of a motion against limits: which are passed, by how much, and when it is worst
+# ── The check of a motion against its limits
 
 KINDS = ("position", "velocity", "acceleration", "torque")
 

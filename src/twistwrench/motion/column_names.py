@@ -1,4 +1,4 @@
-"""The ends of the names of columns: which say that they are velocities, accelerations or torques. One table for all files."""
+"""Names and units of log columns: suffixes of results, names that loggers use, units in brackets, and the header of a file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def is_result(name: str) -> bool:
     return name in ENERGIES or name in MOMENTUM or name.startswith(WORK)
 
 
-# ── What loggers call their columns: which joint's position, velocity, acceleration or torque a name means
+# ── Names that loggers use: joint and quantity
 
 PARTS = ("q", "dq", "ddq", "tau")
 """Coordinates, velocities, accelerations and torques, as a motion names them."""
@@ -186,7 +186,7 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
     return PART_OF[kinds[0]], units[0] if units else None
 
 
-# ── Units that column names give in brackets, as in ``elbow [deg]``, and what takes them to SI units
+# ── Units in brackets, as in ``elbow [deg]``, and their factors to SI
 
 _DEG, _TURN = math.radians(1.0), math.tau
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _DEG, "°": _DEG, "rev": _TURN, "turn": _TURN}
@@ -288,7 +288,7 @@ def _plain(unit: str, *, products: bool = False) -> str:
     return re.sub(r"/s/s$", "/s2", text)
 
 
-# ── The header of a motion file while its columns are being given away to the robot's coordinates
+# ── The header of a motion file while its columns are assigned
 
 
 @dataclass(frozen=True)

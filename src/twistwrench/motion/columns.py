@@ -1,4 +1,4 @@
-"""The error for a motion file that lacks columns: which joints have none, and which column may be meant."""
+"""Assignment of log columns to coordinates, velocities, accelerations and torques, with units and errors for missing ones."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _joint(coordinate: str) -> str:
     return base if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz") else coordinate
 
 
-# ── The choice of columns: as they are told, then by their exact names, by names as loggers write them, and by number
+# ── Choice of columns: as given, by exact name, by logger names, by number
 
 
 @dataclass
@@ -368,7 +368,7 @@ def _of(locked: Sequence[str], text: str) -> bool:
     return any(text == j or text.startswith(f"{j}.") for j in locked) or NamedJoints(locked).meaning(text) is not None
 
 
-# ── Columns of mimic joints, beside what their leaders' columns say: a log in which they go elsewhere is of another robot
+# ── Columns of mimic joints, checked against those of their leaders
 
 _SHARE = 0.1
 """Of how far the joint goes: less is play, and the error of a coupling."""
@@ -419,7 +419,7 @@ class FollowerTally:
         return said
 
 
-# ── Which column of a motion file is which coordinate, velocity, acceleration or torque, in which unit
+# ── The columns of a motion file and their factors
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Whether the angles of a motion are in the unit that they are read in, told by how far the joints can turn."""
+"""Contradictions within a motion: angles in the wrong unit, omitted turns, rates unlike positions, jumps, unit of time."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class AngleUnits:
         )
 
 
-# ── Joints whose angles are logged within one turn: how far they go with the turns added, and whether their limits allow it
+# ── Angles logged within one turn, unwrapped and held against the limits
 
 
 class TurnsLeftOut:
@@ -166,7 +166,7 @@ class TurnsLeftOut:
         return said
 
 
-# ── Where a motion contradicts itself: rates that are not those of its positions, jumps, and time in another unit
+# ── Rates against positions, jumps, and steps of time
 
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
 """Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
@@ -428,7 +428,7 @@ def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) 
     return found.slow_steps(limits)
 
 
-# ── Whether the times of a motion are in milliseconds or less, where the caller gives numbers without a unit
+# ── Times in milliseconds or less, given without a unit
 
 _SOME_MOVE_of_time_unit = 0.05
 _UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}

@@ -1,4 +1,4 @@
-"""What the numbers of a motion are called and measured in, and how rates of coordinates become joint velocities."""
+"""Coordinates of a motion: names, units, joint velocities from rates, and continuity of wrapped angles and quaternions."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ _KEPT: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
 """Of each model as long as it lives: simulations ask for it in every run."""
 
 
-# ── Curves out of columns of q: angles that a log wraps are unwrapped, quaternions keep the sign of their predecessors
+# ── Continuous curves: unwrapped angles, quaternions of steady sign
 
 _FULL = 0.75
 """Of a turn: the least step of a bounded joint that is taken for a turn left out."""

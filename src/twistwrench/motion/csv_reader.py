@@ -1,4 +1,4 @@
-"""How the cells of a line of a CSV file are told apart: commas, semicolons, tabs or blanks."""
+"""CSV files of numbers: dialects, a block reader of bounded memory, and errors that name the line."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Dialect:
         return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}[self.separator]
 
 
-# ── What is wrong with the rows of a CSV file: the first line to blame, in words
+# ── Errors of rows: the first line at fault
 
 _GAPS = ("nan", "inf", "infinity")
 """What stands for a number that is not there, whatever its sign."""
@@ -200,7 +200,7 @@ def _shown(raw: str) -> str:
     return repr(raw if len(raw) <= 60 else raw[:57] + "…")
 
 
-# ── Rows of a CSV file as numbers, a block of lines at a time: NumPy's reader, and cell by cell what that does not know
+# ── Rows as numbers, a block of lines at a time
 
 _CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
@@ -285,7 +285,7 @@ def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
     return table if np.isfinite(table).all() else None
 
 
-# ── Consecutive rows of a motion file, and where in the file each of them stands
+# ── Consecutive rows, and their places in the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +300,7 @@ class Block:
     """Of a row: ``line 12``, or ``row 3`` where the file has no lines."""
 
 
-# ── A CSV file of numbers under a header, read in blocks of lines: memory stays bounded however long it is
+# ── The file, read in blocks of lines
 
 _BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
 _LONGEST_LINE = 1 << 22

@@ -1,4 +1,4 @@
-"""Where joints stand although a spline through their samples says that they move."""
+"""Velocities and accelerations of a log by a quintic smoothing spline, with outliers, stationary joints and error bounds."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
     return claimed
 
 
-# ── Samples of a motion that are complete: positions, velocities and accelerations, and what is known of how they came about
+# ── Complete samples of a motion, with the evidence of their origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ class States:
         return cls(np.zeros(0), q, v, v, q, v.astype(bool), np.zeros((0, 0)))
 
 
-# ── Samples that smoothing removed although they are no noise: knocks and glitches, far from the curve for their column
+# ── Outliers: samples far from the smoothed curve for their column
 
 _FAR = 6.0
 _MAD = 1.4826  # standard deviations a median absolute deviation of normal noise makes
@@ -226,7 +226,7 @@ def residual_spread(
     return found
 
 
-# ── Velocities and accelerations of a log that has none: a quintic spline through its samples, smoothed if asked
+# ── The spline, its derivatives and their noise
 
 _SPLINE_MARGIN = 64
 """Samples. The pull of a sample on a quintic spline falls by 0.43 a sample: by 4e-24 over the margin."""

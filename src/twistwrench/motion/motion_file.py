@@ -1,4 +1,4 @@
-"""Several files of one motion, written ``a.csv+b.csv``: joined by their stamps, or row by row where they have none.
+"""Files of a motion, opened by name and first bytes: joined files ``a.csv+b.csv``, ROS recordings, and single files.
 
 Columns that are called alike in several files get the quantity that their file's name says: ``Joint_1`` of ``pos_data.csv`` and
 ``curr_data.csv`` are ``Joint_1`` and ``Joint_1.torque``; else the file's name stands before them, ``left:Joint_1``.
@@ -237,7 +237,7 @@ def _told_apart(cell: str, path: Path) -> str:
     return f"{name}{said.pop()}" + (f" [{unit}]" if unit else "")
 
 
-# ── Motions in recordings of ROS, without ROS: the joint states of MCAP files, of rosbag2 folders and of bags of ROS 1
+# ── ROS recordings without ROS: MCAP files, rosbag2 folders, bags of ROS 1
 
 _TYPE = "JointState"
 _PARTS = (("position", "q"), ("velocity", "dq"), ("effort", "tau"))
@@ -327,7 +327,7 @@ def _bag(path: Path) -> Iterator[tuple[str, Any]]:
             yield connection.topic, reader.deserialize(raw, connection.msgtype)
 
 
-# ── The file of a motion, opened by what its name and its first bytes say it is, for any robot
+# ── Opening a file by its name and first bytes
 
 MotionFile = CsvFile | NpzFile | JoinedFile | ArrayStream
 

@@ -1,4 +1,4 @@
-"""A motion as columns, in files and in tables."""
+"""A motion as columns: CSV and other files, xarray datasets, and pandas DataFrames as motion files."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class MotionFiles:
         return labelled_dataset(self.robot.model, self.time, arrays)
 
 
-# ── States over time as an xarray dataset: axes with the names of samples, times and joints
+# ── Motions as xarray datasets
 
 
 def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) -> Any:
@@ -186,7 +186,7 @@ def _units(name: str, kinds: Coordinates) -> str:
     return each[0] if len(set(each)) == 1 else ", ".join(each)
 
 
-# ── A pandas DataFrame as the motion file that it could have been read from
+# ── Motions from pandas DataFrames
 
 _NAME = "the DataFrame"
 _COLUMN = re.compile(r"--columns '([^'=]+)=([^']*)'( …)?")

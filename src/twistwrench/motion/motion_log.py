@@ -1,4 +1,4 @@
-"""Rows with the time of the row before: one row of each time is handed on, and what was done about it is counted."""
+"""Logs of motions, read in blocks: time, coordinates, and velocities, accelerations and torques, one row of each time."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def steady_times(stamps: Array) -> Array | None:
     return found if (np.diff(found) > 0).all() else None
 
 
-# ── A motion in a file, read in blocks: time, coordinates, and velocities, accelerations and torques where it has them
+# ── The log: blocks of complete rows
 
 _MOST_STAMPS = 1 << 24
 """Rows whose stamps are looked at together: 128 MiB."""

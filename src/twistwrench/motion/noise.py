@@ -1,4 +1,4 @@
-"""How good a log is: its time step, the grid its numbers lie on, and its noise, judged from excerpts of the file."""
+"""Quality of a log, judged from excerpts: time step, grid of its numbers, noise, late stamps, and running extremes."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def differences(t: Array, x: Array, order: int) -> Array:
     return np.asarray(sum(weights[:, j, None] * x[j : j + n] for j in range(order + 1)))
 
 
-# ── What the samples of a log are off by: noise, rounding to a grid, and stamps that are late or early
+# ── Errors of samples: noise, rounding, and the timing of stamps
 
 _GROUPS, _FEWEST = 16, 60
 """Rows are grouped by speed: this many groups, of at least so many rows."""
@@ -244,7 +244,7 @@ def _split(off: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
     return float(found[0]), float(found[1] / top)
 
 
-# ── The greatest value of each column of numbers that come in portions
+# ── Running extremes of columns
 
 
 class Extreme:
@@ -264,7 +264,7 @@ class Extreme:
         return [(int(k), int(rows[k])) for k in fresh]
 
 
-# ── A stream of rows, cut into overlapping windows: bounded memory for what needs a row's neighbours
+# ── Overlapping windows of a stream of rows
 
 
 def windows(blocks: Iterable[Array], core: int, margin: int) -> Iterator[tuple[Array, slice]]:

@@ -1,4 +1,4 @@
-"""The explanation of a torque as a picture: a bar per joint, stacked by cause."""
+"""Plots of causes: a torque's explanation as stacked bars, and a sensor's readings before and after compensation."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
         return save(drawn, path)
 
 
-# ── Readings before and after compensation, as a picture
+# ── Readings before and after compensation
 
 _COLOURS = (BLUE, VERMILION, GREEN)  # x, y, z
 _FEW = 40  # readings up to which each is a dot

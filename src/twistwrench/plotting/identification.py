@@ -1,4 +1,4 @@
-"""What the doctor found, drawn: the shapes of a link, and the solid ellipsoid of its inertia before and after the repair."""
+"""Plots of the doctor and of identification: inertia ellipsoids, friction, residuals, parameter groups."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _outline(points: Array) -> Array:
     return np.asarray(points[used][np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
 
 
-# ── What identification found of friction, of single rows, and of bodies, drawn on axes that are given
+# ── Friction, residuals and bodies, on given axes
 
 _BAND_of_identified_drawings, _FAR = 1.96, 4.0
 """Deviations of a band that holds 95 %, and from which a residual is marked."""
@@ -261,7 +261,7 @@ def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     grid[0][2].legend(fontsize=SMALL, frameon=False, loc="upper right")
 
 
-# ── What identification found, drawn: torques of rows held out, groups with their intervals, the pull to the file's bodies
+# ── The figure and the page of an identification
 
 _BAND = 1.96
 _MOST_GROUPS, _NAMED_GROUPS, _LONGEST_NAME = 80, 30, 22

@@ -1,4 +1,4 @@
-"""Pictures of a motion: what each torque is made of, where power and energy go, and the phase plane of its joints."""
+"""Plots of a motion: causes of each torque, power and energy, phase plane, velocities and torques against limits."""
 
 from __future__ import annotations
 
@@ -381,7 +381,7 @@ def _work(t: Array, power: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.diff(t) * (power[1:] + power[:-1]) / 2)])
 
 
-# ── Velocities and torques of joints over time, as shares of their limits where all have one
+# ── Velocities and torques as shares of their limits
 
 COLOURS = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, GREY, YELLOW)
 _JOINTS = 24

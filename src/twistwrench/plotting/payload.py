@@ -1,4 +1,4 @@
-"""The payload map as a picture."""
+"""Plots of statics: force polytope and ellipsoid, shares of the joints, and the payload map."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _round_ticks(low: float, high: float) -> list[float]:
     return ticks
 
 
-# ── Statics as a picture: force polytope and ellipsoid, shares of the joints, and the payload map
+# ── The figure of a payload
 
 _POLYTOPE = "polytope: each joint within its limit, gravity held first"
 _ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"

@@ -1,4 +1,4 @@
-"""A simulation as a picture: where the joints went, where the energy went, and what of it was lost on the way."""
+"""Plots of a simulation and of a trajectory: coordinates, energies, drift, limits that bind, phase plane."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _legend(axis: Axes) -> None:
     )
 
 
-# ── A motion as a picture: what each joint uses of its limits, what limits the fastest motion when, and the phase plane
+# ── A trajectory: shares of limits, binding limits, phase plane
 
 _SAMPLES = 3001
 

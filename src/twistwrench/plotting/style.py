@@ -1,4 +1,4 @@
-"""The one look of all pictures, and the one way to write them. Matplotlib is imported only when one is drawn."""
+"""The style of all pictures and their files. Matplotlib is imported only when one is drawn."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
     return mpl
 
 
-# ── Panels side by side, one for each joint: how many in a row, and their axes
+# ── Grids of panels
 
 _COLUMNS = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}
 _MOST = 4

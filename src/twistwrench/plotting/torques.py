@@ -1,4 +1,4 @@
-"""The torque report as a picture: every joint's torque within its limits, and what the worst joint's is made of."""
+"""Plots of the torque report: joint torques within their limits, causes of the worst, motors in speed-torque regions."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 
 
-# ── The operating points of every motor in its speed–torque region. Modern Robotics figure 8.10
+# ── Operating points of motors. Modern Robotics figure 8.10
 
 _ABREAST = 3
 _SHORT, _LONG = "#f8e3b5", "#c3e3d3"

@@ -1,4 +1,4 @@
-"""The one judgement of the torque limits that a verdict rests on: joints that have none, and limits that stand for none."""
+"""Load cases of a robot: payloads and wrenches, locked joints, torque limits that apply, and the payload margin of a motion."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def arm_entries(model: Model) -> list[int]:
     return found if all(depth(k) <= _FINGER for k in below[at]) else []
 
 
-# ── What a robot carries and what pushes on it, and the split of its torques into their causes
+# ── Payload and wrenches, and the split of torques into causes
 
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
 """The causes of a torque: M ddq, c, g, springs, all of the payload's, wrenches' -J' F_on, joint friction and damping."""
@@ -369,7 +369,7 @@ def _numbers(text: str, what: str, form: str) -> Sequence[float]:
     return found
 
 
-# ── How heavy a payload may be along a motion: torques are linear in its mass, so the least quotient of all samples is that
+# ── Payload margin along a motion: torques are linear in the payload's mass
 
 
 @dataclass(frozen=True)
@@ -433,7 +433,7 @@ class PayloadRoomTally:
         return PayloadRoom(self._share * self._load.payloads[0].mass, self._names[self._joint], self._time)
 
 
-# ── The joints that ``--lock JOINT=VALUE`` holds still: by their names, or by patterns such as ``*wheel*``
+# ── Locked joints: names or patterns such as ``*wheel*``
 
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What is counted over the rows of a file that come block by block: extremes of columns, and steps of the clock."""
+"""Quality of a log: clock, range, grid and saturation of each column, and measured torques against computed ones."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class StampTally:
         )  # fmt: skip
 
 
-# ── What is in a file of a motion, without a robot: its clock, and of each column its range, its grid and where it is cut
+# ── The log's quality, without a robot
 
 _LARGE = 1 << 25
 """Bytes, from which a file is looked at block by block."""
@@ -288,7 +288,7 @@ def _column(name: str, x: Array) -> LogColumn:
     return LogColumn(name, least, most, grid, size, share, dead, float((x == 0).mean()))
 
 
-# ── The torques that a log has itself, held against those that are computed from its motion
+# ── Measured torques against those computed from the motion
 
 _MATTERS = 0.02
 """Share of the largest torque of its unit, computed or measured, below which a joint's torques say nothing."""

@@ -1,4 +1,4 @@
-"""What a motion asks of each motor, and whether it can give it: current, voltage, speed, heat against the data sheet."""
+"""Motor demands of a motion against data sheets: current, voltage, speed and heat; and the progress of several steps."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class MotorTally:
         return tuple(uses)
 
 
-# ── How far work of several steps has come, as one share from 0 to 1
+# ── Progress of work in several steps, as a share from 0 to 1
 
 
 class Steps:

@@ -1,4 +1,4 @@
-"""What a robot is made of as plain data, for programs: the same facts that ``info`` prints, in SI units and radians."""
+"""A robot as plain data, and numbers of its joints as typed in a shell or read from a file of limits."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def link_of(model: Model, body: int) -> str:
     )
 
 
-# ── Numbers for joints as typed in a shell: ``JOINT=VALUE`` each, all at once, or a configuration of the file by name
+# ── Configurations and rates as typed in a shell
 
 _PLAINLY_DEGREES = 3 * math.tau
 """rad: three turns, which hardly any joint makes, and 19 degrees, which any does."""
@@ -257,7 +257,7 @@ def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool)
     return list(found.values())
 
 
-# ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``, in place of the robot's; blanks keep those
+# ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``
 
 # The table of ``twistwrench info --csv`` is read too: a row for each entry of dq, whose other columns are ignored.
 

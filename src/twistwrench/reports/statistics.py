@@ -1,4 +1,4 @@
-"""Running figures of a motion: RMS and gaps in time. Rows come in any portions."""
+"""Statistics of a motion in bounded memory: RMS, gaps in time, curves decimated to be drawn, and noise-free peak torques."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[flo
     return (float(steps[k]), float(time[k])) if len(steps) and steps[k] > known[0] else known
 
 
-# ── Few enough points to draw, from rows too many to keep: the least and the greatest value of each bin of rows
+# ── Min-max decimation: the least and the greatest value of each bin of rows
 
 _BINS = 2048
 
@@ -141,7 +141,7 @@ class Envelope:
         )
 
 
-# ── What the largest of many noisy values says of the largest true one
+# ── The largest true value behind many noisy ones
 
 _MOST = 4096
 _NEAR = 6.0
@@ -229,7 +229,7 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
     return excess, float(np.hypot(spread, _UNSURE * excess))
 
 
-# ── The largest torque without the noise of the log, and how sure that is: the log is drawn again and again
+# ── The largest torque without the noise of the log, by resampling
 
 # The smoothed motion is taken for the true one. Logs of it are drawn with the errors that the log was found to have, and
 # treated as the log was. What comes out differs from what went in as the log's own peak differs from the truth: by the

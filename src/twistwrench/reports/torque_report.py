@@ -1,4 +1,4 @@
-"""What a torque run finds: the figures of each joint, the limits passed, and how far the numbers can be trusted."""
+"""The torque report: a motion through inverse dynamics to peaks, limits, causes and trust in the figures, in bounded memory."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array)
     return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))
 
 
-# ── One pass over the states of a motion and their torques: peaks and their causes, limits, what a picture needs
+# ── One pass over the samples and their torques
 
 _AROUND, _KEPT = 2048, 1 << 23
 """Rows kept on either side of each joint's peak, and numbers of all these together: 64 MiB."""
@@ -401,7 +401,7 @@ class MotionTally:
         return best.result(self.coordinates.velocity_names, self.coordinates.torque_units)
 
 
-# ── The main job: a motion through inverse dynamics to peaks, limits and causes, in bounded memory
+# ── The analysis
 
 # Where the noise of a log matters, the log is smoothed and gone through again, and that second pass is the answer: peaks,
 # causes, limits, motors, files and pictures are all of it. What was derived from the log as it is stands beside it.

@@ -1,4 +1,4 @@
-"""The force that a motion needs at a floating base. Nothing drives one, so it is of contacts that were not given."""
+"""The verdict on a motion's torques: warnings of the model, force missing at a floating base, limits, and confidence."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _weight(model: Model) -> float:
     return model.moving_mass * float(np.linalg.norm(model.gravity))
 
 
-# ── What a robot's model lacks for the torques of a motion to be right, whatever the motion says: masses, and contacts
+# ── Warnings of the model: masses and contacts that it lacks
 
 _APART = 1e-3
 """m between two tips, from which it matters which of them carries the payload."""
@@ -137,7 +137,7 @@ def assumed_words(said: Sequence[str]) -> str:
     return f"; 1 assumption: {said[0]}" if len(said) == 1 else f"; {len(said)} assumptions, first: {said[0]}"
 
 
-# ── The verdict on a motion's torques, from what was found and from how sure that is
+# ── The verdict
 
 _KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
 """What the limits that may be passed are about."""

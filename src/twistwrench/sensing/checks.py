@@ -1,4 +1,4 @@
-"""Other ways to explain a log: the other sign, a mounting that is turned, or both."""
+"""Checks of a sensor log's conventions: sign, mounting, swapped or inverted inputs, drift, gain and cross-talk."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _deviation(found: Fit, rows: Array) -> Array:
     return np.maximum(left, 1e-12 * (1e-3 + np.abs(found.residuals).max()))
 
 
-# ── Slips in the making of a log, other than sign and mounting: what was given, swapped, upside down or left out
+# ── Input errors other than sign and mounting
 
 MAY_POINT_UP = (
     "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "
@@ -271,7 +271,7 @@ def listed_bias(bias: Array) -> str:
     return ", ".join(f"{axis} {number(value, 3)}" for axis, value in zip(WRENCH, bias, strict=True))
 
 
-# ── What is left of a log that changes steadily with time or with the load: a bias that drifts, a gain or cross-talk
+# ── Drift of the bias, gain and cross-talk in what is left
 
 _LEAST = 3  # readings that are off, from which a cause is looked for
 _CURED = 0.25  # of them, at most, that are still off without it

@@ -1,4 +1,4 @@
-"""Why a known sensor does not explain a log: another unit, sign, gravity or column order, or a bias that has moved."""
+"""Compensation of a log by a known sensor, and the explanations of a log that the sensor's file does not fit."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _drift(log: ReadingLog, predicted: Array) -> _Way | None:
     return _Way(said, "identify the sensor again", log.readings - moved, predicted)
 
 
-# ── A log without what the sensor's load does to it, and whether the sensor's file explains it at all
+# ── Compensated logs
 
 _ALARM = 1e-6  # chance that noise alone puts a reading off
 _NEARLY_ALL = 0.75  # of the readings off, from which the file explains nothing

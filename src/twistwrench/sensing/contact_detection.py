@@ -1,4 +1,4 @@
-"""The noise of a sensor at the door: two standard deviations, of moments [N m] and of forces [N]."""
+"""Contact from a compensated wrench: noise of the sensor, the point of contact, and collision thresholds."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def six_noises(noise: ArrayLike) -> Array:
     return sigma
 
 
-# ── Where a wrench comes from, if from one point; and how large one must be to be no noise
+# ── Point of contact, residual moment, and thresholds
 
 _ROUNDING = 1e-12  # of the variances: the least eigenvalue that a covariance scaled by them counts with
 

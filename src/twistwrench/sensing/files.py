@@ -1,4 +1,4 @@
-"""An identified sensor as a JSON file, from ``identify`` to ``compensate``."""
+"""Files of sensors and logs: an identified sensor as JSON, readings as CSV."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
     return "unknown" if same or load.defects() else "given"
 
 
-# ── Logs of readings as CSV files: a header that names the columns in any order, then a row for each reading
+# ── Logs of readings as CSV files
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")

@@ -1,4 +1,4 @@
-"""What is asked of a log, and how its readings change with each."""
+"""Weighted least squares for bias, load, mounting and other unknowns of a sensor, with the noise of each channel estimated."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _in_sensor(Y: Array, mounting: Array) -> Array:
     return np.concatenate([mounting.T @ Y[:, :3], mounting.T @ Y[:, 3:]], axis=1)
 
 
-# ── Weighted least squares for bias, load and what else is asked, with the noise of each of the six channels estimated
+# ── The fit
 
 _HUBER = 2.0  # scaled distance from which a row loses weight; 1 is the middle of good ones
 _MAD = 1.4826  # standard deviations that the median absolute deviation of normal noise makes
@@ -409,7 +409,7 @@ def _pooled(x: Array, groups: Array) -> Array:
     return np.bincount(groups, x)[groups]
 
 
-# ── How well a sensor is known: what its file keeps, and what that makes of new readings
+# ── Uncertainty of a sensor, and of new readings
 
 _KINDS = ("bias", "load", "inertia", "turn")  # of the sensor; drift, tilt and delay are of one log
 

@@ -1,4 +1,4 @@
-"""Unknowns that were not asked for, and would explain what is left: each offered by the name of its option."""
+"""Identification of a sensor's load from a log: bias, mass, centre of mass, inertia, mounting, and the test of acceptance."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) 
     return f"{what} by about {number(math.degrees(float(np.linalg.norm(x))), 2)}°"
 
 
-# ── What to make of a fit: the sensor it gives, what a person should know of it, and whether the log can mean what it says
+# ── Acceptance test: the sensor of a fit, remarks and doubts
 
 _MISFIT = 1.5  # residuals this many times the noise given are not that noise
 _UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
@@ -439,7 +439,7 @@ def _noise(found: Diagnosis) -> str:
     return f"noise of {number(force, 2)} N and {number(moment, 2)} N m"
 
 
-# ── Bias, mass, centre of mass, inertia and mounting of a sensor's load, from a log, with what is known of each
+# ── Identification
 
 
 def identify(

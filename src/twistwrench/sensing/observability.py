@@ -1,4 +1,4 @@
-"""What a log cannot tell: combinations of the unknowns that change no reading, in words."""
+"""Observability of a sensor's unknowns from a log, and the autocorrelation of what a fit leaves."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _vector(x: Array) -> str:
     return ", ".join(number(v, 2) for v in x + 0.0)
 
 
-# ── Whether what a fit leaves is white in the order of the log, as noise is, and over how many rows it hangs together
+# ── Whiteness of residuals in the order of the log
 
 _CHANCE = 1e-3  # that white residuals are called otherwise, for all six channels
 _LEAST = 8  # rows from which the order says anything

@@ -1,4 +1,4 @@
-"""Witnesses: the readings of a log that stand for themselves. Readings of one dwell share their pose error, so they are one."""
+"""Static poses of a log as clusters of readings, and the outliers among them."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def _lengths(x: Array) -> Array:
     return np.asarray(np.linalg.norm(x, axis=-1))
 
 
-# ── Readings that do not belong: someone touched the tool, the cable snagged, a pose was typed wrong
+# ── Outliers: touches, snagged cables, mistyped poses
 
 _FALSE_ALARM = 1e-3  # chance that a clean log loses a reading
 _DWELL_ALARM = 1e-9  # that it loses a dwell: whole orientations go only where nothing else can be

@@ -1,4 +1,4 @@
-"""Which orientations to read next: those that shrink the unknowns' ellipsoid most."""
+"""Poses to read next, by the ellipsoid of the unknowns, and simulated logs of a known sensor."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def _choices(candidates: ArrayLike | None, within: float) -> Array:
     return allowed
 
 
-# ── Logs of a known sensor, for tests and demonstrations
+# ── Simulated logs of a known sensor
 
 # Three slides, then three turns, each a unit screw: together any motion of a hand.
 _SCREWS = np.roll(np.eye(6), 3, axis=0)

@@ -1,4 +1,4 @@
-"""A sensor found from a log: confidence intervals and regions of its unknowns."""
+"""Result of a sensor identification: confidence intervals and regions of its unknowns, and doubts about units."""
 
 from __future__ import annotations
 
@@ -300,7 +300,7 @@ def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | No
     )
 
 
-# ── Units that were mixed up, told by the tool they make: its mass, how far out it is, and the sensor's noise, all at once
+# ── Mixed-up units, judged by the tool that they make
 
 # Forces in another unit scale the mass, moments the first moment, so the centre of mass goes with their quotient, as does the
 # quotient of the two noises. One of the three may well be unusual. A doubt is raised when one is, and another unit would make

@@ -1,4 +1,4 @@
-"""Frames of labelled poses, twists and wrenches: all that a sensor is told about is in {f}, or in its own axes {s}."""
+"""A six-axis force-torque sensor with a load: its frames, the gravity it feels, and the readings it gives."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def unlabelled(given: dict[str, Any], frame: str | None = None, *, turned: bool 
     return plain
 
 
-# ── Orientations at the door: rotations and quaternions are checked, and gravity is turned into the sensor's frame
+# ── Orientations: checks, and gravity in the sensor's frame
 
 _OFF = 1e-3  # numbers written with four decimals pass; a wrong column does not
 
@@ -150,7 +150,7 @@ def _at(badness: Array) -> str:
     return f"[{place}]"
 
 
-# ── A six-axis force-torque sensor with something mounted on it: what it reads, and what is left without that
+# ── The sensor
 
 # The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and what the sensor does to it, so
 # what it does to the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. All of it is in {f}, the frame the sensor measures

@@ -1,4 +1,4 @@
-"""Derivations as a web page that needs nothing else: no network, no scripts; formulas are MathML."""
+"""Derivation of Lagrange's equations of a robot: size estimate, equations, check against Newton-Euler, web page."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _line(left: str, expr: Any, notation: MathML) -> str:
     return f'<div class="line">{" ".join(pieces)}</div>'
 
 
-# ── How large a derivation will be: counted before it is begun
+# ── Size of a derivation, estimated before it begins
 
 LARGEST_POSITION = 1500
 """Terms of a coordinate of a centre of mass, beyond which nothing is expanded."""
@@ -158,7 +158,7 @@ def check_named(robot: Robot) -> None:
         )
 
 
-# ── Numbers from expressions: a walk over the tree, each distinct node once, on arrays of samples
+# ── Evaluation of expressions on arrays of samples
 
 
 class Evaluator:
@@ -208,7 +208,7 @@ class Evaluator:
         return getattr(np, expr.func.__name__)(*map(self, expr.args))
 
 
-# ── Every derivation against Newton and Euler, whose recursions it does not use, at random states
+# ── The check against Newton and Euler, at random states
 
 TOLERANCE = 1e-12
 """Of the largest torque, mass or force at the states. Both sides round some hundred sums of order-one terms."""
@@ -286,7 +286,7 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
     return check
 
 
-# ── Lagrange's equations of a robot, derived. Modern Robotics section 8.1
+# ── The derivation. Modern Robotics section 8.1
 
 FORMS = ("auto", "expanded", "named")
 """``expanded``: every term written out. ``named``: intermediate results get names. ``auto``: expanded where it is short."""

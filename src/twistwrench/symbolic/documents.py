@@ -1,4 +1,4 @@
-"""Expressions in LaTeX."""
+"""Derivations as documents: LaTeX and MathML of expressions, line breaks of long sums, LaTeX and Markdown files."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Latex(Notation):
         return str(sympy.latex(expr))
 
 
-# ── Expressions in MathML
+# ── MathML
 
 
 class MathML(Notation):
@@ -163,7 +163,7 @@ class MathML(Notation):
         return str(MathMLPresentationPrinter().doprint(expr))
 
 
-# ── Long sums over several lines: broken before + and −, those outside brackets first, never inside a function or a fraction
+# ── Line breaks: before + and − outside brackets first, never inside a function or a fraction
 
 # Parentheses need no partner in their line, in plain text as in LaTeX, so a line may end inside a bracket.
 
@@ -285,7 +285,7 @@ def _letter(character: str) -> float:
     return 5.1 if character.isdigit() or character in "ijlrst" else 7.9 if character.isupper() else 5.9
 
 
-# ── Derivations as LaTeX and as Markdown
+# ── LaTeX and Markdown files
 
 _MARGIN = 24.0  # points: the equals sign, and how far a line that goes on is moved in
 _AXES = "xyz"

@@ -1,4 +1,4 @@
-"""Lagrange's equations of anything: their terms by name, the steps that led to them, and the ways to print them."""
+"""Lagrange's equations of a system: terms by name, steps of the derivation, ways to print them, and their assembly."""
 
 from __future__ import annotations
 
@@ -416,7 +416,7 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
     return checked
 
 
-# ── From terms as sums of products to equations as SymPy expressions, with the steps in the order of the book
+# ── Assembly from sums of products, with the steps in the order of the book
 
 STEPS = {
     "momenta": "the derivatives of L with respect to the rates",

@@ -1,4 +1,4 @@
-"""Where bodies are, from the model's numbers: the one place where joints become rotations and places.
+"""Lagrange's equations written out: kinematics over any arithmetic, independent coordinates, and energies as sums of products.
 
 Works over any arithmetic: sums of products in :mod:`.trig_sum`, SymPy expressions, floats.
 """
@@ -75,7 +75,7 @@ def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Ar
     return R, at - R @ at + exact(w) * (pitch * (exact(rate) * x))
 
 
-# ── Generalized coordinates of a robot: independent ones, so that Lagrange's equations hold for them, and their names
+# ── Independent generalized coordinates and their names
 
 # Joints with one coordinate keep it. A planar joint has x, y and an angle; a floating one x, y, z and the ZYX Euler angles
 # of Modern Robotics appendix B.1.1, in place of a quaternion, whose four numbers are not independent.
@@ -151,7 +151,7 @@ def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Arra
     return q, dq, ddq, N
 
 
-# ── Lagrange's equations written out: positions, velocities, energies, and their derivatives as sums of products
+# ── Positions, velocities, energies and their derivatives
 
 # Nothing of the recursions is used: positions come from the joints' placements and axes, velocities are their derivatives,
 # K = Σ ½ m v'v + ½ ω'I ω, and everything after that is differentiation. Modern Robotics section 8.1.

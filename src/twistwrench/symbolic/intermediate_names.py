@@ -1,4 +1,4 @@
-"""Definitions of intermediate results, in order, and the derivatives of what they define."""
+"""Lagrange's equations with named intermediate results: definitions in order, and their derivatives."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Definitions:
         return self._waves[key]
 
 
-# ── Lagrange's equations with names for intermediate results, where written out they would fill pages
+# ── The equations
 
 # Cosines and sines; rotations between links; velocities of centres of mass and links per unit of each rate, from which K;
 # the direction of gravity and the height in each link, from which P; their derivatives by the chain rule. Every line uses

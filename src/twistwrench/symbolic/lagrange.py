@@ -1,4 +1,4 @@
-"""What ``lagrange`` is given: symbols, a Lagrangian of those alone, and perhaps a time."""
+"""Lagrange's equations of any Lagrangian: a bead on a wire, a cart with a pole, coordinates other than joint angles."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _listed(symbols: Any) -> str:
     return ", ".join(sorted(map(str, symbols)))
 
 
-# ── Lagrange's equations from any Lagrangian: a bead on a wire, a cart with a pole, coordinates that are no joint angles
+# ── The function ``lagrange``
 
 
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
@@ -195,7 +195,7 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
     return found
 
 
-# ── sums of products, where L is one ──
+# ── Lagrangians that are sums of products
 
 
 def _parsed(
@@ -295,7 +295,7 @@ class _Reader:
         return self.ring.wave(expr.func.__name__, [int(f) for f in factors])
 
 
-# ── any other L: plain differentiation ──
+# ── Other Lagrangians: plain differentiation
 
 
 def _differentiated(

@@ -1,4 +1,4 @@
-"""Numbers as their files had them: 0.01 again, where fusing links and Steiner's theorem left 0.010000000000000002."""
+"""Symbols and notation: rounded constants, names of symbols, order of factors, plain text, a robot's parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def shortest(value: float, scale: float = 0.0) -> float:
     return value
 
 
-# ── The parts of a symbol's name: letter, dots, index
+# ── Parts of a symbol's name: letter, dots, index
 
 GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ", "iota": "ι",
@@ -61,7 +61,7 @@ def link_number(index: str) -> tuple[int, bool]:
     return (int(number[2]), bool(number[1])) if number else (0, False)
 
 
-# ── The order in which a book writes factors and terms, and the parts of a symbol's name
+# ── Order of factors and terms
 
 RANKS = {"G": -0.7, "m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3, "t": 4.5}
 
@@ -108,7 +108,7 @@ def _term_key(term: Any) -> tuple[Any, ...]:
     return (-min(marks[0], 1), -min(marks[1], 1), tuple(sorted(letters)), str(term) if not letters else "")
 
 
-# ── How an expression is written: in plain text, in LaTeX, in MathML, with factors and terms in the order of a book
+# ── Notations: plain text, and the base of LaTeX and MathML
 
 # Factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Terms: those with
 # accelerations, with rates, without; then by the numbers of the links.
@@ -287,7 +287,7 @@ class Text(Notation):
     """Plain text with Greek letters and indices."""
 
 
-# ── The numbers of a robot as named symbols: lengths, centres of mass, masses, inertias, gravity
+# ── Parameters of a robot: lengths, centres of mass, masses, inertias, gravity
 
 _AXES = "xyz"
 _SAME = 1e-12  # a centre of mass is a quotient, so it meets the joint's place to round-off
@@ -526,7 +526,7 @@ def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) ->
     return Entry(shortest(x), next((p for key, p in lengths.items() if x and _same(k, x, key)), None))
 
 
-# ── Which numbers of a robot are symbols: what ``symbols=`` chooses
+# ── The choice of ``symbols=``
 
 KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 """What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""

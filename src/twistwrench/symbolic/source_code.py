@@ -1,4 +1,4 @@
-"""Equations as straight-line statements, and those as a Python module that needs NumPy only."""
+"""Equations as source code: straight-line routines, printed as C99 and as a Python module that needs NumPy only."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def unused(names: Iterable[str], made: Routine) -> list[str]:
     return [name for name in names if name not in read]
 
 
-# ── An expression in the operators that Python and C share
+# ── Operators that Python and C share
 
 
 def written(expr: Any, functions: Mapping[str, str]) -> str:
@@ -241,7 +241,7 @@ def _double(x: Any) -> float:
         return math.inf
 
 
-# ── Equations as C99: functions of plain arrays, no allocation, nothing but math.h
+# ── C99: functions of plain arrays, no allocation, nothing but math.h
 
 # :mod:`..targets.c` prints recorded programs, one operation a line under a number, with the bits of the kernels. Equations are
 # printed here as they are read: a formula a line under its own names, which no program keeps.
@@ -307,7 +307,7 @@ _C = {
 }
 
 
-# ── Equations as a Python module that needs NumPy only
+# ── Python with NumPy
 
 
 def numpy_source(equations: Equations) -> str:

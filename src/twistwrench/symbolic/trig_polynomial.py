@@ -1,4 +1,4 @@
-"""Sums of products: numbers times symbols times one sine or cosine of a sum of angles. Canonical, so zero is no terms.
+"""Trigonometric polynomials: numbers times symbols times one sine or cosine of a sum of angles. Canonical: zero has no terms.
 
 A person writes sums of angles, and so does this: every product of sines and cosines becomes a sum of them at once,
 cos a cos b = ½ (cos(a - b) + cos(a + b)). A monomial of symbols is one integer, eight bits an exponent, so that products
@@ -214,7 +214,7 @@ class TrigSum:
         return TrigSum(self.ring, {key: value for key, value in self.terms.items() if abs(value) > least})
 
 
-# ── The shortest form of a sum of cosines and sines: of sums of angles, or products of cosines and sines of single ones
+# ── Shortest forms: sums of angles, or products of single ones
 
 Waves = tuple[tuple[Basis, int], ...]
 """A product of powers of sines and cosines."""

@@ -1,4 +1,4 @@
-"""Colours and marks that all views share: how near a torque is to its limit, and where its arrow stands."""
+"""Colours, marks and arrows that all views share."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
     return 0.13 * scene.size / float(middle), directions
 
 
-# ── Arrows as surfaces: straight ones for forces, arcs for torques. Those of one kind have the same triangles at any length
+# ── Arrows as surfaces: of one kind, the same triangles at any length
 
 _AROUND = 14
 _STEPS = 40

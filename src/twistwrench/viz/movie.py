@@ -1,4 +1,4 @@
-"""A camera for pictures on paper: triangles projected, shaded, and sorted from far to near."""
+"""Films of a motion: a camera and painter for triangles, and the film with bars of torque. MP4 needs ffmpeg."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _moved(shape: Shape, surface: Surface, poses: Array) -> Array:
     return np.asarray(corners @ T[:3, :3].T + T[:3, 3])
 
 
-# ── A motion as a film: the robot, and beside it each torque against its limit. GIF needs nothing more, MP4 needs ffmpeg
+# ── The film
 
 MOVIES = (".gif", ".mp4")
 """The kinds of film that are made, by their suffixes."""

@@ -1,4 +1,4 @@
-"""One file that shows a robot and its motion in any browser, without a network: data, drawing and all."""
+"""The page that shows a robot and its motion in any browser, without a network, and the page of the doctor's findings."""
 
 from __future__ import annotations
 
@@ -312,7 +312,7 @@ def _switches(
     return shown, [(key, label) for key, label, there, _ in known if there]
 
 
-# ── The doctor's findings on the robot itself: links in the colours of what was found, ellipsoids before and after
+# ── The doctor's findings on the robot
 
 _COLOURS: dict[str, Colour] = {"error": (0.84, 0.20, 0.16), "warning": (0.90, 0.60, 0.0), "note": (0.95, 0.90, 0.55)}
 _BEFORE: Colour = (0.84, 0.37, 0.0)

@@ -1,4 +1,4 @@
-"""What a page computes with: the robot's own programs as JavaScript, and how far they may go."""
+"""Data of a page: the robot's programs as JavaScript, sliders, limits, wrenches, and the pose at the start."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def round_above(x: float) -> float:
     return float(next(step * power for step in (1, 2, 5, 10) if step * power >= x * (1 - 1e-9)))
 
 
-# ── Sliders of a robot's coordinates: names, units and ranges
+# ── Sliders of coordinates: names, units and ranges
 
 
 def sliders_of(model: Model) -> list[dict[str, Any]]:
@@ -200,7 +200,7 @@ def _of(model: Model, body: Body, slider: Slider) -> dict[str, Any]:
     return found if slider.turn is None else found | {"turn": slider.turn}
 
 
-# ── The robot as a page's header tells it: names, limits, sliders, where marks stand, and the wrenches on it
+# ── The robot in the page's header
 
 _LONGEST_ARROW = 0.35
 """Of the largest force, as a share of the robot's size."""
@@ -270,7 +270,7 @@ def wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, An
     return {"wrenches": data, "wrenchMarks": marks}
 
 
-# ── Where a robot starts that is shown without a motion
+# ── The pose at the start, without a motion
 
 
 def starting_pose(robot: Robot) -> Array:

@@ -1,4 +1,4 @@
-"""A robot drawn from its numbers alone: joints along their axes, tubes between them, and ellipsoids of inertia."""
+"""Scenes of a robot: surfaces fixed to its bodies, from its file, or a skeleton drawn from its numbers."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def turned_z(direction: Array) -> Array:
     return np.stack([x, so3.cross(z, x), z], axis=1)
 
 
-# ── What is drawn of a robot, whatever draws it: surfaces fixed to its bodies, from its file or from its inertia
+# ── Shapes and scenes
 
 _LEAST = 60
 """Triangles left to the smallest shape when a scene is thinned."""

@@ -1,4 +1,4 @@
-"""One section of Modern Robotics as a page shows it: its idea, formulas, sliders and programs."""
+"""Pages of sections of Modern Robotics: ideas, formulas, sliders and programs."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class BookSection:
             )
 
 
-# ── Formulas as HTML, which every browser draws without a network: letters, indices, powers, dots
+# ── Formulas as HTML: letters, indices, powers, dots
 
 _TOKEN = re.compile(
     r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign)|([A-Za-zτθω])([\u0307\u0308]?)"
@@ -95,7 +95,7 @@ def _html(token: re.Match[str]) -> str:
     return f'<i class="{_DOTS[dots]}">{letter}</i>' if dots else f"<i>{letter}</i>"
 
 
-# ── The directions of the base in which a tip can be moved at will
+# ── Directions of the base in which a tip can be moved at will
 
 AXES = ("vx", "vy", "vz")
 _POSES = 16
@@ -116,7 +116,7 @@ def task_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
     return tuple(AXES[k] for k in found)
 
 
-# ── What a page of a section of Modern Robotics has in its header: words, formulas, sliders, and the links' constants
+# ── The section's panel: words, formulas, sliders, constants of links
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -220,7 +220,7 @@ def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list
     }
 
 
-# ── The programs that sections of Modern Robotics ask for, by the names that their pages call them
+# ── Programs by the names that pages call them
 
 Asked = Mapping[str, tuple[str, dict[str, Any]]]
 """Quantities and their options by the names that the page calls their programs."""
@@ -287,7 +287,7 @@ def _rows(programs: PagePrograms) -> tuple[str, ...]:
     return found
 
 
-# ── The sections of Modern Robotics that have a page, in the order of the book
+# ── The sections, in the order of the book
 
 
 def book_section(number: str) -> BookSection:

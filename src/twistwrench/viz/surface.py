@@ -1,4 +1,4 @@
-"""Surfaces of triangles: the simple solids, meshes from files, and how corners are kept sharp and large ones made light."""
+"""Surfaces of triangles: simple solids, meshes from files, sharp corners, lighter meshes; and decimated rows of a motion."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def _merged(surface: Surface) -> Surface:
     return _without_slivers(Surface(surface.vertices[first], group[faces]))
 
 
-# ── Rows of a long motion that a picture needs: evenly spaced ones, and all at which a curve is at its least or greatest
+# ── Decimated rows of a motion: evenly spaced, with every extreme
 
 
 class Thinned:

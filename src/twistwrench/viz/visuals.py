@@ -1,4 +1,4 @@
-"""Where the meshes of a robot file are: package://, model://, file:// and relative names as paths. Nothing is fetched."""
+"""Visuals of a robot file: the paths of its meshes, and the ``<visual>`` elements of URDF. Nothing is fetched."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _known_folders() -> Iterator[Path]:
         yield Path(prefix) / "share"
 
 
-# ── What a robot file says its links look like: the ``<visual>`` elements of URDF
+# ── ``<visual>`` elements of URDF
 
 # https://wiki.ros.org/urdf/XML/link
 # Looks never stop a robot from being shown: what cannot be read is left out, and said in the remarks.

@@ -1,4 +1,4 @@
-"""What ``twistwrench identify`` prints: the verdict, residuals of rows held out, and the groups of parameters."""
+"""Tables of measurements: ``identify``, ``excite``, and the commands of the sensor."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _groups(found: IdentifiedRobot) -> PlainTable:
     return table
 
 
-# ── What ``twistwrench excite`` prints: how sure a log of the motion will make the numbers, and what it asks of each joint
+# ── ``excite``
 
 
 def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
@@ -168,7 +168,7 @@ def _groups_of_excite(found: ExcitingMotion) -> PlainTable:
     return table
 
 
-# ── What the sensor commands print
+# ── The commands of the sensor
 
 _WIDE = 0.1  # m; a centre of mass known no better is not told
 

@@ -1,4 +1,4 @@
-"""A simulation as text: why it stopped, where it ended, how fast it went, its energies, and what happened."""
+"""Tables of motions: ``simulate`` and ``move``."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _cells(values: Array) -> list[str]:
     return [number(x, decimals=_ROUNDING) for x in values]
 
 
-# ── A motion as text: a verdict, what each joint does of what it may, and what limits it when
+# ── ``move``: use of each joint, and the limits that bind
 
 _SAMPLES = 2001
 _LISTED = 12

@@ -1,4 +1,4 @@
-"""What a robot is: joints and limits, bodies and inertias, masses, frames, and the tree they hang in."""
+"""Tables of robots: ``info``, ``robots``, ``doctor``, ``verify`` and ``log info``."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def _branch(link: str, frames: list[str]) -> Text:
     return Text.assemble((link, "bold"), (f"  + {', '.join(others)}" if others else "", "dim"))
 
 
-# ── Robots by name, as tables: the bundled ones with what they are, those of other packages with their files
+# ── ``robots``: bundled robots, and those of other packages
 
 _BUNDLED = "twistwrench"
 
@@ -208,7 +208,7 @@ def _others(source: str, found: list[FoundRobot]) -> PlainTable:
     return table
 
 
-# ── The findings of ``twistwrench doctor``: what is wrong, what it does, and the repair
+# ── ``doctor``
 
 _COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
 _LISTED = 6
@@ -254,7 +254,7 @@ def _paragraph(finding: Finding) -> Iterator[RenderableType]:
         yield Padding(Text(f"effect of the repair: {finding.effect}"), (0, 0, 0, 2))
 
 
-# ── The table of ``twistwrench verify``
+# ── ``verify``
 
 
 def verification_view(report: VerifyReport) -> RenderableType:
@@ -280,7 +280,7 @@ def _table(report: VerifyReport) -> PlainTable:
     return table
 
 
-# ── What ``twistwrench log info`` prints: the clock, and a row for each column
+# ── ``log info``
 
 _MANY_ZEROS, _FEW_STEPS = 0.1, 50
 """Share of the rows that are exactly zero, and steps of the grid from end to end, that are worth a word."""

@@ -1,4 +1,4 @@
-"""Remarks of the torque report on the log, that bear on how far its figures can be trusted."""
+"""Tables of ``torques``: the report with its verdict, notes on the log, motors, and many motions."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def _stamps_matter(report: TorqueReport) -> bool:
     return bool(moving.any() and (shows & moving).sum() > 0.5 * moving.sum())
 
 
-# ── The motors' part of the torque report: a table, and the answer to "which motor is too small?"
+# ── Motors
 
 _SHORT = {"peak current": "peak", "rms current": "rms"}
 _DIGITS, _ROUNDING = 3, 6
@@ -221,7 +221,7 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Text:
     )
 
 
-# ── The torque report as text: peaks and limits, what the peaks are made of, remarks on the log, and a verdict
+# ── The report
 
 _BAR = 12
 _BAR_FROM = 80
@@ -435,7 +435,7 @@ def _left_aside(report: TorqueReport) -> list[str]:
     return said
 
 
-# ── What ``twistwrench torques`` prints of many motions: a line for each
+# ── Many motions
 
 
 def many_view(found: Sequence[FileTorques]) -> RenderableType:

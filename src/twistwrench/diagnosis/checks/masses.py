@@ -1,4 +1,4 @@
-"""Masses without inertia, inertia without mass, placeholders, joints that move nothing, unlikely densities."""
+"""Checks of masses: placeholders, masses without inertia, densities, symmetry, and centres of mass outside the shapes."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def check_density(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         )  # fmt: skip
 
 
-# ── Left against right: inertias that are not each other's mirror image where the parts are
+# ── Symmetry of left and right
 
 _MASS, _COM, _TENSOR = 1e-3, 2e-3, 0.05
 """Share of the mass, metres, share of the trace: less is no difference."""
@@ -261,7 +261,7 @@ def _shapes(link: DescribedLink) -> list[tuple[str, tuple[float, ...], str]]:
     return sorted((spec.kind, spec.sizes, spec.file) for spec in link.shapes.specs)
 
 
-# ── Centres of mass outside the shapes, and parts that are drawn in another unit of length
+# ── Centres of mass outside the shapes, and shapes in another unit of length
 
 _MARGIN = 0.1, 0.01
 """Of the diagonal of the shapes, and metres: how far outside a centre of mass may be."""
