@@ -1,4 +1,4 @@
-"""What the orders of all libraries share: joints of one name, those that follow, and rates through P."""
+"""Conversion of states to and from the conventions of MuJoCo and Pinocchio, and of SciPy's quaternions."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def rates_from(
         yield back @ arguments.one(ddq, f"{caller}: ddq", len(P)) - turning(robot, found)
 
 
-# ── States in MuJoCo's order, and from it
+# ── MuJoCo
 
 
 def to_mujoco(
@@ -224,7 +224,7 @@ def _name(model: Any, i: int) -> str:
     return f"{model.body(b).name or f'body{b}'}.{('free', 'ball', 'slide', 'hinge')[int(model.jnt_type[i])]}{place}"
 
 
-# ── States in Pinocchio's order, and from it
+# ── Pinocchio
 
 
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
@@ -350,7 +350,7 @@ def _joints_of_pinocchio_order(robot: Robot, model: Any) -> Iterator[tuple[Body,
         yield body, joint
 
 
-# ── Quaternions in SciPy's order, and from it
+# ── SciPy
 
 
 def to_scipy_quaternion(Q: ArrayLike) -> Array:
@@ -391,7 +391,7 @@ def from_scipy_quaternion(Q: ArrayLike) -> Array:
     return np.roll(np.asarray(arguments.real(Q, "from_scipy_quaternion: Q", 4), float), 1, axis=-1)
 
 
-# ── States in the words of other libraries: the orders, signs and frames of Pinocchio and MuJoCo; SciPy's quaternions
+# ── Public functions
 
 # Joints are matched by name, so the other library must have read the same file. Theirs marked with a star, there is one
 # matrix P for each library with

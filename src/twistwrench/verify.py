@@ -1,4 +1,4 @@
-"""Checks of a robot's dynamics: laws of mechanics, the algorithms on plain floats, another library on the same file.
+"""Verification of a robot's dynamics by laws of mechanics, by the algorithms on floats, and by another library.
 
 Residuals are relative by norm: the largest difference over the largest entry of what is compared, worst of all states. Where
 one side is a derivative by differences it is good to some 1e-12 of the function differentiated.
@@ -121,7 +121,7 @@ def _check(robot: Robot, motions: list[State], name: str, compares: str, toleran
     return Check(name, compares, worst, tolerance)
 
 
-# ── laws ──
+# ── Laws of mechanics ──
 
 
 def torque_size(robot: Robot, at: State, tau: Array) -> float:
@@ -239,7 +239,7 @@ _LAWS: tuple[tuple[str, str, float, Residual], ...] = (
     ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled),
 )
 
-# ── other libraries ──
+# ── Other libraries ──
 
 
 def _file_of(robot: Robot, library: str, kind: str) -> Path:

@@ -1,4 +1,4 @@
-"""The algorithms, each its equations, written once in NumPy notation: on floats a reference, on symbols a program.
+"""Algorithms of robot dynamics, written once in NumPy notation: evaluated on floats, traced on symbols.
 
 One state at a time; batches are the kernels' business. ``q``, ``dq``, ``ddq`` are arrays of numbers or of symbols.
 """

@@ -1,4 +1,4 @@
-"""Constrained dynamics, A(q) dq = 0. Modern Robotics section 8.7.
+"""Constrained dynamics, A(q) dq = 0: rows of constraints, forces, and derivatives. Modern Robotics section 8.7.
 
 Two kinds of constraints, both data. A :class:`Closure` holds a frame {b} on a frame {c}, which is fixed to {a}: with
 T_cb = (R, p), its six rows are the turning of {b} seen from {c} and the rate of p,
@@ -107,7 +107,7 @@ def place_of(model: Model, frame: str) -> Frame:
     return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.all_frames else model.frame(frame)
 
 
-# ── how {b} moves as {c} sees it ──
+# ── Relative motion of {b} seen from {c} ──
 
 
 def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
@@ -169,7 +169,7 @@ def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -
     return np.array([_walk(model, q, c)[1] for c in constraints if isinstance(c, Closure)]).reshape(-1, 4, 4)
 
 
-# ── the constraints and what they do ──
+# ── Constraints and their Jacobians ──
 
 
 def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
@@ -214,7 +214,7 @@ def constrained_dynamics(
     return raised(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)
 
 
-# ── Forces of constraint that leave the joints without motors alone: τ = f + A'λ, zero there. Floats, batches
+# ── Constraint forces with zero torques at passive joints, τ = f + A'λ. Floats, batches
 
 SINGULAR = 1e-9
 """Directions of λ that reach a joint less than this part of what others do, rows of A in their usual sizes, do not."""
@@ -249,7 +249,7 @@ def _pseudoinverse(X: Array, floor: Array) -> Array:
     return np.asarray(np.swapaxes(Vt, -1, -2) @ (inverse[..., None] * np.swapaxes(U, -1, -2)))
 
 
-# ── What constrained dynamics gives, by name. Modern Robotics section 8.7
+# ── Results of constrained dynamics. Modern Robotics section 8.7
 
 
 class ConstrainedMotion(NamedTuple):
@@ -290,7 +290,7 @@ class ConstrainedDerivatives(NamedTuple):
     """By the independent accelerations: the mass matrix that the motors see."""
 
 
-# ── Derivatives of constrained inverse dynamics along motions that keep to the constraints. Floats, batches
+# ── Derivatives of constrained inverse dynamics. Floats, batches
 
 # With the independent velocities u, which are those of the motors, dq = (d, u) and A = (A_d, A_u):
 #

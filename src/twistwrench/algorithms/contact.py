@@ -1,4 +1,4 @@
-"""One step of the velocities, with all that brakes it taken at the end of the step, where it can only brake.
+"""Velocity step with implicit friction, torque limits and damping, and compliant contact forces.
 
 For the velocities v after a step of length h, with what else acts known at its beginning:
 
@@ -178,7 +178,7 @@ class _Corners:
         return solved(*factored(lower), slides * impulse)
 
 
-# ── Forces of compliant contacts, by the law of Hunt and Crossley: points that run into a plane, and joints into their stops
+# ── Compliant contact forces, law of Hunt and Crossley: points on a plane, joints at their stops
 
 # Where a point is a depth d > 0 inside, and sinks in at the rate d', it is pushed out with f = k dⁿ max(0, 1 + c d').
 

@@ -1,9 +1,10 @@
-"""Forward dynamics by articulated bodies: work that grows with the number of bodies, not its cube. Featherstone, RBDA, ch. 7.
+"""Forward dynamics: articulated bodies (RBDA chapter 7), solving with M (MR section 8.5), and factors of long robots.
 
-The wrench F that gives a body the acceleration dV, while all that it carries is free to move, is  F = A dV + p. Its
-articulated inertia A is symmetric but no rigid body's: a body is heavier across a joint than along it. Bodies are watched
-as in :mod:`.inverse_dynamics`: from the inertial frame that at this instant moves with the body's own origin. Outward,
-with λ the parent and R, r its pose, then inward, then outward again, RBDA, table 7.1:
+The work of articulated bodies grows with the number of bodies, not its cube. The wrench F that gives a body the
+acceleration dV, while all that it carries is free to move, is  F = A dV + p. Its articulated inertia A is symmetric
+but no rigid body's: a body is heavier across a joint than along it. Bodies are watched as in
+:mod:`.inverse_dynamics`: from the inertial frame that at this instant moves with the body's own origin. Outward, with
+λ the parent and R, r its pose, then inward, then outward again, RBDA, table 7.1:
 
     (1)  w = R'w_λ + w_J,   c = (w × w_J, R'(w_λ × (w_λ × r)) + (2w - w_J) × v_J)
     (2)  U = A S,   D = S'U + J,   u = τ - S'p                      J: of rotors
@@ -136,7 +137,7 @@ def articulated_pays(model: Model) -> bool:
     return 190 * len(model.bodies) < by_mass_matrix
 
 
-# ── Forward dynamics: q̈ from torques, by solving M q̈ = τ - h. Modern Robotics section 8.5
+# ── q̈ from torques by solving M q̈ = τ - h. Modern Robotics section 8.5
 
 
 def forward_dynamics(
@@ -161,7 +162,7 @@ def forward_dynamics(
     return solved(L, D, tau - bias_forces(model, q, dq, wrenches))
 
 
-# ── What matrices of long robots are products of, one vector for each velocity of each joint, all seen from the base
+# ── Factors of the matrices of long robots: one vector a joint velocity, in base coordinates
 
 # M_ji = S_j·(G S_i),
 #     ∂τ_i/∂q_j = P_j·(B' S_i) + Q_j·(G S_i),         ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)     for j before i,

@@ -1,4 +1,4 @@
-"""Friction of the joints. Modern Robotics section 8.9.4; the exponential is Stribeck's, see Armstrong-Hélouvry et al., 1994."""
+"""Joint friction (Modern Robotics section 8.9.4, with Stribeck's exponential), and the smooth switches it is made of."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def signs(x: Array) -> Array:
     return np.array([e.sign() if hasattr(e, "sign") else np.sign(e) for e in x], object).reshape(x.shape)
 
 
-# ── Choices among numbers without a branch, on numbers and on symbols
+# ── Branch-free switching functions, on numbers and on symbols
 
 
 def positive(x: Any) -> Any:

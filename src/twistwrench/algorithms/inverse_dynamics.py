@@ -1,4 +1,4 @@
-"""Newton–Euler inverse dynamics, Modern Robotics section 8.3, on trees.
+"""Newton–Euler inverse dynamics on trees (MR section 8.3), its regressor, motor torques, and powers.
 
 The laws of Newton and Euler hold in every inertial frame. So each body is watched from the one that at this instant moves
 with the body's own origin: there v = 0, the linear part of dV is the plain acceleration ``a`` of the origin, and
@@ -145,7 +145,7 @@ def drive_torques(
     return collect(model, (1.0 - spins) * F) + spring_forces(model, q), rotors
 
 
-# ── What the motors must give for the torques of the joints. Modern Robotics sections 8.9.1 and 8.9.3
+# ── Motor torques from joint torques. Modern Robotics sections 8.9.1 and 8.9.3
 
 
 class MotorLoads(NamedTuple):
@@ -191,7 +191,7 @@ def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorL
     return MotorLoads(torque, speed, current, voltage, voltage * current, heat)
 
 
-# ── The regressor: inverse dynamics is linear in the inertial parameters. Atkeson, An and Hollerbach, 1986
+# ── Regressor: inverse dynamics linear in the inertial parameters. Atkeson, An and Hollerbach, 1986
 
 PARAMETER_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """The ten parameters of a body about its frame's origin, in the order of ``SpatialInertia.parameters``."""
@@ -215,7 +215,7 @@ def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     return Y
 
 
-# ── Where the power goes
+# ── Power balance
 
 
 class PowerBalance(NamedTuple):

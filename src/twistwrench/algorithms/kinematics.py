@@ -1,4 +1,4 @@
-"""Where the frames are: products of joint poses along the tree. Modern Robotics chapter 4."""
+"""Forward kinematics, Jacobians, coordinate rates, and steps on the configuration manifold. MR chapters 4 and 5."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
     return tau
 
 
-# ── How a configuration moves: the derivatives of q ⊕ v by v at v = 0, and what is left of a bracket of two motions
+# ── Coordinate rates: derivatives of q ⊕ v by v at v = 0, and brackets of motions
 
 # Along robot.add the pose of each joint goes as T exp([A v]), so with dR = R [w] and dp = R v
 #
@@ -180,7 +180,7 @@ def brackets(model: Model) -> Array:
     return c
 
 
-# ── Steps along a motion, on symbols: q ⊕ v without a branch, and what puts quaternions back to unit length
+# ── Integration on symbols: q ⊕ v without a branch, and quaternion normalisation
 
 
 def add(model: Model, q: Array, dv: Array) -> Array:

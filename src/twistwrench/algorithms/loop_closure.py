@@ -1,13 +1,14 @@
-"""Back onto the constraints from nearby, on symbols: what a step of an integrator leaves is taken away again.
+"""Closed loops: projection of states onto the constraints, reachable rows, and closing configurations.
 
-With M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the least changes in the kinetic metric are
+Projection: with M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the least changes in the kinetic metric are
 
     (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q),  g the gaps of the loops
     (2)  dq ← dq - M⁻¹A'S⁻¹ A dq
 
-(1) is taken twice with the matrices of the first q, Newton's method simplified: gaps of a step are small, and each time shrink
-by the square of what was moved. (2) is exact at the q found. Source: Hairer, Lubich and Wanner, Geometric Numerical
-Integration, section IV.4, projection methods; in the metric of M the projection is the same in any coordinates.
+(1) is taken twice with the matrices of the first q, Newton's method simplified: gaps of a step are small, and each
+time shrink by the square of what was moved. (2) is exact at the q found. Source: Hairer, Lubich and Wanner, Geometric
+Numerical Integration, section IV.4, projection methods; in the metric of M the projection is the same in any
+coordinates.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     return np.concatenate([turn, p])[list(rows)]
 
 
-# ── What rows A of velocities can reach through a mass matrix, where A M⁻¹ A' may have no inverse. Floats, batches
+# ── Projection onto constraints with singular A M⁻¹ A'. Floats, batches
 
 # With M = L L' and W the usual size of each row, the singular values of B = W⁻¹ A L⁻ᵀ are pure numbers, 1 for a row that
 # moves as easily as it usually does, and the same for any choice of coordinates of the joints. So one number says which of
@@ -276,7 +277,7 @@ def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
     return best
 
 
-# ── How far closures are from closed, and the configurations at which they are. Floats, batches
+# ── Closure errors and closing configurations. Floats, batches
 
 # A gap is zero where {b} lies on {c} in the closure's rows, and near there its rate is that of the same rows of V_cb:
 # moving rows are those of p; three turning rows those of log R; two are the smallest turn that takes the third axis of {b}

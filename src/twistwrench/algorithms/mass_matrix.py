@@ -1,4 +1,4 @@
-"""The factors of a symmetric positive definite matrix, unrolled, that keep the zeros of a tree; Featherstone, RBDA, 6.5."""
+"""Mass matrix by composite bodies, its sparse factors, energies and momenta, and the Coriolis matrix. RBDA chapter 6."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def widened(M: Array, diagonal: Array) -> Array:
     return found
 
 
-# ── The mass matrix by composite bodies: what each joint feels of everything it carries. Featherstone, RBDA (2008), 6.2
+# ── Mass matrix by composite bodies. Featherstone, RBDA (2008), 6.2
 
 # M = Σ J_i' G_i J_i (MR eq. 8.57) summed so that every body is moved to its parent once; and the drives' armature.
 
@@ -132,7 +132,7 @@ def _add_symmetric(M: Array, row: Body, a: int, column: Body, b: int, value: Any
         M[c, r] = M[c, r] + value
 
 
-# ── Energies, momentum, centre of mass: what the moving bodies carry. Modern Robotics sections 8.1 and 8.2
+# ── Energies, momentum, centre of mass. Modern Robotics sections 8.1 and 8.2
 
 
 def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
@@ -205,7 +205,7 @@ def momentum_about_com(model: Model, q: Array, dq: Array) -> Array:
     return np.concatenate([P[:3] - so3.cross(center_of_mass(model, q), P[3:]), P[3:]])
 
 
-# ── The Coriolis matrix and the Christoffel symbols. Modern Robotics section 8.1.2; Echeandia and Wensing, 2021
+# ── Coriolis matrix and Christoffel symbols. Modern Robotics section 8.1.2; Echeandia and Wensing, 2021
 
 # For a body, let K = ∫ ẋ r' dm and p = ∫ ẋ dm, velocities ẋ and positions r of its points in the body's frame. Then
 #

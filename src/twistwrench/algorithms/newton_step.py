@@ -1,4 +1,4 @@
-"""One damped Newton step of inverse kinematics, without a branch, so that many poses go side by side through compiled code.
+"""One damped Newton step of inverse kinematics without branches, for batches in compiled code.
 
     (1)  T(q) exp([V]) = T_d                                MR section 6.2.2
     (2)  dq = F' (F F' + λ 1)⁻¹ V,   λ = |V|²/2             Sugihara, IEEE T-RO 27(5), 2011

@@ -1,4 +1,4 @@
-"""The equation of motion as the hand feels it: F = Λ dV + η. Modern Robotics section 8.6.
+"""Operational-space dynamics, F = Λ dV + η (MR section 8.6), and joint control laws (MR section 11.4).
 
 With Y = L⁻ᵀJ' and M = L'DL, J M⁻¹ J' is Y'D⁻¹Y: M is factored once, and the zeros between branches stay zeros. The
 pivots of J M⁻¹ J' come out beside the result: the square of what a row has left of its own once the later rows are

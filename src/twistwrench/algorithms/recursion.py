@@ -1,4 +1,4 @@
-"""The two passes over the tree, and the doors between a robot's coordinates and its bodies'. Nowhere else.
+"""Outward and inward passes over the tree, between robot and body coordinates; armature and springs of joints.
 
 An algorithm is the body of ``for i, p in outward(model)`` and of ``for i, p in inward(model)``; ``p`` is the parent's
 number, ``BASE`` for bodies on the base. Parents come before children, so the passes are a count up and a count down.
@@ -83,7 +83,7 @@ def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
     return poses
 
 
-# ── Armature: the inertia A = diag(a) of drives, felt by the velocities u of one joint each. Its kinetic energy is ½ u' A u
+# ── Armature: inertia A = diag(a) of drives, with kinetic energy ½ u' A u in the joint velocities u
 
 # The velocities of planar, ball and floating joints are no rates of coordinates, but the joint's own twist V by its axes S_k.
 # So Lagrange's equations are those of Hamel, and an armature has products of velocities as any inertia of that twist has:
@@ -115,7 +115,7 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
     return tau
 
 
-# ── Springs between joint coordinates: their energy and the torques against them. Modern Robotics section 8.9.5
+# ── Springs between joint coordinates: energy and torques. Modern Robotics section 8.9.5
 
 
 def spring_energy(model: Model, q: Array) -> Any:

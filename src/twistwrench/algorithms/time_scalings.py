@@ -1,4 +1,4 @@
-"""Time scalings s(t) from rest at s = 0 to rest at s = 1, with rate and acceleration. Modern Robotics section 9.2."""
+"""Time scalings s(t) from rest to rest, and the pose paths they time. Modern Robotics section 9.2."""
 
 from __future__ import annotations
 
@@ -295,7 +295,7 @@ def _positive(x: Any, name: str) -> float:
     return value
 
 
-# ── Paths from one pose to another: the constant screw, and the straight line of the origin. Modern Robotics section 9.2.1
+# ── Pose paths: constant screw, and straight line of the origin. Modern Robotics section 9.2.1
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Whether a real body can have an inertia, the nearest one that a body can have, and what a repair moved."""
+"""Physical consistency of inertias: checks, nearest consistent inertia, and parametrisations of the ten numbers."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class Repair:
         )
 
 
-# ── Other ways to write the ten numbers
+# ── Parametrisations of the ten numbers
 
 # The pseudo-inertia J = ∫ [r; 1] [r; 1]' dm is positive definite exactly when a real body has the inertia (Wensing, Kim and
 # Slotine, 2018). Its Cholesky factor with logarithms on the diagonal gives ten numbers of which *every* choice is a real body,

@@ -1,4 +1,4 @@
-"""What a flight is given: numbers of steps, and a wrench that is constant or a function, held to their shape."""
+"""Free motion of one rigid body under wrenches, with the drift of its invariants."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
     return law
 
 
-# ── What steps of one length leave out of the impulse of a wrench that is a function of time
+# ── Quadrature error of the impulse of a time-dependent wrench
 
 _REMARKED = 0.05
 """Share of the momentum from which it is remarked on."""
@@ -121,7 +121,7 @@ class Unseen:
         )
 
 
-# ── Steps of the free motion of one rigid body: torque-free, pushed by a wrench, and of adaptive length
+# ── Steps: torque-free, under a wrench, and of adaptive length
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +297,7 @@ def _quat(x: Array) -> Quat:
     return float(x[0]), float(x[1]), float(x[2]), float(x[3])
 
 
-# ── A recorded free motion, and how far its invariants drifted
+# ── Recorded motion and drift of its invariants
 
 _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
 """rad a step, and share of the energy, from which flights of a box were seen to go astray within some turns."""
@@ -399,7 +399,7 @@ class Flight:
             yield f"the energy is off by {percent(lost, 2)}, so the motion is wrong: take a smaller dt, or a tolerance"
 
 
-# ── Free motion of one rigid body, and how far its invariants drifted
+# ── Integration of the free motion
 
 # The body is integrated in principal axes at its centre of mass, where it turns and travels independently. The state is
 # the pose and the *spatial* momentum: without a wrench the momentum is a constant, not something to integrate, the centre of

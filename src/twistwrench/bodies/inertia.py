@@ -1,4 +1,4 @@
-"""Spatial inertia: ten numbers about a body, in one frame fixed to it. Modern Robotics sections 8.2.1 and 8.2.2."""
+"""Spatial inertia about a body-fixed frame, and momentum-conserving rotation steps. MR sections 8.2.1 and 8.2.2."""
 
 from __future__ import annotations
 
@@ -377,7 +377,7 @@ class SpatialInertia:
     repair = consistency.repair
 
 
-# ── Steps of free rotation about the centre of mass that keep the spatial momentum and bound the energy
+# ── Momentum-conserving steps of free rotation about the centre of mass
 
 # In principal axes the rotational energy of body momentum m is split, with the middle moment I2 set apart,
 #

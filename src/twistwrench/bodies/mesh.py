@@ -1,9 +1,9 @@
-"""Inertia of a uniform solid bounded by closed triangle meshes.
+"""Inertia of uniform solids bounded by triangle meshes, and convex hulls of points.
 
-What one shell bounds is the signed sum of the tetrahedra that a point makes with each of its faces; the integrals over a
-tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass
-properties) of a 3D solid body represented by a triangle mesh", 2004. Shells are added where they bound solids and taken off
-where they bound cavities: :mod:`twistwrench.bodies.solids`.
+The integral over a shell is the signed sum of the tetrahedra that a point makes with each of its faces; the integrals
+over a tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or
+other mass properties) of a 3D solid body represented by a triangle mesh", 2004. Shells are added where they bound
+solids and taken off where they bound cavities: :mod:`twistwrench.bodies.solids`.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
             )
 
 
-# ── The convex hull of points, as a closed surface of triangles
+# ── Convex hull of points, as a closed triangle mesh
 
 
 def hull_faces(points: Array) -> Array | None:

@@ -1,4 +1,4 @@
-"""Argument checks of labelled vectors in a body's equations: kinds as they must be, and one frame for all of them."""
+"""Dynamics of one rigid body in any frame fixed to it, with checks of labelled vectors. Modern Robotics section 8.2."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def numbers(**vectors: Any) -> list[Array]:
     return [arguments.real(x, name, 6) for name, x in vectors.items()]
 
 
-# ── The dynamics of one rigid body, in any frame fixed to it. Modern Robotics section 8.2
+# ── Dynamics of one rigid body in any body-fixed frame. Modern Robotics section 8.2
 
 ROWS = 2048
 """Rows worked on at a time: the six columns of an array, 96 KiB, stay in the second-level cache, and under the

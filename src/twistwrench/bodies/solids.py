@@ -1,4 +1,4 @@
-"""Second moments and rotational inertia, and the nearest second moments that a body can have.
+"""Second moments of mass, point masses and uniform solids, and the closed shells of a triangle mesh.
 
 S = ∫ r r' dm and I = tr(S) 1 - S, (3, 3) each: a body can have I where S has no negative eigenvalue.
 """
@@ -49,7 +49,7 @@ def moment_matrix(I: ArrayLike) -> Array:
         raise ShapeError(f"{problem}{hint}") from None
 
 
-# ── Inertia of bodies of known shape: point masses and uniform solids
+# ── Point masses and uniform solids
 
 # Each function is a named constructor of :class:`~twistwrench.SpatialInertia`, which takes it as a class method. All solids but
 # the mesh are centred: the frame's origin is the centre of mass, the axes are principal, and an axis of symmetry is z.
@@ -341,7 +341,7 @@ def _centred(
     return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments_per_mass, float)))
 
 
-# ── The closed shells of a triangle mesh: which faces hang together, which shell lies inside which, and which cut each other
+# ── Closed shells of a triangle mesh: connected faces, nesting and intersections
 
 # A solid may be bounded by several shells: its outer one, those of its cavities, those of solids beside it. What a shell
 # bounds does not depend on how its faces are turned: by itself it is a solid; inside another it is a cavity, inside a cavity a

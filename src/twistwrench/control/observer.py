@@ -1,4 +1,4 @@
-"""What pushes a robot, from its momentum: no accelerations, no sensor, no inverse of M.
+"""Momentum observer: external torques from the momentum, without accelerations, force sensors or inverses of M.
 
 The generalised momentum p = M dq obeys
 

@@ -1,4 +1,4 @@
-"""What a controller shall follow: a constant, a function of time, or a trajectory; each becomes one function of time."""
+"""Reference motions of controllers (constant, function of time, trajectory), and argument checks of ``control``."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def _require_one_argument(function: Any, what: str) -> None:
         raise ValueRangeError(f"{what} is a function of {taken}, and is called with the time [s]: {problem}.") from None
 
 
-# ── Argument checks of ``control``: robots, states and gains as they must be, or an error that says what is wrong
+# ── Argument checks of ``control``: robots, states and gains
 
 _SYMMETRIC = 1e-9
 

@@ -1,4 +1,4 @@
-"""Control of a frame's motion, with a posture in what the task leaves free. Modern Robotics section 11.4.3.
+"""Task-space control with posture, impedance control, and hybrid motion–force control. MR sections 11.4.3 to 11.7.
 
 The law F = Λ a + η, τ = J'F of section 8.6 leaves the motions that J does not see to themselves. Here they follow a posture:
 of all accelerations of the joints that give the frame the acceleration a, the one nearest to that of the posture, ddq_0, in the
@@ -201,7 +201,7 @@ class TaskSpace(TaskLaw):
         return self._torques(t, q, dq, now, now.Lambda @ a)
 
 
-# ── Impedance control: a frame that yields like a mass on a spring and a damper. Modern Robotics section 11.7.1
+# ── Impedance control: mass, spring and damper at a frame. Modern Robotics section 11.7.1
 
 Measured = Callable[[float, Array, Array], ArrayLike]
 """Of the time [s], q (nq,) and dq (nv,)."""
@@ -280,7 +280,7 @@ class Impedance(TaskLaw):
         return now.Lambda @ now.J @ np.linalg.solve(self.robot.mass_matrix(q), pushed)
 
 
-# ── Hybrid motion–force control of a robot that is held: motion where it is free, force where it is not. MR section 11.6
+# ── Hybrid motion–force control of a constrained robot. Modern Robotics section 11.6
 
 # With the projector P of section 8.7, torques split into P τ, which moves the robot, and (1 - P) τ, which presses on what holds
 # it. A motion law gives the first part, the force that is wanted the second:

@@ -1,4 +1,4 @@
-"""Reading robots: a file or text in, a checked model out. The format is told by content, not by file name."""
+"""Readers of robot files: a file or text in, a checked model out, the format recognised by content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gear ratios as files write them: 101, 101:1, or the lead of a spindle."""
+"""Actuator files: motors, gears, rotors, elastic joints and friction laws in YAML, every number with its unit."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
     return plain_number(turns, problem) / divisor
 
 
-# ── The file for what URDF cannot say: motors, gears, rotors, elastic joints, friction laws. YAML, every number with its unit
+# ── Reader of actuator files: motors, gears, rotors, elastic joints, friction laws
 
 _MOTOR = {
     "torque_constant": "torque constant", "resistance": "resistance", "inductance": "inductance", "voltage": "voltage",
@@ -186,7 +186,7 @@ def _share(value: object, where: str) -> float:
     return plain_number(value, problem)
 
 
-# ── What an actuator file says of the columns of logs
+# ── Log columns of an actuator file
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Denavit–Hartenberg tables, standard and modified, to a model. Modern Robotics appendix C; Craig; Corke; Siciliano et al."""
+"""Models from Denavit–Hartenberg tables, and from and to the book's screw lists. MR chapters 4, 8 and appendix C."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _inertias(
     return found
 
 
-# ── The book's description of a serial chain, screws and link frames, to and from a model. Modern Robotics chapters 4 and 8
+# ── Serial chains by the book's screws and link frames. Modern Robotics chapters 4 and 8
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""XML elements that know their file and line, and the safe parser that makes them."""
+"""XML elements with their file and line."""
 
 from __future__ import annotations
 

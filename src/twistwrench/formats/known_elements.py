@@ -1,4 +1,4 @@
-"""Elements, attributes and model fields of other programs' formats: read, without mechanics, or left out with a remark.
+"""Known elements, attributes and model fields of other programs' formats, read or left out with a note.
 
 ``KNOWN[format][tag][name]`` is one of these; ``name`` is an attribute, or ``<child>`` for an element. An element that is READ
 is entered, and its row is called ``parent/tag`` where the tag means two things, else by its tag; without a row it holds text

@@ -1,4 +1,4 @@
-"""What acts between the bodies of a compiled MuJoCo model: actuators, fixed tendons, equality constraints."""
+"""Models that MuJoCo has compiled, read by their attributes; ``mujoco`` is not imported."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def add_tendons(builder: ModelBuilder, model: Any, names: Sequence[str]) -> None
             builder.remark(Remark(who, "has damping, friction or armature, which is left out"))
 
 
-# ── A model that MuJoCo has compiled, by its attributes: ``mujoco`` is not imported. For whatever no file of ours can say
+# ── Reader of compiled models
 
 _KINDS = ("floating", "ball", "prismatic", "revolute")
 _SAID = ("free", "ball", "slide", "hinge")

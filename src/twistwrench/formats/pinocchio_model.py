@@ -1,4 +1,4 @@
-"""A model that Pinocchio holds, by its attributes: ``pinocchio`` is not imported."""
+"""Models that Pinocchio holds, read by their attributes; ``pinocchio`` is not imported."""
 
 from __future__ import annotations
 

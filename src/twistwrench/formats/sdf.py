@@ -1,4 +1,7 @@
-"""What elements of SDF hold as text: numbers, words, poses."""
+"""SDFormat, the model description of Gazebo and Drake: values, frame graph, links and joints.
+
+Source: http://sdformat.org/spec.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +76,7 @@ def pose(element: Element | None) -> Array:
     return T
 
 
-# ── The graph of frames of a model: which frame each pose is given in, and which link each frame is fixed to
+# ── Frame graph: pose reference and attached link of each frame
 
 MODEL = "__model__"
 WORLD = "world"
@@ -445,4 +448,4 @@ def _version(root: Element) -> tuple[int, ...]:
         raise RobotFileError(f"{root} has version={text!r}, expected such as 1.7.") from None
 
 
-# ── SDFormat, the description of models and worlds of Gazebo and Drake; see http://sdformat.org/spec
+# ── Reader of SDF files

@@ -1,4 +1,4 @@
-"""Where robot text comes from: a file, or the text itself."""
+"""Source of robot text: a file, or the text itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The six entries of a tensor of inertia by the names that files have for them."""
+"""URDF, the robot description format of ROS: links and joints of a tree, and tensors of inertia."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def entries_of(I: Array) -> dict[str, float]:
     return {name: float(I[at]) for name, at in ENTRIES.items()}
 
 
-# ── URDF, the robot description format of ROS: links and joints of a tree
+# ── Links and joints
 
 # https://wiki.ros.org/urdf/XML
 # Looks, shapes, transmissions and simulator settings are passed over, and mesh files never opened.

@@ -1,4 +1,4 @@
-"""Masses that a stage leaves to the shapes of a body: uniform solids of its colliders, as UsdPhysics has it.
+"""USD with UsdPhysics: rigid bodies, their mass properties, and the joints of an articulation.
 
 A collider weighs what its own MassAPI says; else its volume times a density: its own, that of the body's MassAPI, that of its
 material, else a tonne a cubic metre. A mass that the body has is spread over the colliders so that they have the same shape of
@@ -112,7 +112,7 @@ def _material(prim: Any) -> Any:
     return UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0].GetPrim()
 
 
-# ── USD with UsdPhysics, as simulators write robots: rigid bodies, their mass properties, and the joints of an articulation
+# ── Reader of USD stages
 
 # https://openusd.org/release/api/usd_physics_page_front.html
 # The stage is opened by Pixar's own library, ``pxr`` of the package usd-core, which is an extra. Numbers become SI by the

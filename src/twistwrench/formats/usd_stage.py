@@ -1,4 +1,4 @@
-"""Stages of USD as robots are read of them: bodies, joints and articulations in order, poses in metres, numbers by name."""
+"""Stages of USD: bodies and joints in order, poses in metres, and the articulation they form."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ def moves(prim: Any) -> bool:
     )
 
 
-# ── Which bodies and joints of a USD stage are one articulation, and in which order its joints hang from the base
+# ── Articulation: bodies and joints of a stage, in order from the base
 
 HOW_TO_SPLIT = (
     "Write it as revolute, prismatic, spherical and fixed joints with bodies between, or load the URDF or MJCF file that the "

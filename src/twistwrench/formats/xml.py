@@ -1,4 +1,4 @@
-"""The safe parser that makes elements of XML text."""
+"""Safe parser of XML text into elements, and exact XML text of elements."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     return maker.root
 
 
-# ── XML text of elements, for the writers: two blanks a level, numbers so that they are read again to the last bit
+# ── XML text of elements: two blanks a level, numbers exact to the bit
 
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 

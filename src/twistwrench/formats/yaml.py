@@ -1,4 +1,4 @@
-"""Numbers with units, as data sheets give them: "33.3 g cm^2", "25.5 mN m/A", "4200 rpm"."""
+"""YAML of actuator files: mappings that know their keys, and numbers with units such as "33.3 g cm^2"."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _plain(unit: str) -> str:
     return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")
 
 
-# ── A mapping of a YAML file that knows the keys that lead to it, and its numbers with units
+# ── Mapping with the path of its keys, and numbers with units
 
 
 def shown(value: object) -> str:

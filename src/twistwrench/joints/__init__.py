@@ -1,4 +1,4 @@
-"""Joint types, one file each, all with the same functions: the only place that knows which types there are."""
+"""Joint types, one file a family, all with the same functions."""
 
 from __future__ import annotations
 

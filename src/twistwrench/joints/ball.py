@@ -1,4 +1,4 @@
-"""Ball joints: they turn about a point. Coordinates are a quaternion (qw, qx, qy, qz), velocities ω in the child's frame.
+"""Ball joints: rotation about a point, by quaternions (qw, qx, qy, qz) and angular velocities in the child's frame.
 
 ``dR = R [ω]``; a quaternion Q changes by ``dQ = ½ Q (0, ω)``. Modern Robotics section 3.2.2 and appendix B.3.
 """

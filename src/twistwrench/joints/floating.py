@@ -1,4 +1,4 @@
-"""Floating joints: all six directions. Coordinates (qw, qx, qy, qz, x, y, z), velocities the body twist (ω, v).
+"""Floating joints: all six directions, by (qw, qx, qy, qz, x, y, z) and body twists (ω, v).
 
 They turn as a ball joint does, and slide with ``dp = R v``. Modern Robotics section 3.3.2.
 """

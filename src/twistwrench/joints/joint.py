@@ -1,4 +1,4 @@
-"""Rotations in the arithmetic of whole numbers and symbols, and the ZYX Euler angles of Modern Robotics appendix B.1.1."""
+"""Joint: the interface of all joint types, fixed joints, and rotations in exact arithmetic."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
     return quaternion.multiply(quaternion.multiply(turns[0], turns[1]), turns[2]), E, dE
 
 
-# ── What every joint type says of itself. The rest of the library asks the joint, and never which type it is
+# ── Interface of all joint types
 
 # A joint carries a child's frame along screw axes that are constant there: its twist, in the child's frame, is ``axes.T @ dq``.
 # Functions that take ``q`` are given the joint's own coordinates, (nq,) or (..., nq); ``dq`` its own velocities.
@@ -481,7 +481,7 @@ class Joint:
         raise NotImplementedError
 
 
-# ── Fixed joints: descriptions have them, models do not, for the links they hold together are fused
+# ── Fixed joints: in descriptions only; models fuse their links
 
 
 class Fixed(Joint):

@@ -1,4 +1,4 @@
-"""Planar joints: they turn about a normal and slide in the plane. Coordinates (x, y, theta), velocities (omega, v_1, v_2)."""
+"""Planar joints: rotation about a normal and translation in the plane, by (x, y, theta) and (omega, v_1, v_2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Screw axes of joints from what files and callers say: numbers checked, directions of unit length."""
+"""One-degree joints by their screw axes: revolute, continuous, prismatic, helical; and rotors. MR eq. 3.88."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def plane_of(normal: Array) -> Array:
     return np.stack([np.r_[normal, zero], np.r_[zero, e1], np.r_[zero, e2]])
 
 
-# ── One-degree joints: a screw axis, which one formula serves. Modern Robotics eq. 3.88
+# ── One-degree joints by a screw axis. Modern Robotics eq. 3.88
 
 
 class ScrewJoint(Joint):
@@ -173,7 +173,7 @@ def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
     return along + cosine * (np.eye(3) - along) + sine * so3.hat(w)
 
 
-# ── Revolute and continuous joints: they turn about an axis, between limits or without end
+# ── Revolute and continuous joints: rotation about an axis
 
 
 class Revolute(ScrewJoint):
@@ -189,7 +189,7 @@ class Continuous(ScrewJoint):
     wraps = (0,)
 
 
-# ── Prismatic joints: they slide along an axis
+# ── Prismatic joints: translation along an axis
 
 
 class Prismatic(ScrewJoint):
@@ -199,7 +199,7 @@ class Prismatic(ScrewJoint):
     turns = False
 
 
-# ── Helical joints: they turn about an axis, and slide along it by the pitch
+# ── Helical joints: rotation about an axis with translation by the pitch
 
 
 class Helical(ScrewJoint):

@@ -1,4 +1,4 @@
-"""Units of what joints do: radians and N m where they turn, metres and N where they slide. The one place of these words."""
+"""Units of joint quantities: radians and N m for rotation, metres and N for translation."""
 
 from __future__ import annotations
 

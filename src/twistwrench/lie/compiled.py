@@ -1,4 +1,4 @@
-"""exp and log by their compiled forms, where there are some. Geometry knows no compiler: ``robot`` puts one here."""
+"""Compiled forms of exp and log, put in place by ``robot``."""
 
 from __future__ import annotations
 

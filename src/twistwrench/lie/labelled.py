@@ -1,4 +1,4 @@
-"""What a twist and a wrench have in common: six numbers, the name of their frame, and a sum that checks it."""
+"""Common base of twists and wrenches: six components, their names, and the frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z), scalar first. Any leading batch shape."""
+"""Unit quaternions (w, x, y, z), scalar first, with any leading batch shape, and angles of rotations without a branch."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def from_matrix(R: ArrayLike) -> Array:
     return np.where(quat[..., :1] < 0, -quat, quat)
 
 
-# ── Angles of exponentials and logarithms of turns, on numbers and on symbols, without a branch
+# ── Rotation angles of exp and log, on numbers and on symbols, without a branch
 
 # Quotients such as sin(x)/x are power series in x² up to 1 rad and closed forms beyond; both are computed, each at its own side
 # of 1 rad, and one of them counts. So values and derivatives of any order are right at every angle, 0 included.

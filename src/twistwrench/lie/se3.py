@@ -377,7 +377,7 @@ def _dual(J: Array, Q: Array) -> Array:
     return np.concatenate([np.concatenate([J, np.zeros_like(J)], axis=-1), np.concatenate([Q, J], axis=-1)], axis=-2)
 
 
-# ── exp and log of one rotation or rigid motion, on numbers and on symbols, without a branch: the text of the compiled forms
+# ── exp and log of one rotation or rigid motion without a branch: source of the compiled forms
 
 # Each comes with a number that says whether it counts: the square of the angle, or how far a matrix is from a rotation or a
 # pose, in squares; ``lie/compiled.py`` looks at it. Modern Robotics sections 3.2.3 and 3.3.3.

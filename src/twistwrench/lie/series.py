@@ -99,7 +99,7 @@ def cot_slope(theta: ArrayLike) -> Array:
     return _switched(theta, _slope(_COT), closed)
 
 
-# ── The matrices 1 + a [w] + b [w]²: every exponential and Jacobian of SO(3) is one, and those of SE(3) are made of them
+# ── Matrices 1 + a [w] + b [w]²: exponentials and Jacobians of SO(3), and parts of those of SE(3)
 
 
 def angle(w: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Twists with the name of their frame. Modern Robotics section 3.3.2."""
+"""Twists and wrenches with the name of their frame. Modern Robotics sections 3.3.2 and 3.4."""
 
 from __future__ import annotations
 

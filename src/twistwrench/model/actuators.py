@@ -1,4 +1,4 @@
-"""What drives a joint: a motor, its rotor, a gear, perhaps a spring behind it. Modern Robotics section 8.9."""
+"""Actuator of a joint: motor, rotor, gear and spring, with checks of the numbers. Modern Robotics section 8.9."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ class Actuator:
     """N m/rad or N/m, of the gear as seen at the joint; finite makes the joint flexible, with a coordinate on each side."""
 
 
-# ── Which numbers a drive can have
+# ── Valid parameters of a drive
 
 _SMALLEST, LARGEST = 1e-18, 1e12
 """In SI units: no drive has a number beyond these, and their squares are still far from overflow."""

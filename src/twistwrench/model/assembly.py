@@ -1,4 +1,4 @@
-"""Fusing: bodies held rigidly by their parents become part of them. The one place where links are joined."""
+"""Assembly of a model from described links and joints: fusing, mimic joints, tip frame, configurations."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _coordinates(q: Array, body: Body) -> Array:
     return q[..., body.places[0]]
 
 
-# ── The tip: the frame that is meant when none is named
+# ── Tip: the default frame
 
 
 def default_tip(model: Model) -> str | None:
@@ -194,7 +194,7 @@ def check_tip(model: Model, tip: str | None) -> str | None:
     return tip
 
 
-# ── Mimic joints: which joint each one follows in the end, and how; the limits of leaders that followers keep theirs in
+# ── Mimic joints: resolved leaders, ratios and offsets, and limits inherited by leaders
 
 MIMIC_POLICIES = ("follow", "independent")
 """``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
@@ -285,7 +285,7 @@ def follower_torques(model: Model, F: Array) -> Array:
     return np.stack([F[..., i, :] @ model.bodies[i].joint.axes[0] for i in which], axis=-1)
 
 
-# ── Assembly: from described links and joints to a model in which every joint, fixed ones included, carries a body
+# ── Assembly of links and joints to a model with one body a joint
 
 ROOT_JOINT = "root_joint"
 """The name of the joint that ``floating_base=True`` adds."""

@@ -1,4 +1,4 @@
-"""The builder: where links and joints are named one by one, and a checked, frozen model comes out."""
+"""Builder: links and joints by name in, a checked and frozen model out."""
 
 from __future__ import annotations
 

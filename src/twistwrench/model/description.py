@@ -1,4 +1,4 @@
-"""What a robot description says, link by link and joint by joint, each checked by itself."""
+"""Described links and joints of a robot, each checked by itself."""
 
 from __future__ import annotations
 

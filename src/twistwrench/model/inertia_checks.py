@@ -1,4 +1,4 @@
-"""Judging inertias: whether the moving bodies of a model can exist, and what is done about those that cannot."""
+"""Checks of the inertias of moving bodies: physical consistency, and masses that are missing."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
     return remarks
 
 
-# ── Moving links that ought to have a mass and have none: their weight is missing from every torque
+# ── Zero-inertia checks: moving links without mass
 
 
 def massless_links(model: Model) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Limits of the joints, the one tolerance of all of them, and the one answer to whether something is beyond its limit."""
+"""Limits of the joints, with their tolerance and the test for values beyond them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tree of links that joints describe: that it is one, and the order in which it is walked."""
+"""Frozen model of a robot: moving bodies in tree order, joints, frames, springs and loops."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
     )
 
 
-# ── Springs between joint coordinates: elastic gears, and springs that hold a joint. Modern Robotics section 8.9.5
+# ── Springs between joint coordinates. Modern Robotics section 8.9.5
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Spring:
         return Spring(tuple(t for t in self.terms if t[0] not in positions), self.stiffness, self.rest - fixed)
 
 
-# ── Loops that a robot file closes, offered: the model is a tree, and a robot is closed by ``robot.close``
+# ── Loops of a robot file, closed by ``robot.close``; the model itself is a tree
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class OfferedClosure:
     """The rows of the frames' relative twist that are held at zero."""
 
 
-# ── The frozen model of a robot: moving bodies, the joints between them, and the frames fixed to them
+# ── Model: moving bodies, joints and frames
 
 BASE = -1
 """Index that stands for the base, the one body that does not move."""

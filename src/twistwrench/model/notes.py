@@ -1,4 +1,4 @@
-"""Remarks on what a robot file says, and one sentence for those that say the same of several links or joints."""
+"""Notes on a robot file, joined into one sentence where they concern several links or joints."""
 
 from __future__ import annotations
 

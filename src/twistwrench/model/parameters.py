@@ -1,4 +1,4 @@
-"""Base parameters: inertia that a joint cannot feel moves to the body before it. Fewer numbers, the same torques.
+"""Parameters of a model: base-parameter regrouping, and parameters that vary from sample to sample.
 
 A part G_s of a body's inertia that the joint's motion leaves as it is, and that has no momentum in it (G_s A = 0), moves as
 if it were fixed to the parent. For a turning joint about w through the origin these are the mass, the first moment along
@@ -72,7 +72,7 @@ def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
     return SpatialInertia.from_parameters(p)
 
 
-# ── Numbers of a model that may differ from sample to sample: masses, centres of mass, moments, lengths, friction
+# ── Parameters that may vary by sample: masses, centres of mass, moments, lengths, friction
 
 # A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its own axes),
 # ``<joint>.x`` … (where the joint sits in the body that carries it), or ``<joint>.viscous`` and the other laws of
@@ -176,7 +176,7 @@ def _friction(model: Model, new: dict[str, Any]) -> Friction:
     return Friction(**columns) if changed else model.friction
 
 
-# ── Numbers that are given for a model sample by sample: refused where no robot has them, as loading refuses them
+# ── Checks of values given by sample, as in loading
 
 _TENSOR = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _SLACK = 1e-6

@@ -1,4 +1,4 @@
-"""A model as links and joints again: what it can be written as, joined with others from, and cut out of."""
+"""Links and joints of a model, for writing, joining and cutting out, and the way back."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def _unused(name: str, taken: list[str]) -> str:
     return name
 
 
-# ── The model of an outline: the way back
+# ── Model from its parts
 
 
 def assembled(found: Outline) -> Model:

@@ -1,4 +1,4 @@
-"""Snapping: fixed rotations that are nearly permutations, or turn about one axis only, are taken to be exactly that."""
+"""Round-off cleanup: rotations that are nearly permutations, or about one axis, become exactly that."""
 
 from __future__ import annotations
 

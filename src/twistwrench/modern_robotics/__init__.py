@@ -1,4 +1,4 @@
-"""The functions of the book's own Python package by their own names: ``import twistwrench.modern_robotics as mr``.
+"""Functions of the book's own Python package by their names: ``import twistwrench.modern_robotics as mr``.
 
 Names, argument orders and what comes back are those of ``modern_robotics`` 1.1.1 by Lynch, Park, Weng and others. The code is
 not: rigid motions run on :mod:`twistwrench.lie`, and whatever takes ``Slist`` or ``Mlist, Glist, Slist`` on kernels compiled

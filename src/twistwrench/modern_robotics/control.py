@@ -1,4 +1,4 @@
-"""Chapter 11: computed torque control, and its simulation on a robot whose model is not quite right."""
+"""Chapter 11: computed torque control, and its simulation with a model that differs from the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Argument checks of this package: what a caller gave, as real numbers of the right shape, or an error that names it."""
+"""Argument checks of this package: real arrays of the expected shape, or an error that names the argument."""
 
 from __future__ import annotations
 

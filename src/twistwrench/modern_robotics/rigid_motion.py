@@ -13,7 +13,7 @@ from ..lie import se3, so3
 from ..typing import Array
 from . import matrix_arguments
 
-# ── rotations ──
+# ── Rotations ──
 
 
 def RotInv(R: ArrayLike) -> Array:
@@ -191,7 +191,7 @@ def _signed(R: Array, w: Array) -> Array:
     return w
 
 
-# ── rigid motions ──
+# ── Rigid motions ──
 
 
 def RpToTrans(R: ArrayLike, p: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""From the book's lists to compiled kernels: built when first asked for, found again by what is in the lists."""
+"""Compiled robots from the book's lists, cached by their content."""
 
 from __future__ import annotations
 

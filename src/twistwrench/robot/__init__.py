@@ -1,4 +1,4 @@
-"""Robots: quantities, the engine that compiles them, and the class that has them as methods."""
+"""Robots: quantities, the engine that compiles them, and the class with its methods."""
 
 from . import engine as exponential_kernels
 from .load import from_dh, from_mujoco, from_pinocchio, from_screws, load, save

@@ -1,4 +1,4 @@
-"""The arrays that a quantity of a robot is asked with: brought into NumPy's arrays, and the error where they do not fit."""
+"""Arguments of quantities: arrays checked and converted, and wrenches ``{frame: (..., 6)}`` summed for each frame."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def _not_real(name: str, label: str, given: Any) -> ShapeError:
     )
 
 
-# ── The wrenches of a call: ``{frame: (..., 6)}`` by and on the robot, checked, and summed for each frame
+# ── Wrenches ``{frame: (..., 6)}`` by and on the robot, summed for each frame
 
 Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
 

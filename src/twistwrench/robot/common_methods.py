@@ -1,4 +1,4 @@
-"""What means the same of a robot and of a closed robot: inverse kinematics, closing loops, export."""
+"""Methods that robots and closed robots share: inverse kinematics, closing loops, export."""
 
 from __future__ import annotations
 

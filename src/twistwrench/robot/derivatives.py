@@ -1,4 +1,4 @@
-"""Types of arguments of the methods of quantities."""
+"""Derivatives of quantities as methods, and linearised dynamics. Modern Robotics section 8.5."""
 
 from __future__ import annotations
 
@@ -306,7 +306,7 @@ class DerivativeMethods:
         return self._call("mass_matrix", q, by="q", out=out)
 
 
-# ── Linearised dynamics: how small deviations of a state grow, for linear controllers. Modern Robotics section 8.5
+# ── Linearised dynamics. Modern Robotics section 8.5
 
 
 class LinearizationMethods:

@@ -1,4 +1,4 @@
-"""Derivatives of any function written with NumPy, compiled: by forward or reverse mode on the program it traces to."""
+"""Compiled derivatives of any NumPy function, by forward or reverse mode on its traced program."""
 
 from __future__ import annotations
 

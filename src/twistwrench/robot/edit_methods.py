@@ -1,4 +1,4 @@
-"""Edits of a robot: each gives another one."""
+"""Edits of a robot: each returns another robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The programs and kernels of one model: found as they were kept, or traced and compiled, on NumPy where they cannot be."""
+"""Engine: traces, compiles, caches and calls the kernels of one model, with checks of ``out=``."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
     return make_ufunc(given, name, doc, lone=lone)
 
 
-# ── The argument ``out=``: what it must be, and the error where results do not fit in
+# ── Checks of ``out=``
 
 
 def refuse_lazy(name: str, out: Any) -> None:
@@ -231,7 +231,7 @@ def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> Shape
     )
 
 
-# ── From a question to machine code: options are checked, a program is traced, a kernel compiled, kept, and called
+# ── Engine: options, programs, kernels and calls
 
 # A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
 
@@ -363,7 +363,7 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return found if len(found) > 1 else found[0]
 
 
-# ── exp and log of rotations and rigid motions as kernels: the bridge between the geometry that says them and the compiler
+# ── exp and log of rotations and rigid motions as kernels
 
 SHAPES = {
     "rotation_exp": ((3,), (3, 3)),

@@ -1,4 +1,4 @@
-"""Why a joint needs its torque: τ split by term, and by the link, rotor or payload that causes it.
+"""Explanation of a joint torque: τ split by term, and by the link, rotor or payload that causes it.
 
 Torques are linear in the inertial parameters, τ = Y(q, dq, ddq) π, so each body's own part of each term is Y's columns for
 it times its own parameters: nothing is estimated, and the parts add up to τ.

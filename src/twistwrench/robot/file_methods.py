@@ -1,4 +1,4 @@
-"""A robot as a file of another format."""
+"""Methods that write a robot to other formats and to functions of other packages."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def _warn(name: str, form: str, lost: Iterable[str]) -> None:
         warnings.warn(f"robot {name!r} as {form}: {said}.", ModelWarning, stacklevel=frames_to_user())
 
 
-# ── The quantities of a robot as functions of other packages
+# ── Quantities as functions of other packages
 
 
 class BridgeMethods:

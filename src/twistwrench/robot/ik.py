@@ -1,4 +1,4 @@
-"""What inverse kinematics found: configurations, whether they are there, and why not."""
+"""Inverse kinematics: damped Newton method on SE(3) for batches of poses, all branches, and the result."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def selected(found: InverseKinematics, which: Array, q: Array) -> InverseKinemat
     return InverseKinematics(q, found._said[which], found._asked)
 
 
-# ── Inverse kinematics: Newton's method on SE(3), damped, for many poses at once, inside the joints' limits
+# ── Damped Newton method on SE(3) within the joint limits, for batches of poses
 
 # The steps are :mod:`..algorithms.newton_step`, and the whole search around them is compiled, samples side by side; a joint
 # that its limit holds back leaves the step, and comes back when the step leads it inwards. What has not arrived starts again
@@ -366,7 +366,7 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
     return np.take(np.concatenate([so3.log(so3.project(between)), way], axis=-1), chosen, axis=1)
 
 
-# ── All branches of inverse kinematics: the configurations, apart from full turns, at which a frame has one pose
+# ── All branches: configurations of one pose, up to full turns
 
 SAME = 1e-6
 """rad or m: configurations nearer than this in all joints are one."""

@@ -1,4 +1,4 @@
-"""The search for configurations at which frames of one robot have given poses: its kernel, and where it starts again."""
+"""Kernel of the search for configurations at given poses, with restarts, also for closed loops."""
 
 from __future__ import annotations
 
@@ -263,7 +263,7 @@ class _Nobody:
         """None: the long way."""
 
 
-# ── The loops of a closed robot as inverse kinematics closes them: the rows, where to start, and how far they are open
+# ── Loops of a closed robot in inverse kinematics: rows, start configurations, closure errors
 
 ROUNDS = 4
 """Times that starts are brought into the limits and onto the loops again."""

@@ -1,4 +1,4 @@
-"""∂q̈/∂(q, q̇, τ) of arms and larger robots: M is factored once, and the columns of ∂τ are solved in a loop.
+"""Kernels of large robots: forward-dynamics derivatives by column loops or LAPACK, and matrices by loops over joints.
 
 Unrolled, the solutions are half of all instructions, and a humanoid's 60,000 do not stay in a processor's caches.
 """
@@ -71,7 +71,7 @@ def _groups(program: Program, n: int) -> list[ColumnGroup]:
     return [ColumnGroup(solution(rows), tuple(mine)) for rows, mine in places.items()]
 
 
-# ── ∂q̈/∂(q, q̇, τ) of long robots, from compiled parts and LAPACK: M ∂q̈/∂x = -∂τ/∂x, solved as a matrix
+# ── ∂q̈/∂(q, q̇, τ) by LAPACK: M ∂q̈/∂x = -∂τ/∂x
 
 # Unrolled, the solutions alone take some 2 nv³ operations a state: 3.4 million instructions for a chain of 100 links, more than
 # a trace may have. A matrix product of that size is what LAPACK is for.
@@ -130,7 +130,7 @@ def _inverse(M: Array) -> Array:
         return found
 
 
-# ── Matrices of long robots: programs for what belongs to each joint, and loops over the pairs of joints
+# ── Matrices of long robots by loops over pairs of joints
 
 PAIR_LOOP_FROM = 100_000
 """Instructions, as they are estimated here, of the smallest unrolled program that gives way to loops.

@@ -1,4 +1,4 @@
-"""Robots from files, from the book's screw lists, and from Denavit-Hartenberg tables."""
+"""Loading and saving of robots: files, screw lists, Denavit–Hartenberg tables, and models of other libraries."""
 
 from __future__ import annotations
 
@@ -314,7 +314,7 @@ def from_dh(
     )
 
 
-# ── Robots from models that other libraries hold, by their attributes: none of them is imported
+# ── Robots from models of other libraries, read by their attributes
 
 
 def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
@@ -402,7 +402,7 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     return Robot(read_pinocchio_model(model).build(**options))
 
 
-# ── Robots into files
+# ── Saving
 
 
 def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str]:

@@ -1,4 +1,4 @@
-"""Robots whose files an earlier process has read: what a first result needs is kept on disk, and nothing is parsed or traced.
+"""Disk cache of loaded robots: first results without parsing or tracing.
 
 A robot is known by the bytes of its file, the options it was loaded with, and the versions of this library, Python and NumPy.
 Only URDF is known so, which is read from one file. Remarks are kept too, and issued at each loading. The model is made, from

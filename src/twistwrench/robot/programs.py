@@ -1,4 +1,4 @@
-"""What a traced function's derivatives are: by which inputs, in which form, and along which directions each input moves.
+"""Programs of quantities and of their derivatives, traced for one robot, with options checked.
 
 The bridge between `program.differentiate`, which knows expressions, and configurations, which know robot.add.
 """
@@ -229,7 +229,7 @@ def _filled(shape: Shape, entries: Sequence[Any]) -> Array:
     return array.reshape(shape)
 
 
-# ── The options of a quantity, checked: defaults filled in, frames and joints found, derivatives described
+# ── Options of a quantity: defaults, frames, joints, derivatives
 
 
 class KernelOptions(TypedDict, total=False):
@@ -382,7 +382,7 @@ def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[st
     return ports
 
 
-# ── The programs of quantities: their algorithms, traced for one robot with the options asked for
+# ── Traced programs of quantities
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""What one quantity of a robot is: its algorithm, its inputs and outputs, and what they mean."""
+"""Table of the quantities of a robot: algorithm, inputs, outputs, options, words and units."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def row(
     )
 
 
-# ── The quantities a robot can be asked for: algorithm, inputs, outputs, options, and what each is, in words and units
+# ── Table of quantities
 
 # A quantity is one algorithm and one row here. The kernels for processors and for GPUs, the comments of exported C, and the
 # tables of the docs all come from these rows.

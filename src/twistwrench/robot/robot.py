@@ -1,4 +1,4 @@
-"""What a robot shows of itself: plain data for programs, a table in notebooks."""
+"""Robot: a model with an engine of compiled kernels; configurations, edits, and display."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class DisplayMethods:
         )
 
 
-# ── Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels
+# ── Robot
 
 
 class Robot(

@@ -1,4 +1,4 @@
-"""Simulations and rollouts as methods, of robots and of closed robots: what they take stands here, once."""
+"""Methods of robots that open higher layers (simulation, statics, control), imported when called."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
         )  # fmt: skip
 
 
-# ── What is built on robots, as methods of a robot: the one module here that imports from above, when a method is called
+# ── Methods that import higher layers when called
 
 
 class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):

@@ -1,4 +1,4 @@
-"""Task-space inertia and bias, at singular configurations too. Modern Robotics section 8.6."""
+"""Task-space inertia and bias (MR section 8.6), motor torques and powers (MR section 8.9), and the check for robots."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
         )
 
 
-# ── What the motors do, and where the power goes. Modern Robotics section 8.9
+# ── Motor torques and powers. Modern Robotics section 8.9
 
 
 def _of_motors(*found: Any) -> MotorLoads:
@@ -403,7 +403,7 @@ class ActuationMethods:
         return power_balance(dq, tau, moving, pushing, lost)
 
 
-# ── The check that an argument is a robot
+# ── Check that an argument is a robot
 
 
 def require_robot(robot: object, what: str) -> Robot:

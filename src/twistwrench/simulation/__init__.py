@@ -1,4 +1,4 @@
-"""Simulation: how a robot moves under torques, wrenches, friction and contacts, by integrators that say how far they are off.
+"""Simulation of robots under torques, wrenches, friction and contacts, with estimates of the error.
 
 ``robot.simulate`` is the door; what it takes beside numbers and functions, and what it gives, is here.
 """

@@ -1,4 +1,4 @@
-"""How far off a simulated motion may be: the errors of its steps, measured against the motion, and what to say of them."""
+"""Accuracy of a simulation: errors of sampled steps, quadrature of forces, and the messages."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _percent(share: float) -> str:
     return percent(share, 2 if share < 1.0 else None) if share < _MANY else _MORE
 
 
-# ── Which steps of a run are taken again after it, to see what they are off by, and what is kept of them until then
+# ── Selection and storage of sampled steps
 
 _LEAST = 32
 """Steps probed of a run, if it has so many."""
@@ -169,7 +169,7 @@ def probed_steps(n: int) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-# ── What the steps of a run are off by: some of them are taken again, in two halves
+# ── Step errors by halving sampled steps
 
 # The state after a step of length h and that after two of h/2 from the same state differ by (1 - 2^-p) of what the step is off
 # by, for a method of order p. Friction, contacts and torques that are functions act in the halves as they do in the step.
@@ -381,7 +381,7 @@ def _integral(numbers: Array, off: Array, n: int) -> Array:
     return np.asarray(np.diff(edges) @ off)
 
 
-# ── Torques and wrenches that are functions, asked at more times within a step than the method asks them, along its motion
+# ── Quadrature check of torques and wrenches between the stages of a step
 
 Path = Callable[[Array], Array]
 """From shares (m,) of a step to the states (m, size) then."""

@@ -1,4 +1,4 @@
-"""Stiffness: forces so steep that an explicit method must keep its steps short to be stable, whatever its tolerance.
+"""Adaptive Dormand–Prince steps: step control, dense output, and detection of stiffness. Hairer et al., II.4 and IV.2.
 
 The last two stages of Dormand and Prince's method are at the end of the step, at two states z and y1. The difference of their
 rates over the difference of the states estimates the largest eigenvalue λ of the equations, and the method is stable up to
@@ -81,7 +81,7 @@ class Stiffness:
         )
 
 
-# ── Steps whose length follows from an estimate of their error. Hairer, Nørsett and Wanner, volume I, section II.4
+# ── Step-size control. Hairer, Nørsett and Wanner, volume I, section II.4
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
@@ -206,7 +206,7 @@ def _dense(share: Any, Q: Array) -> Array:
     return np.asarray(share ** np.arange(1, len(Q) + 1) @ Q)
 
 
-# ── The steps of an adaptive run that nothing looks at: the states between them are made many at once
+# ── Steps without observers: dense output in one batch
 
 if TYPE_CHECKING:
     from .run import Run
@@ -349,7 +349,7 @@ def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator
     return found
 
 
-# ── The steps of an adaptive run, from sample to sample of a controller, and the states between them one by one
+# ── Steps from controller sample to controller sample, with dense output one by one
 
 if TYPE_CHECKING:
     from .run import Run

@@ -1,4 +1,4 @@
-"""Steps in machine code whose torques or wrenches are functions in Python, asked before each stage of a step."""
+"""Compiled steps with torques, wrenches or controllers as Python callbacks."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class AskedSteps(CompiledSteps):
         return [given[name] for name in self.names]
 
 
-# ── Room for a block of steps between which functions in Python are asked, and the calls that take them, all prepared
+# ── Buffers of a block of steps with callbacks, and the prepared calls
 
 Ask = tuple[Law, Array, Array | None]
 """A function to be asked, where what it gives goes, and what is added to it, if anything."""
@@ -216,7 +216,7 @@ def _sole(controller: Law | None, constant: Array, laws: list[tuple[str, Law]]) 
     return laws[0][1] if len(laws) == 1 and laws[0][0] == "tau" else None
 
 
-# ── The part of a run that machine code takes: blocks of steps, what is kept of each, and where it stops
+# ── Compiled part of a run: blocks of steps, stored results and end
 
 FASTEST = 1e6
 """rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
@@ -320,7 +320,7 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gap
     run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())
 
 
-# ── The part of a run that machine code takes between calls of Python: controllers, torques and wrenches, and events
+# ── Compiled steps between callbacks: controllers, torques, wrenches, events
 
 
 def take_asked(run: Run, steps: CompiledSteps) -> None:

@@ -1,4 +1,4 @@
-"""The motion of a closed robot: that of a simulation, with the forces of its constraints, and how well it kept to them."""
+"""Simulations and rollouts of closed robots, with constraint forces and constraint drift."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _held(found: SimulationResult, closed: ClosedRobot, loops: Loops | None) -> 
     )
 
 
-# ── Rollouts of closed robots: many motions at once, each step of which ends on the constraints, as in simulations
+# ── Rollouts of closed robots, each step projected onto the constraints
 
 
 @dataclass(frozen=True, eq=False, repr=False)

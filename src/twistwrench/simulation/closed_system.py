@@ -1,4 +1,4 @@
-"""One step of a closed robot as a program: constrained dynamics, the method, and back onto the constraints, traced together.
+"""Steps of a closed robot: constrained dynamics, integration and projection, traced into one program.
 
 Simulations and rollouts take the same steps. The state is q and dq, what steps left to be taken away so far, and, in
 simulations, the works done.
@@ -142,8 +142,7 @@ def lost(pivot: Array, earlier: Array | float) -> Array:
     return ~(pivot >= SAFE) | ((pivot < SMALL) & (pivot < SHRUNK * earlier))
 
 
-# ── A robot with closed loops and what acts on it: its rates are those of constrained dynamics, its steps end on the
-# constraints
+# ── Closed system: rates of constrained dynamics, steps projected onto the constraints
 
 # q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
 #
@@ -331,7 +330,7 @@ class ClosedStepper(Stepper):
         return states
 
 
-# ── Steps of a closed robot under constant torques and wrenches, many in one call
+# ── Compiled steps under constant torques and wrenches
 
 LARGEST = 30_000
 """Operations of a step from which it is not compiled: that takes a second or two, more than most simulations without."""

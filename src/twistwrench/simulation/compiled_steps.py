@@ -1,4 +1,4 @@
-"""One step of a rollout as a program: torques, forward dynamics and the move along the manifold, traced together.
+"""Compiled steps of rollouts and simulations: torques, forward dynamics and integration, traced together.
 
 Angles go in apart from the coordinates they are: the same numbers, as an array that is nothing but angles, whose size can be
 looked at once. That is what lets a whole step be one piece of machine code without a branch.
@@ -200,7 +200,7 @@ def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
     return (*(tuple(map(float, row)) for row in rows), (float(last > 0), float(b[last]), 0.0, 1.0, 1.0))
 
 
-# ── One step of a simulation as a program: that of a rollout, with the works done in it and the accelerations it begins with
+# ── Simulation step: a rollout step with its works and initial accelerations
 
 # The state is the y = (q, dq, W) of :mod:`.forces`, and the formulas are those of :mod:`.schemes`: works are integrated by the
 # method that moves the robot.
@@ -374,7 +374,7 @@ class SimulatedStep(Plan):
         return np.asarray(found)
 
 
-# ── Steps of a run in machine code, many in one call, where nothing that acts on the robot is a function in Python
+# ── Blocks of compiled steps without callbacks
 
 _IN_ONE_CALL = 5e8
 """Operations between two looks at whether the user wants to stop: some hundredths of a second."""

@@ -1,4 +1,4 @@
-"""What a robot runs into: a plane, and the stops of its joints. Compliant, and dissipating as Hunt and Crossley say.
+"""Compliant contacts with a plane and with joint stops, damped by the law of Hunt and Crossley, and their durations.
 
 Where a point is a depth d > 0 inside, and sinks in at the rate d', it is pushed out with
 
@@ -124,7 +124,7 @@ def _check_law(what: str, stiffness: float, exponent: float, dissipation: float)
     positive(dissipation, f"{what}: dissipation", zero=True)
 
 
-# ── How many steps each contact of a run lasts: one that is shorter than a step is no more than guessed by any method
+# ── Contact durations in steps: contacts shorter than a step are not resolved
 
 _FEW = 2
 """Ends of steps in a row at which a contact that is too short is closed, at most."""
@@ -183,7 +183,7 @@ class Touches:
         self.first = self.first or f"{name!r} before {printed(t)} s"
 
 
-# ── Contacts of a robot: their law as programs trace it, and the numbers that it is given
+# ── Contacts of a robot: traced law and its parameters
 
 _PRESSED = 3.0
 """Times the robot's weight that presses a point in: more at the start is no robot that stands or lands there."""

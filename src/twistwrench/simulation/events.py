@@ -1,7 +1,7 @@
-"""Functions of a = ad(η) applied to one vector, by their power series in a: all that a step needs of a joint's group.
+"""Events: zero crossings of functions of the state and of position limits; series of ad(η) for variational steps.
 
-The eigenvalues of a are 0 and ±i times the angle turned. The first two series converge for less than a full turn, fast for
-steps that are worth taking: at 1 rad the first term left out is below 1e-19.
+The eigenvalues of a = ad(η) are 0 and ±i times the rotation angle. The first two series converge for less than a full turn:
+at 1 rad the first omitted term is below 1e-19.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _even(a: Array, x: Array, coefficients: list[float]) -> Array:
     return y
 
 
-# ── Limits of position as events: one margin for each joint and side, each looked at by itself
+# ── Position limits as events, one margin a joint and side
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class PositionLimits:
         return int(np.where(out, speed + gained, -np.inf).argmax())
 
 
-# ── What happens at a moment that no step knows beforehand: a function of the state goes through zero, and is found there
+# ── Zero crossings of functions of the state
 
 _NEAR = 1e-4
 """Part of a step over which the slope of an event is measured."""

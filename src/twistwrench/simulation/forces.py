@@ -1,8 +1,8 @@
-"""Coordinates that are no vectors: how fast they change at given joint velocities, and how they are kept on their manifold.
+"""Forces of a simulation: callbacks, friction, contacts, and the rates of the state.
 
-Steps of Runge–Kutta methods go through the numbers of q themselves, whose rates are N(q) dq, and quaternions are then put
-back to unit length. The flow keeps that length, so what is put back is of the size of the step's error, and every method has
-its full order. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, section IV.4.
+Coordinates that are not vectors: Runge–Kutta methods step the numbers of q themselves, whose rates are N(q) dq, and
+quaternions are then normalised. The flow keeps their length, so the correction is of the size of the step's error, and every
+method has its full order. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, section IV.4.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Manifold:
         return tuple(found)
 
 
-# ── What a simulation is given, at its door: numbers, and functions of (t, q, dq) that are held to their shape at every call
+# ── Validation of numbers and callbacks (t, q, dq)
 
 Function = Callable[[float, Array, Array], Any]
 """Of the time [s], q (nq) and dq (nv)."""
@@ -200,7 +200,7 @@ def require_arguments(function: Any, what: str, taken: Sequence[str], names: str
         ) from None
 
 
-# ── Dry friction eased off at low speeds, for methods that need forces without corners: how low, and what that leaves out
+# ── Regularised dry friction for smooth methods, and its error
 
 CREEP = 1e-3
 """rad/s or m/s, the least speed below which dry friction is eased off."""
@@ -289,7 +289,7 @@ def easing_remark(model: Model, creep: Array) -> str | None:
     )
 
 
-# ── The step of velocities that rollouts take, as a kernel of its own for simulations, whose forces come from Python
+# ── Velocity step of rollouts as a kernel for simulations with callbacks
 
 
 class BrakedStep:
@@ -339,7 +339,7 @@ def _program(robot: Robot, friction: bool, gained: bool) -> Program:
     return trace(step, [("q", (robot.nq,)), ("dq", (nv,)), ("h", ()), *rest], ["v", "applied", "friction"])
 
 
-# ── All that acts on the robot, and the rates of its state that follow
+# ── Forces on the robot and rates of its state
 
 # The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by the torques of the joints, by
 # friction, by wrenches and by contacts. Works are integrated by the method that moves the robot, so that

@@ -1,4 +1,4 @@
-"""What a simulation is given, made sure of once, before anything runs."""
+"""Validation and start of simulations, of one state or of many."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None
     return found
 
 
-# ── A simulation as a whole: it is prepared, goes, and whatever ends it, what was computed is given
+# ── One simulation: preparation, run, and the result whatever ends it
 
 
 def simulated(robot: Robot, *start: Any, loops: Loops | None = None, **given: Any) -> SimulationResult:
@@ -270,7 +270,7 @@ def carried_out(run: Run) -> SimulationResult:
     return run.result(run.stopped or f"reached the end, {printed(run.end)} s", completed=not run.stopped)
 
 
-# ── Simulations from many states: each is what it is alone, and where nothing asks Python they take their steps together
+# ── Simulations from many states, batched if there are no callbacks
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""What a simulation gives: times, states, torques, energies, what drifted, what happened, and why it stopped."""
+"""Result of a simulation: times, states, torques, energies, drift, events and the reason of its end."""
 
 from __future__ import annotations
 
@@ -302,7 +302,7 @@ def _largest(x: Array) -> float:
     return max(float(x.max()), -float(x.min()))
 
 
-# ── The states that a run keeps on its way: room for all of them is made at the beginning, and filled
+# ── Preallocated record of a run
 
 _AT_FIRST = 1_000_000
 """States that room is made for at the beginning, at most."""

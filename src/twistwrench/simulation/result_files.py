@@ -1,4 +1,4 @@
-"""Simulations in files: CSV, which is a motion that other commands read, and NumPy's npz. Both give every bit back."""
+"""Simulation results in files: CSV that other commands read, and exact NumPy npz."""
 
 from __future__ import annotations
 

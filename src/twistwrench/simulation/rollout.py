@@ -1,4 +1,4 @@
-"""Rollouts: many motions at once, all their steps in one kernel, samples side by side in its lanes."""
+"""Rollouts: many motions at once, all steps in one kernel, a sample a vector lane."""
 
 from __future__ import annotations
 

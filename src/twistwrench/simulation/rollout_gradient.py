@@ -1,4 +1,4 @@
-"""The kernel of a rollout, room for its results, and the call: in parts of the batch."""
+"""Gradients through rollouts: adjoint steps from last to first, and the kernels of both directions."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
     return list(out)
 
 
-# ── The adjoint of a step of a rollout, as a program: from the slopes of a cost by the state after the step to those before it
+# ── Adjoint program of a step
 
 # With x1 = f(x0, u) a step, τ the torques applied in it, and λ the slopes of a cost by a state, through all later ones,
 #
@@ -228,7 +228,7 @@ class StepAdjoint:
         return before_q + cost[0], before_dq + cost[1], *by
 
 
-# ── Gradients through rollouts: the adjoints of the steps, taken from the last to the first, for all samples in one kernel
+# ── Gradients through rollouts, by one kernel for all samples
 
 # Where every state is kept, one sweep takes all steps. Where one in some is, the states between two are computed once
 # more, with
@@ -343,7 +343,7 @@ def remarks_of(robot: Robot, plan: Plan) -> tuple[str, ...]:
     return (*[DRY] * bool(plan.friction and dry), *[LIMITED] * plan.limited)
 
 
-# ── the sweep ──
+# ── Backward sweep ──
 
 
 def _swept(
@@ -407,7 +407,7 @@ def _kernel(robot: Robot, plan: Plan) -> Any:
     return robot.engine.kept(("adjoint", *plan.key), lambda: compiled(StepAdjoint(plan).recurrence, "adjoint", doc))
 
 
-# ── shapes ──
+# ── Shapes ──
 
 
 def _slopes_of(robot: Robot, given: Inputs, name: str, x: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""What a caller gives a rollout, looked at one by one: states, torques or a law, limits, wrenches, parameters."""
+"""Inputs of a rollout: states, torques or a law, limits, wrenches and parameters, checked and shaped."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
     return tuple(values), list(values.values())
 
 
-# ── What a rollout is given: made sure of here, once, and brought to the shapes that its kernel takes
+# ── Inputs in the shapes of the kernel
 
 MOST_STEPS = 10**9
 LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")

@@ -1,4 +1,4 @@
-"""What is said of a step that is unstable: which joint, how fast, and what to do."""
+"""Run loop of a simulation: fixed or adaptive steps, events, controller samples, and the instability error."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def instability(run: Run, t0: float, t1: float, y: Array) -> str:
     )
 
 
-# ── The engine: steps of one length or of any, events, samples of a controller, and nothing lost whatever happens
+# ── Run loop: fixed or adaptive steps, events, controller samples
 
 
 class Run:

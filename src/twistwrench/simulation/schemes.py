@@ -1,8 +1,9 @@
-"""Rooted trees: every one of them is a condition that the weights of a Runge–Kutta method have to meet.
+"""Integration methods: Runge–Kutta tables that prove their order by rooted trees, and variational integrators.
 
-The expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has that of a step; they agree to
-order p when they agree on all trees of at most p nodes. Source: Butcher, Numerical Methods for Ordinary Differential
-Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.2.
+Conditions of order: the expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has
+that of a step; they agree to order p when they agree on all trees of at most p nodes. Source: Butcher, Numerical
+Methods for Ordinary Differential Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary
+Differential Equations I, section II.2.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
     return tuple(found)
 
 
-# ── Runge–Kutta methods as data: a table of fractions that proves its own order when it is made
+# ── Runge–Kutta tables of fractions, with their order proved on construction
 
 # k_i = f(t + c_i h, y + h Σ a_ij k_j),        y(t + h) = y + h Σ b_i k_i
 #
@@ -273,7 +274,7 @@ DORMAND_PRINCE = Tableau(
 of Shampine, "Some practical Runge–Kutta formulas", Math. Comp. 46, 1986."""
 
 
-# ── Variational integrators: steps that follow from Hamilton's principle themselves, and so keep what it keeps
+# ── Variational integrators, discrete forms of Hamilton's principle
 
 # The action of one step of length h from q to q exp(η), with ξ = η/h, is taken at its middle,
 #
@@ -402,7 +403,7 @@ class Variational:
         return SimulationError(f"at t = {printed(t, 9)} s {what}, first of all in joint {name!r}. Take a smaller dt.")
 
 
-# ── One step of each method: from a state y at t, and its rate there, to the state a time h later
+# ── One step of each method
 
 
 class Scheme(Protocol):

@@ -1,4 +1,4 @@
-"""Torques of a rollout as a law of the state: what it needs from outside, and the law itself, on symbols. MR section 11.4."""
+"""Torque laws of a rollout on symbols, with their inputs. Modern Robotics section 11.4."""
 
 from __future__ import annotations
 

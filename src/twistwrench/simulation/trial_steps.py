@@ -1,4 +1,4 @@
-"""One step of Dormand and Prince's method as a program, and what it is judged by, for constant torques and wrenches.
+"""Trial steps of Dormand and Prince's method in compiled code, and their error measures.
 
 A stage is the program of :mod:`.simulated_step`'s rates, taken seven times; the rates of all stages are kept, for the error and
 the dense output. What the step is judged by is what :mod:`.adaptive` and :mod:`.stiffness` say.
@@ -103,7 +103,7 @@ def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, a
     return error, found
 
 
-# ── Attempted steps of Dormand and Prince's method in machine code, and what each is judged by
+# ── Compiled trial steps
 
 ROWS = 256
 """Steps that there is room for; those accepted wait there for the states between them to be made."""

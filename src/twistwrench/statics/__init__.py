@@ -1,4 +1,4 @@
-"""Statics: what torques a robot's joints can turn into wrenches, payloads, and footholds. Modern Robotics section 5.2."""
+"""Statics: wrenches, payloads and footholds from joint torques. Modern Robotics section 5.2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A point contact with friction, and its cone as edges, from inside and from outside."""
+"""Friction cones of point contacts, and linear programmes of contact forces."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _across(n: Array) -> Array:
     return t / np.linalg.norm(t)
 
 
-# ── Linear programmes of contact forces: a balance within the cones, or a motion that none resists
+# ── Linear programmes: balance within the cones, or an unresisted motion
 
 _TOLERANCE = 1e-7
 """Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""

@@ -1,4 +1,4 @@
-"""Whether contacts can hold a body or a robot at rest: forces that do, or a motion that proves none can."""
+"""Equilibrium of a body or robot in contact, wrenches from joint torques, and joint stops."""
 
 from __future__ import annotations
 
@@ -269,7 +269,7 @@ def _hat(p: Array) -> Array:
     return np.asarray(so3.hat(p))
 
 
-# ── From torques back to the wrench: what the joints produce, what the structure bears, and what nothing balances
+# ── Wrench from torques: produced, borne by the structure, and unbalanced
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this share of the largest count as zero: the pose is then singular."""
@@ -458,7 +458,7 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
     return " ".join(words).removeprefix("+ ").replace("-", "−")
 
 
-# ── Joint stops: which joints of a pose are beyond the positions they can take
+# ── Joint stops: positions beyond the limits
 
 
 @dataclass(frozen=True)

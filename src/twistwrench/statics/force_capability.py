@@ -1,4 +1,4 @@
-"""The wrench ellipsoid: what torques of unit norm can press with, direction by direction. Modern Robotics section 5.4."""
+"""Force capability at a pose: wrench ellipsoid, wrench polytope, strongest and weakest directions. MR section 5.4."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def part_rows(part: str) -> slice:
         raise UnknownNameError.of("part of a wrench", part, PARTS) from None
 
 
-# ── The largest wrench along a direction, and the direction in which a robot is weakest: both in closed form
+# ── Largest wrench along a direction and weakest direction, in closed form
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +332,7 @@ def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrenc
     )
 
 
-# ── The wrench polytope: every wrench a robot at rest can apply within its torque limits, gravity held first
+# ── Wrench polytope: wrenches within the torque limits at rest, after gravity
 
 
 @dataclass(frozen=True, eq=False)

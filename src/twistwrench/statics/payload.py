@@ -1,4 +1,4 @@
-"""The largest mass a robot can hold at a pose: in closed form, since gravity's torques are linear in the mass."""
+"""Payload: largest mass at a pose, in closed form, and over a slice of the workspace."""
 
 from __future__ import annotations
 
@@ -296,7 +296,7 @@ def points(com: ArrayLike) -> Array:
     return np.asarray(arguments.finite(com, "com", 3), float)
 
 
-# ── The largest payload over a slice of the workspace, from sampled configurations
+# ── Payload over a slice of the workspace, from sampled configurations
 
 SLICES = {"xz": (0, 2, 1), "yz": (1, 2, 0), "xy": (0, 1, 2)}
 """The two axes of a plane slice, and the one across it; beside them "rz" is radius and height, any direction around z."""

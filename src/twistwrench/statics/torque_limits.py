@@ -1,4 +1,4 @@
-"""How much the joints can give, and how far a load can grow before one of them gives all it has."""
+"""Torque limits and load margins, with argument checks of ``statics``."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     return Growth(least.max(axis=-1), bound, most, np.where(free, -1, joint), np.where(free, 0, side))
 
 
-# ── Argument checks of ``statics``: poses and directions as they have to be, or an error that says what is wrong with them
+# ── Argument checks of ``statics``: poses and directions
 
 
 def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
@@ -207,7 +207,7 @@ def same_batch(**arrays: Array) -> None:
         raise arguments.mismatch(**arrays) from None
 
 
-# ── Numbers that look like another unit's: millimetres for metres, degrees for radians
+# ── Unit checks: millimetres for metres, degrees for radians
 
 _FAR = 1.0
 """m: few hands carry anything so far out, and few slides pass their stops by as much."""

@@ -1,4 +1,4 @@
-"""For testing dynamics: random robots of every joint kind, random states, comparisons that explain themselves.
+"""Test tools for dynamics: random robots of every joint kind, random states, comparisons with explained differences.
 
 The laws of mechanics hold for every robot, so a test that draws its robots finds what a test of one arm does not.
 """

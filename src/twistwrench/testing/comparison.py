@@ -1,4 +1,4 @@
-"""Comparing arrays by norm, with a message that says where and by how much they differ."""
+"""Comparison of arrays by norm, and derivatives by differences to about 1e-12."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def assert_close(
     )
 
 
-# ── Derivatives by differences, to about 1e-12: an oracle that knows nothing of the formula under test
+# ── Derivatives by differences, to about 1e-12, independent of the formula under test
 
 _PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 _WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0

@@ -1,4 +1,4 @@
-"""Random robots: trees of every joint kind, with bodies that can exist."""
+"""Random robots of every joint kind with physical bodies, and random states."""
 
 from __future__ import annotations
 

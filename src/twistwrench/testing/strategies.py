@@ -1,4 +1,4 @@
-"""Hypothesis strategies: robots and states to be drawn by ``@given``. Needs the extra ``test``."""
+"""Hypothesis strategies for ``@given``: robots and states. Needs the extra ``test``."""
 
 from __future__ import annotations
 

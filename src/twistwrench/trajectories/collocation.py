@@ -1,4 +1,4 @@
-"""Pieces of a phase-plane curve x(s) along which one limit is touched, as polynomials that meet it at Radau's points.
+"""Collocation of limit curves x(s) in the phase plane, and the timing s(t) that follows from ds² = x.
 
 Along a touched row a x'/2 + b x + d √x + c = ±L is a differential equation for x; where a passes through zero it is singular,
 and collocation, which divides by nothing, goes through. Source: Hairer & Wanner, Solving Ordinary Differential Equations II,

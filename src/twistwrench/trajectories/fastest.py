@@ -1,10 +1,11 @@
-"""The two passes that find the fastest x(s) = ds².
+"""Fastest timing of a path under limits of torque, velocity and acceleration. Modern Robotics section 9.4.
 
-Backward, the largest x from which the path can still end at rest; forward, the largest x that stays below it. Both follow one
-limit after another in pieces (:mod:`.collocation`), so structure is found and never guessed. Backward, where the curve runs
-into the limit curve, it is that curve until the least acceleration leads below it: there it leaves. These are the switching
-points of MR section 9.4, tangent, at corners, or at zero inertia. Source: the passes are those of Pham & Pham, "A new
-approach to time-optimal path parameterization based on reachability analysis", IEEE T-RO 34(3), 2018, without its grid.
+Two passes find x(s) = ds². Backward, the largest x from which the path can still end at rest; forward, the largest x
+that stays below it. Both follow one limit after another in pieces (:mod:`.collocation`), so structure is found and
+never guessed. Backward, where the curve runs into the limit curve, it is that curve until the least acceleration
+leads below it: there it leaves. These are the switching points of MR section 9.4, tangent, at corners, or at zero
+inertia. Source: the passes are those of Pham & Pham, "A new approach to time-optimal path parameterization based on
+reachability analysis", IEEE T-RO 34(3), 2018, without its grid.
 """
 
 from __future__ import annotations
@@ -226,7 +227,7 @@ def _lost(s: float) -> PathError:
     )
 
 
-# ── The fastest timing of a path under limits of torque, velocity and acceleration. Modern Robotics section 9.4
+# ── Fastest timing of a path. Modern Robotics section 9.4
 
 _SHORTEST = 1e-6
 """Part of the path: limits of torque and acceleration by which the robot is at its velocity limit sooner count as lower."""

@@ -1,4 +1,4 @@
-"""A robot's limits along a path, as rows that bound the acceleration and the squared rate of the path's parameter.
+"""Robot limits along a path, as bounds of the path parameter's acceleration and squared rate.
 
 With x = ds² and u = dds every limit is |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L or x ≤ cap(s). For torques, by MR eq. 9.34,
 a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''.

@@ -1,4 +1,4 @@
-"""Paths of the joints, q(s) for s from 0 to 1: straight lines, splines through waypoints. Modern Robotics sections 9.2, 9.3."""
+"""Joint paths q(s): straight lines, splines, and pose paths by inverse kinematics. MR sections 9.2 and 9.3."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
     return array
 
 
-# ── Paths of poses turned into paths of the joints: inverse kinematics from place to place, on one branch
+# ── Joint paths from pose paths, by inverse kinematics on one branch
 
 _FIRST, _MOST = 64, 4096
 _ARRIVED = 1e-11

@@ -1,4 +1,4 @@
-"""The limits that a trajectory passes."""
+"""Trajectory: a path with its time scaling, and its violated limits. Modern Robotics section 9.1."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def positions_passed(robot: Robot, s: Array, q: Array, bounds: Bounds) -> tuple[
     return check.violations()
 
 
-# ── A motion: a path and how the time goes along it. Modern Robotics section 9.1
+# ── Trajectory: path and time scaling
 
 _FIT = 2001
 """Instants at which a motion is looked at; then between those that bind."""

@@ -1,4 +1,4 @@
-"""Where things are: positions, and orientations in the five ways that MJCF writes them."""
+"""Bodies of MJCF: poses, order, joints, and inertia from geoms."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _turned(axis: Array, angle: float) -> Array:
     return np.asarray(so3.exp(axis * angle))
 
 
-# ── The bodies of an MJCF file in MuJoCo's order, each with what lies directly in it; frames are multiplied out on the way
+# ── Bodies of an MJCF file in MuJoCo's order, with frames multiplied out
 
 WORLD = "world"
 """The link that stands for the worldbody."""
@@ -214,7 +214,7 @@ def unused(name: str, taken: set[str]) -> str:
     return name
 
 
-# ── Joints of a body: what each one is called, how it moves, and the numbers that go with it
+# ── Joints of a body: name, type and parameters
 
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "floating"}
 """MJCF's types, and ours."""
@@ -411,7 +411,7 @@ def _fitted(geom: Element) -> SpatialInertia:
     )
 
 
-# ── The inertia of bodies: as given, or of their geoms, then corrected as ``<compiler>`` says, in MuJoCo's order
+# ── Inertia of bodies: given or from geoms, then corrected by the settings of ``<compiler>``
 
 
 @dataclass(frozen=True)

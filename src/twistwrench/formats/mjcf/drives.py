@@ -1,4 +1,4 @@
-"""What the actuators of a file say of the joints: the most that they can give, and what of them moves along."""
+"""Actuators, equality constraints and fixed tendons of MJCF."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def _range(element: Element, attribute: str) -> Array:
     return np.array(element.floats(attribute, (0.0, 0.0)))
 
 
-# ── Equality constraints: joints that follow others, and loops that are offered to be closed
+# ── Equality constraints: mimic joints, and loops that may be closed
 
 POINT = "vx vy vz"
 """The rows that ``connect`` holds."""
@@ -272,7 +272,7 @@ def _ends(one: Element, T_1: Array, T_2: Array) -> tuple[Array, Array]:
     return between @ anchor, anchor
 
 
-# ── Fixed tendons: a spring over several joints at once. Spatial ones are left out
+# ── Fixed tendons: springs over several joints. Spatial tendons are ignored
 
 _LOSSES = ("damping", "frictionloss", "armature")
 """What tendons have that has no place in the model."""

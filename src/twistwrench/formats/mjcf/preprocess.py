@@ -1,4 +1,4 @@
-"""What ``<compiler>``, ``<option>`` and its flags say: how the numbers of an MJCF file are meant."""
+"""Settings, includes, default classes and meshes of MJCF, resolved before bodies are read."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def fluid_of(root: Element) -> Element | None:
     return found
 
 
-# ── ``<include>``: other files put in place of it. Never from outside the folder of the file, or of ``include_paths``
+# ── ``<include>``, restricted to the folder of the file and ``include_paths``
 
 _DEEPEST = 16
 _ROOTS = ("mujoco", "mujocoinclude")
@@ -211,7 +211,7 @@ def _part(path: Path, asked: Element, max_bodies: int) -> Element:
     return part
 
 
-# ── Default classes: what an element says where it says nothing itself
+# ── Default classes
 
 # A class begins as a copy of the class it stands in, whatever the order in the file. An element takes the class it names, else
 # the ``childclass`` of the nearest body or frame around it, else the outermost class, ``main``.
@@ -295,7 +295,7 @@ def _key(tag: str) -> str:
     return "actuator" if tag in ACTUATORS else tag
 
 
-# ── Meshes that inertia is computed of: opened only then, and only inside the robot's folder
+# ── Meshes for inertia, opened only if needed and only inside the folder of the robot
 
 _MODES = ("legacy", "exact", "convex", "shell")
 

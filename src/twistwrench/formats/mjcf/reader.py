@@ -1,4 +1,4 @@
-"""The joints of one body, one after the other: n joints make n bodies, all but the last hidden between them."""
+"""From the elements of an MJCF file to links, joints and keyframes of a robot."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def chain(joints: Sequence[MjcfJoint], parent: str, body: str, T: Array) -> Iter
         yield ChainLink(None, parent, body, T)
 
 
-# ── Keyframes: configurations by name, and the one that the file's bodies stand in
+# ── Keyframes, and the initial configuration
 
 REFERENCE = "qpos0"
 """What MuJoCo calls the configuration in which the file describes the bodies."""

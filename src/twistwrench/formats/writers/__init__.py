@@ -1,4 +1,4 @@
-"""Writers: a model as the text of a robot file, and what the format has no words for."""
+"""Writers: a model as the text of a robot file, with a list of losses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The joints of MJCF bodies: hinges, slides, ball and free joints, with their limits and drives, and MuJoCo's coordinates."""
+"""Text of an MJCF file from a model: bodies, joints, limits, drives."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _placed_first(q: Array) -> Array:
     return np.concatenate([q[4:], q[:4]])
 
 
-# ── From a model to the text of an MJCF file
+# ── Writer of MJCF text
 
 WORLD = "world"
 _LEAST = 1e-14

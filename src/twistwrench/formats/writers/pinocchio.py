@@ -1,4 +1,4 @@
-"""From a model to one of Pinocchio's, joint by joint."""
+"""Pinocchio model from a model, joint by joint."""
 
 from __future__ import annotations
 

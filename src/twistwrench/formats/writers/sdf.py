@@ -1,4 +1,4 @@
-"""From a model to the text of an SDF file."""
+"""Text of an SDF file from a model."""
 
 from __future__ import annotations
 

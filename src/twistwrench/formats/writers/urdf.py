@@ -1,4 +1,4 @@
-"""From a model to the text of a URDF file."""
+"""Text of a URDF file from a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all writers share: the parts of a model as a file can have them, and the record of what it cannot."""
+"""Shared parts of all writers: model parts that a file can represent, and the record of losses."""
 
 from __future__ import annotations
 

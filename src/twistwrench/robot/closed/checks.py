@@ -1,4 +1,4 @@
-"""Closing loops: where they close, whether rows are constraints of their own, and whether a state keeps to them."""
+"""Checks of closed loops: closure, independence of constraints, and states that satisfy them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What constraints let a closed robot do, and what of torques they bear. Modern Robotics section 8.7."""
+"""Constraints of a closed robot: Jacobians, scaling, forces as wrenches on links. Modern Robotics section 8.7."""
 
 from __future__ import annotations
 
@@ -335,7 +335,7 @@ def reach_of(closed: ClosedRobot, q: Array) -> tuple[Array, Reach]:
     return A, Reach.of(A, closed.robot.mass_matrix(q), closed.sizes, len(closed.independent))
 
 
-# ── How large the rows of a constraint usually are, and what gaps and rates are small beside
+# ── Scaling of constraint rows, and tolerances of gaps and rates
 
 CLOSED = 1e-12
 """rad, and part of the robot's length: loops closed to this are closed; positions are rounded to some 1e-15 of it."""
@@ -410,7 +410,7 @@ def rate_units(closed: ClosedRobot) -> Array:
     return np.where(axes[:, :3].any(axis=1), 1.0, robot_length(closed.robot.model))
 
 
-# ── The forces of constraints as wrenches on the links of the open robot, each in the axes of its own frame
+# ── Constraint forces as wrenches on the links of the open robot
 
 # With T_cb = (R, p), a closure's λ is the wrench F = (m, f) that {b} applies to {a} at the origin of {b}, along the axes
 # of {c}:
@@ -460,7 +460,7 @@ def _moved(R: Array, p: Array, F: Array) -> Array:
     return np.concatenate([turned[..., :3] + np.cross(p, turned[..., 3:]), turned[..., 3:]], axis=-1)
 
 
-# ── A closure or a velocity constraint, from the frames and rows that it is described by
+# ── Closures and velocity constraints from frames and rows
 
 
 def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLike | None) -> Closure:

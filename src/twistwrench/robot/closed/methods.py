@@ -1,4 +1,4 @@
-"""Methods of a closed robot that open what is built on it: simulation, and statics on its inverse dynamics."""
+"""Methods of a closed robot: constrained dynamics, motors, simulation and statics. Modern Robotics section 8.7."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ class ClosedShortcuts(CommonMethods, SimulationMethods[ClosedMethod, "ClosedSimu
         return self.robot.kernel(*names, **{"constraints": self._kept, **options})
 
 
-# ── Dynamics of closed robots, forward and inverse, with the forces of their constraints. Modern Robotics section 8.7
+# ── Forward and inverse dynamics with constraint forces. Modern Robotics section 8.7
 
 
 class ClosedDynamicsMethods:
@@ -390,7 +390,7 @@ class ClosedDynamicsMethods:
         return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
 
 
-# ── What the motors of a closed robot bear: why, how it changes, and where the power goes
+# ── Motor torques: explanation, derivatives and powers
 
 
 class ClosedLoadMethods:
