@@ -36,6 +36,8 @@ _OUTSIDE = {
     " ret ptr %z\n}\ndeclare ptr @memcpy(ptr, ptr, i64)\n",
     "memset": "define win64cc ptr @memset_there(ptr %a, i32 %b, i64 %n) {\n %z = call ptr @memset(ptr %a, i32 %b, i64 %n)\n"
     " ret ptr %z\n}\ndeclare ptr @memset(ptr, i32, i64)\n",
+    "malloc": "define win64cc ptr @malloc_there(i64 %n) {\n %z = call ptr @malloc(i64 %n)\n ret ptr %z\n}\ndeclare ptr @malloc(i64)\n",
+    "free": "define win64cc void @free_there(ptr %a) {\n call void @free(ptr %a)\n ret void\n}\ndeclare void @free(ptr)\n",
     # grows the stack by touching its pages, and keeps all registers; the stack here grows by itself
     "__chkstk": 'define void @__chkstk_there() naked {\n call void asm sideeffect "ret", ""()\n unreachable\n}\n',
 }

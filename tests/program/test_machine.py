@@ -445,7 +445,7 @@ def test_the_processor_is_in_the_key(monkeypatch, tmp_path):
 
 def test_llvm_is_asked_when_something_compiles_not_before():
     assert isinstance(processor.chosen, types.FunctionType)
-    code = "import sys; import twistwrench; from twistwrench.targets import processor; assert 'llvmlite' not in sys.modules"
+    code = "import sys; import twistwrench; from twistwrench.lowering import target_machine; assert 'llvmlite' not in sys.modules"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "TWISTWRENCH_CPU": "nothing"}, capture_output=True, text=True
     )

@@ -498,7 +498,7 @@ def test_frames_and_kinds_of_rolling_are_checked():
             "do not broadcast",
         ),
         (lambda c, q, v: c.wrenches([1, 2, 3]), tw.ShapeError, r"lam has shape \(3,\)"),
-        (lambda c, q, v: c.consistent(q, tolerance=-1.0), tw.ValueRangeError, "tolerance=-1.0.*positive"),
+        (lambda c, q, v: c.consistent(q, tolerance=-1.0), tw.ValueRangeError, "tolerance=-1 .*positive"),
         (lambda c, q, v: c.robot.kernel("constraint_jacobian"), tw.KernelError, "needs constraints="),
     ],
 )

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
-from twistwrench.robot import model_cache as kept_robots
+from twistwrench.robot import model_cache
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -175,10 +175,10 @@ def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_
     for part in ("robot", "model"):
         (tmp_path / part).mkdir()
         (tmp_path / part / "module.pyc").write_bytes(b"old")
-    monkeypatch.setattr(kept_robots, "__file__", str(tmp_path / "robot" / "kept_robots.pyc"))
-    before = kept_robots._version.__wrapped__()
+    monkeypatch.setattr(model_cache, "__file__", str(tmp_path / "robot" / "model_cache.pyc"))
+    before = model_cache._version.__wrapped__()
     (tmp_path / "model" / "module.pyc").write_bytes(b"newer")
-    assert kept_robots._version.__wrapped__() != before
+    assert model_cache._version.__wrapped__() != before
 
 
 DAMAGE = {
@@ -210,7 +210,7 @@ def test_lost_entries_are_made_again(file, place):
 def test_another_version_of_the_library_makes_its_own(file, place):
     torque(file, place)
     code = TORQUE.format(path=str(file), options="", nv=2)
-    other = "from twistwrench.robot import kept_robots; kept_robots._version = lambda: 'another'\n" + code
+    other = "from twistwrench.robot import model_cache; model_cache._version = lambda: 'another'\n" + code
     assert python(other, place).split()[1] == "True"
     assert python(other, place).split()[1] == "False"
 

@@ -9,7 +9,6 @@ import contextlib
 import inspect
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -239,6 +238,8 @@ def captured_stderr() -> Iterator[ForeignOutput]:
     except OSError:
         yield found
         return
+    import tempfile
+
     try:
         with tempfile.TemporaryFile() as file:
             os.dup2(file.fileno(), 2)
