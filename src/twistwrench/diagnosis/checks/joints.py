@@ -69,9 +69,10 @@ def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
 def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     """Limits of effort and velocity that are none, and joints whose own weight is more than their effort."""
     joints = [joint for joint in robot.joints.values() if joint.single]
+    leaders = {body.joint.name for body in robot.model.leaders}
     for what in ("effort", "velocity"):
         if robot.format == "urdf":
-            none = [j.name for j in joints if not j.numbers.get(what)]
+            none = [j.name for j in joints if not j.numbers.get(what) and j.name in leaders]
             large = [j.name for j in joints if j.numbers.get(what, 0.0) >= 1e4 or j.numbers.get(what) == 1000.0]
             arm = what == "effort" and len(arm_entries(robot.model)) > 1
             said = ", so neither torques nor payloads can be judged" if arm else ""
