@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from twistwrench.ir.program import axes_of
+from twistwrench.lowering import batch_loop
 from twistwrench.lowering.lower import modules
 from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
 from twistwrench.runtime import elf_loader as placed_code
@@ -36,8 +37,6 @@ _OUTSIDE = {
     " ret ptr %z\n}\ndeclare ptr @memcpy(ptr, ptr, i64)\n",
     "memset": "define win64cc ptr @memset_there(ptr %a, i32 %b, i64 %n) {\n %z = call ptr @memset(ptr %a, i32 %b, i64 %n)\n"
     " ret ptr %z\n}\ndeclare ptr @memset(ptr, i32, i64)\n",
-    "malloc": "define win64cc ptr @malloc_there(i64 %n) {\n %z = call ptr @malloc(i64 %n)\n ret ptr %z\n}\ndeclare ptr @malloc(i64)\n",
-    "free": "define win64cc void @free_there(ptr %a) {\n call void @free(ptr %a)\n ret void\n}\ndeclare void @free(ptr)\n",
     # grows the stack by touching its pages, and keeps all registers; the stack here grows by itself
     "__chkstk": 'define void @__chkstk_there() naked {\n call void asm sideeffect "ret", ""()\n unreachable\n}\n',
 }
@@ -63,6 +62,9 @@ def library(monkeypatch) -> dict[str, jit.Code]:
             raise Unplaced
         return kept[name].address
 
+    monkeypatch.setattr(
+        batch_loop, "ON_STACK", 100_000
+    )  # frames on the stack, whose pages Windows has touched in order
     monkeypatch.setattr(placed_code, "_library_function", address)
     return kept
 
