@@ -316,7 +316,7 @@ def test_the_motion_of_the_command_passes_no_limit(tmp_path):
     said = run(
         "excite", "ur5", *hold, "--seconds", 10, "--harmonics", 3, "--acceleration", 6, "--floor", 0.05, "--out", out
     )
-    assert said.exit_code == 1 and said.output.startswith("UNSURE: 4 links have no shapes"), said.output
+    assert said.exit_code == 1 and said.output.startswith("UNSURE: 6 links have no shapes"), said.output
     assert "condition" in said.output and "from the floor" in said.output and "not looked at" in said.output
     after = run("torques", "ur5", *hold[:4], "--trajectory", out)
     assert after.exit_code == 0, after.output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from itertools import pairwise
 
 import numpy as np
@@ -171,7 +172,8 @@ def test_intervals_hold_the_truth():
 
 
 def test_large_motions_are_gathered_by_identify(log, monkeypatch):
-    monkeypatch.setattr("twistwrench.identification.identify.MOST_SAMPLES", 20_000)
+    module = importlib.import_module("twistwrench.identification.identify")  # the package's own name is the function
+    monkeypatch.setattr(module, "MOST_SAMPLES", 20_000)
     found = tw.identification.identify(ARM, log, cutoff=8.0)
     assert found.held_out.all < 0.05
     assert_array_equal(found.values, gather(ARM, log, cutoff=8.0).values)

@@ -68,7 +68,7 @@ def reading(request, monkeypatch):
             "reports.log_quality._LARGE",
         ):
             monkeypatch.setattr(f"twistwrench.{place}", 0)
-        for module in ("array_stream", "joined_files", "npz_file"):
+        for module in ("array_stream", "motion_file"):
             monkeypatch.setattr(f"twistwrench.motion.{module}._ROWS", 7)
 
 

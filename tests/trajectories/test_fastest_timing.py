@@ -58,9 +58,9 @@ def test_the_work_of_an_instant_does_not_grow_with_their_number(bundled, monkeyp
     """One that rounding keeps from settling is sought on alone."""
     arm, sizes = bundled("planar_2r"), []
     motion = fastest(arm, joint_line(arm, [0, 0], [1, 1]), effort=[60, 30])
-    integral = trajectories.timing.FastestScaling._integral
+    integral = trajectories.collocation.FastestScaling._integral
     monkeypatch.setattr(
-        trajectories.timing.FastestScaling,
+        trajectories.collocation.FastestScaling,
         "_integral",
         lambda self, k, *rest: sizes.append(len(k)) or integral(self, k, *rest),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import select
 import stat
 import sys
@@ -291,7 +290,7 @@ def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
     except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
         reason = getattr(problem, "strerror", None) or str(problem)
         raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None
-    scratch = target.with_name(f".{target.stem[:20]}.{secrets.token_hex(8)}{target.suffix[-20:]}")
+    scratch = target.with_name(f".{target.stem[:20]}.{os.urandom(8).hex()}{target.suffix[-20:]}")
     try:
         # With the mode of new files the system itself takes the umask off; what will be private is so from the start.
         os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if before is None else 0o600))

@@ -192,7 +192,7 @@ class Event:
     Raises
     ------
     ValueRangeError
-        ``direction`` is none of the three, or ``function`` none.
+        ``name`` is not a text, ``direction`` none of the three, or ``function`` not a function.
 
     Examples
     --------
@@ -209,6 +209,8 @@ class Event:
     """Whether the simulation ends there."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise ValueRangeError(f"event: the name is {arguments.shown(self.name)}, and a text is wanted.")
         require_three(self.function, f"event {self.name!r}")
         arguments.choice(self.direction, f"event {self.name!r}: direction", tuple(_DIRECTIONS))
 

@@ -407,7 +407,7 @@ def fastest(
     -----
     MR section 9.4. One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and
     acceleration that bring the robot to its velocity limit within a millionth of the path count as lower, which costs
-    no more of the time than that. The method: :mod:`twistwrench.trajectories.passes`.
+    no more of the time than that. The method: two passes, described at the head of this file.
 
     Examples
     --------
