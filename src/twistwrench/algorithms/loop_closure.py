@@ -134,7 +134,7 @@ them: those configurations are consistent to 1e-12 only, and loops of special ge
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class ConstraintProjector:
     """B = W⁻¹ A L⁻ᵀ = U σ V' by singular values, those that count; any leading batch shape.
 
     In the coordinates y = L'q̈, B y is what the rows see, and no length of y is larger than another of the same energy. So
@@ -153,7 +153,7 @@ class Reach:
     """(..., m)."""
 
     @classmethod
-    def of(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> Reach:
+    def of(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> ConstraintProjector:
         """A (..., k, nv), M (..., nv, nv), sizes (k,); ``most`` directions where more are known to be rounding."""
         L = _factor(M)
         B = _through(A, L) / sizes[:, None]
@@ -360,6 +360,6 @@ def settled(
 
 def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
     """The dv, least in the kinetic metric, that closes the gaps as far as damping lets it; (n, nv)."""
-    reach = Reach.of(A, M, sizes)
+    reach = ConstraintProjector.of(A, M, sizes)
     damped = 1.0 / (1.0 + damping[:, None] * reach.inverse_sigma**2)  # σ²/(σ² + damping)
     return reach.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)

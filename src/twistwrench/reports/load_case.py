@@ -267,7 +267,7 @@ class LoadedRobot:
     def explain(self, s: States) -> Explanation:
         """The torques of one state by link and by term, friction as in :meth:`terms`."""
         why = self.loaded.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
-        return why.and_also("friction", self._friction(s, why.torque)) if self.friction else why
+        return why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
 
     def motor_loads(self, s: States) -> MotorLoads:
         """What the motors of the robot and its payloads must give; (n, actuators) each."""

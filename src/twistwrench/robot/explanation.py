@@ -84,7 +84,7 @@ class Explanation:
         mine = self.parts[..., self.causes.index(cause), :]
         return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
 
-    def and_also(self, name: str, tau: Array) -> Explanation:
+    def with_term(self, name: str, tau: Array) -> Explanation:
         """The same with further torques that no body causes, as a term and a cause of their own.
 
         Parameters
@@ -100,7 +100,7 @@ class Explanation:
         --------
         >>> import twistwrench as tw
         >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
-        >>> why.and_also("cable", np.array([1.0, 0.0])).of("cable").tolist()
+        >>> why.with_term("cable", np.array([1.0, 0.0])).of("cable").tolist()
         [1.0, 0.0]
         """
         name = f"({name})" if name in self.causes else name
@@ -255,7 +255,7 @@ def explained(
     units = units_of("tau", (turns for b in model.leaders for turns in b.joint.turning))
     why = Explanation(MOTION_TERMS, tuple(bodies), model.velocity_names, units, parts)
     for name, tau in apart.items():
-        why = why.and_also(name, tau)
+        why = why.with_term(name, tau)
     return why
 
 

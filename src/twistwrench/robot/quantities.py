@@ -12,16 +12,10 @@ from ..algorithms import (
     forward_dynamics,
     friction,
     inverse_dynamics,
+    kinematics,
     mass_matrix,
     operational_space,
 )
-from ..algorithms import inverse_dynamics as regressor
-from ..algorithms import kinematics as coordinate_rates
-from ..algorithms import kinematics as forward_kinematics
-from ..algorithms import kinematics as integration
-from ..algorithms import kinematics as jacobians
-from ..algorithms import mass_matrix as coriolis
-from ..algorithms import mass_matrix as energy
 from ..model.model import Model
 from .derivatives import CONFIGURATIONS
 
@@ -105,7 +99,7 @@ _TORQUE = "N m (sliding joints: N)"
 # fmt: off
 QUANTITIES: Mapping[str, Quantity] = {
     "add": row(
-        integration.add, "q dv", "q", "nq", "q moved along the constant joint twists dv for unit time",
+        kinematics.add, "q dv", "q", "nq", "q moved along the constant joint twists dv for unit time",
         pinocchio="integrate", mujoco="mj_integratePos", unit="rad, m",
     ),
     "bias_forces": row(
@@ -114,11 +108,11 @@ QUANTITIES: Mapping[str, Quantity] = {
         mujoco="qfrc_bias",
     ),
     "center_of_mass": row(
-        energy.center_of_mass, "q", "com", "3", "centre of mass of the moving bodies in the base frame [m]",
+        mass_matrix.center_of_mass, "q", "com", "3", "centre of mass of the moving bodies in the base frame [m]",
         needs_mass=True, unit="m", pinocchio="centerOfMass", mujoco="subtree_com",
     ),
     "christoffel": row(
-        coriolis.christoffel, "q", "gamma", "nv nv nv",
+        mass_matrix.christoffel, "q", "gamma", "nv nv nv",
         "Christoffel symbols of the first kind: c_i = sum over j, k of gamma[i][j][k] dq_j dq_k",
         felt=True, book="eq. 8.12", unit="kg m^2 (sliding joints: kg)",
     ),
@@ -127,7 +121,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         options="constraints", unit="m",
     ),
     "com_jacobian": row(
-        energy.com_jacobian, "q", "J", "3 nv", "J with d(com)/dt = J dq",
+        mass_matrix.com_jacobian, "q", "J", "3 nv", "J with d(com)/dt = J dq",
         needs_mass=True, pinocchio="jacobianCenterOfMass", mujoco="mj_jacSubtreeCom",
         unit="m/rad (sliding joints: m/m)",
     ),
@@ -146,7 +140,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         options="constraints", book="section 8.7", unit="rad, m, per rad or m",
     ),
     "coordinate_rates": row(
-        coordinate_rates.rates_of_coordinates, "q dq", "rates", "nq",
+        kinematics.rates_of_coordinates, "q dq", "rates", "nq",
         "derivatives of the entries of q by time at the velocities dq", unit="rad/s, m/s; quaternions 1/s",
     ),
     "coriolis_forces": row(
@@ -154,7 +148,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         felt=True, unit=_TORQUE, book="section 8.1.2",
     ),
     "coriolis_matrix": row(
-        coriolis.coriolis_matrix, "q dq", "C", "nv nv", "C with c = C dq, dM/dt - 2 C skew-symmetric",
+        mass_matrix.coriolis_matrix, "q dq", "C", "nv nv", "C with c = C dq, dM/dt - 2 C skew-symmetric",
         felt=True, book="section 8.1.2", pinocchio="computeCoriolisMatrix", unit="N m s/rad (sliding joints: N s/m)",
     ),
     "drive_torques": row(
@@ -174,16 +168,16 @@ QUANTITIES: Mapping[str, Quantity] = {
         unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)",
     ),
     "forward_kinematics": row(
-        forward_kinematics.forward_kinematics, "q", "T", "4 4", "pose of the frame in the base frame, 4 x 4",
+        kinematics.forward_kinematics, "q", "T", "4 4", "pose of the frame in the base frame, 4 x 4",
         options="frame", book="section 4.1", pinocchio="updateFramePlacement", mujoco="xpos, xmat", unit="m",
     ),
     "frame_acceleration": row(
-        jacobians.frame_acceleration, "q dq ddq", "dV", "6",
+        kinematics.frame_acceleration, "q dq ddq", "dV", "6",
         "rate of the twist of the frame [rad/s^2, m/s^2], gravity not included",
         options="frame kind", unit="rad/s^2, m/s^2", pinocchio="getFrameAcceleration",
     ),
     "frame_velocity": row(
-        jacobians.frame_velocity, "q dq", "V", "6", "twist (omega, v) [rad/s, m/s] of the frame",
+        kinematics.frame_velocity, "q dq", "V", "6", "twist (omega, v) [rad/s, m/s] of the frame",
         options="frame kind", unit="rad/s, m/s", pinocchio="getFrameVelocity",
     ),
     "friction_forces": row(
@@ -217,17 +211,17 @@ QUANTITIES: Mapping[str, Quantity] = {
         unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)",
     ),
     "jacobian": row(
-        jacobians.jacobian, "q", "J", "6 nv", "J with V = J dq, V the twist (omega, v) of the frame",
+        kinematics.jacobian, "q", "J", "6 nv", "J with V = J dq, V the twist (omega, v) of the frame",
         options="frame kind", book="eq. 5.11, 5.18", pinocchio="computeFrameJacobian", mujoco="mj_jac",
         unit="rad, m, per rad or m",
     ),
     "jacobian_derivative": row(
-        jacobians.jacobian_derivative, "q", "J_by_q", "6 nv nv",
+        kinematics.jacobian_derivative, "q", "J_by_q", "6 nv nv",
         "dJ/dq of the Jacobian of the frame, last axis along the joint twists",
         options="frame kind", unit="rad, m, per product of rad and m",
     ),
     "jacobian_rate": row(
-        jacobians.jacobian_rate, "q dq", "dJ", "6 nv", "dJ/dt of the Jacobian of the frame",
+        kinematics.jacobian_rate, "q dq", "dJ", "6 nv", "dJ/dt of the Jacobian of the frame",
         options="frame kind", pinocchio="getFrameJacobianTimeVariation", mujoco="mj_jacDot",
         unit="rad/s, m/s, per rad or m",
     ),
@@ -237,11 +231,11 @@ QUANTITIES: Mapping[str, Quantity] = {
         options="wrenches gravity", unit="N m, N",
     ),
     "kinetic_energy": row(
-        energy.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
+        mass_matrix.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
         unit="J", book="section 8.1.2", pinocchio="computeKineticEnergy",
     ),
     "link_poses": row(
-        forward_kinematics.link_poses, "q", "T", "links 4 4",
+        kinematics.link_poses, "q", "T", "links 4 4",
         "poses of all links in the base frame, 4 x 4 each, in the order of the robot's file",
         pinocchio="updateFramePlacements", mujoco="xpos, xmat", unit="m",
     ),
@@ -250,26 +244,26 @@ QUANTITIES: Mapping[str, Quantity] = {
         felt=True, unit="kg m^2 (sliding joints: kg)", book="eq. 8.57", pinocchio="crba", mujoco="mj_fullM",
     ),
     "momentum": row(
-        energy.momentum, "q dq", "P", "6", "momentum (angular, linear) at the origin of the base frame",
+        mass_matrix.momentum, "q dq", "P", "6", "momentum (angular, linear) at the origin of the base frame",
         unit="N m s, N s",
     ),
     "momentum_about_com": row(
-        energy.momentum_about_com, "q dq", "P", "6",
+        mass_matrix.momentum_about_com, "q dq", "P", "6",
         "momentum (angular, linear) about the centre of mass, axes of the base frame",
         needs_mass=True, unit="N m s, N s", pinocchio="computeCentroidalMomentum",
     ),
     "potential_energy": row(
-        energy.potential_energy, "q", "P", "",
+        mass_matrix.potential_energy, "q", "P", "",
         "potential energy [J], zero with the centre of mass at the origin of the base frame",
         unit="J", pinocchio="computePotentialEnergy",
     ),
     "regressor": row(
-        regressor.regressor, "q dq ddq", "Y", "nv parameters",
+        inverse_dynamics.regressor, "q dq ddq", "Y", "nv parameters",
         "Y with tau = Y pi, pi the ten inertial parameters of each moving body",
         book="section 8.2", pinocchio="computeJointTorqueRegressor", unit="that of tau over that of the parameter",
     ),
     "subtract": row(
-        integration.subtract, "q1 q0", "dv", "nv", "dv that moves q0 to q1 in unit time, each joint along its constant twist",
+        kinematics.subtract, "q1 q0", "dv", "nv", "dv that moves q0 to q1 in unit time, each joint along its constant twist",
         pinocchio="difference", mujoco="mj_differentiatePos", unit="rad, m",
     ),
     "task_bias": row(
@@ -288,7 +282,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         unit=_TORQUE, book="section 8.9.4",
     ),
     "wrench_torques": row(
-        jacobians.wrench_torques, "q wrench", "tau", "nv",
+        kinematics.wrench_torques, "q wrench", "tau", "nv",
         "tau = J' F of the wrench (m, f) the robot applies at the frame, in its axes",
         options="frame", unit=_TORQUE, book="eq. 5.26",
     ),

@@ -158,20 +158,20 @@ class TaskSpaceMethods:
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
-        from ..algorithms.loop_closure import Reach
+        from ..algorithms.loop_closure import ConstraintProjector
         from ..algorithms.operational_space import row_numbers
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
         sizes = _usual_ways(self, frame, kind)[2][chosen]
-        return Reach.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
+        return ConstraintProjector.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
 
 
 def _by_kernel(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
-    from ..algorithms.loop_closure import Reach, doubtful
+    from ..algorithms.loop_closure import ConstraintProjector, doubtful
     from ..algorithms.operational_space import row_numbers
 
     chosen = row_numbers(rows)
@@ -192,7 +192,7 @@ def _by_kernel(
         _warn_of_lost_rows(robot, frame, kind, chosen)
         q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
         J, M = robot.jacobian(q, frame, kind)[:, chosen], robot.mass_matrix(q)
-        Lambda = Reach.of(J, M, sizes).pseudoinverse
+        Lambda = ConstraintProjector.of(J, M, sizes).pseudoinverse
         if dq:
             free = np.linalg.solve(M, robot.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
             dJ_dq = robot.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]

@@ -14,7 +14,7 @@ from ..ir.loops import Recurrence
 from ..runtime.bound_calls import Rows, row_calls
 from ..typing import Array
 from .compiled_steps import TABLEAUS, CompiledSteps, SimulatedStep, stages
-from .forces import Law
+from .forces import ControlLaw
 
 if TYPE_CHECKING:
     from .run import Run
@@ -38,7 +38,7 @@ class AskedSteps(CompiledSteps):
         """What leads from each stage to the next, (stages, 5)."""
         return np.array(stages(TABLEAUS[self.plan.method]))
 
-    def laws(self) -> Iterator[tuple[str, Law]]:
+    def laws(self) -> Iterator[tuple[str, ControlLaw]]:
         """The functions, and what each of them gives, by its name in the plan."""
         if self.system.tau is not None:
             yield "tau", self.system.tau
@@ -94,7 +94,7 @@ class AskedSteps(CompiledSteps):
 
 # ── Buffers of a block of steps with callbacks, and the prepared calls
 
-Ask = tuple[Law, Array, Array | None]
+Ask = tuple[ControlLaw, Array, Array | None]
 """A function to be asked, where what it gives goes, and what is added to it, if anything."""
 
 Stage = tuple[float, int, Array, Array, list[Ask]]
@@ -152,7 +152,7 @@ class AskedRows:
         self._rows = {name: given[name][0] for name, _ in laws}
         q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
         self._calls = [*zip(shares * m, own.tolist(), q, dq, strict=True)]
-        self.sole: Law | None = None
+        self.sole: ControlLaw | None = None
         """Who alone gives the torques of every call, if one function does and no other is asked."""
         self.steps: list[list[Stage]] = []
         """Of each step its calls."""
@@ -160,7 +160,7 @@ class AskedRows:
 
     @classmethod
     @contextmanager
-    def lent(cls, steps: CompiledSteps, controller: Law | None, constant: Array, n: int) -> Iterator[AskedRows]:
+    def lent(cls, steps: CompiledSteps, controller: ControlLaw | None, constant: Array, n: int) -> Iterator[AskedRows]:
         """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
         m = SHORT if n <= 2 * SHORT else LONG
         key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in _laws(steps))
@@ -177,7 +177,7 @@ class AskedRows:
         rows.sole = None
         free.append(rows)
 
-    def _begin(self, steps: CompiledSteps, controller: Law | None, constant: Array) -> None:
+    def _begin(self, steps: CompiledSteps, controller: ControlLaw | None, constant: Array) -> None:
         """Numbers and functions of a run."""
         self._h[0], self.held[:], laws, n = steps.h, constant, _laws(steps), self.every
         for name, x in steps.constants.items():
@@ -205,11 +205,11 @@ class AskedRows:
         return [(self.states[:, cut], which) for cut in steps.cuts]
 
 
-def _laws(steps: CompiledSteps) -> list[tuple[str, Law]]:
+def _laws(steps: CompiledSteps) -> list[tuple[str, ControlLaw]]:
     return list(steps.laws()) if isinstance(steps, AskedSteps) else []
 
 
-def _sole(controller: Law | None, constant: Array, laws: list[tuple[str, Law]]) -> Law | None:
+def _sole(controller: ControlLaw | None, constant: Array, laws: list[tuple[str, ControlLaw]]) -> ControlLaw | None:
     """The one function that gives all torques, to which nothing is added, where no other is asked."""
     if controller is not None:
         return None if laws or constant.any() else controller

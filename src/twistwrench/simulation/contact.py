@@ -130,7 +130,7 @@ _FEW = 2
 """Ends of steps in a row at which a contact that is too short is closed, at most."""
 
 
-class Touches:
+class ContactDurations:
     """The contacts of a run, step by step."""
 
     def __init__(self, names: Sequence[str]) -> None:

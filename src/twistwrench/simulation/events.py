@@ -19,7 +19,7 @@ from ..core import arguments
 from ..core.numbers import number, printed
 from ..errors import ValueRangeError
 from ..typing import Array
-from .forces import Function, Law, require_three
+from .forces import ControlLaw, Function, require_three
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -236,7 +236,7 @@ Step = Callable[[float], Array]
 """From a time after the beginning of a step to the state then."""
 
 
-class Watch:
+class EventDetector:
     """Events, contacts and limits of position, in this order, and the values they had when last looked at."""
 
     def __init__(
@@ -249,7 +249,7 @@ class Watch:
         self.asked = len(events)
         self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
         self.contacts = contacts
-        self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
+        self.laws = [ControlLaw(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
         """g of each event, when last looked at."""
         self.margins: Array = np.zeros(0)

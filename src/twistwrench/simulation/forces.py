@@ -99,7 +99,7 @@ Function = Callable[[float, Array, Array], Any]
 
 
 @dataclass(frozen=True)
-class Law:
+class ControlLaw:
     """A function (t, q, dq) whose results are finite arrays of one shape; anything else is a SimulationError that says when."""
 
     function: Function
@@ -110,7 +110,7 @@ class Law:
     """Whether it is the caller's function, and not a constant."""
 
     @classmethod
-    def of(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> Law:
+    def of(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> ControlLaw:
         """The function, once it takes three arguments."""
         require_three(function, what)
         return cls(function, what, shape, meaning)
@@ -362,8 +362,8 @@ class System:
         self,
         robot: Robot,
         *,
-        tau: Law | None = None,
-        wrenches: Mapping[str, Law] | None = None,
+        tau: ControlLaw | None = None,
+        wrenches: Mapping[str, ControlLaw] | None = None,
         contacts: Sequence[RobotContact] = (),
         friction: EasedFriction | None = None,
     ) -> None:
@@ -424,10 +424,10 @@ class System:
         return v
 
     def _functions(self) -> list[tuple[str, Callable[[Array, Array], Array]]]:
-        def values(law: Law, times: Array, states: Array) -> Array:
+        def values(law: ControlLaw, times: Array, states: Array) -> Array:
             return law.values(times, states[:, : self.nq], states[:, self.moving])
 
-        def pushes(frame: str, law: Law, times: Array, states: Array) -> Array:
+        def pushes(frame: str, law: ControlLaw, times: Array, states: Array) -> Array:
             return self.robot.wrench_torques(states[:, : self.nq], values(law, times, states), frame)
 
         found: list[tuple[str, Callable[[Array, Array], Array]]] = []
@@ -487,16 +487,16 @@ class System:
         return rate[self.moving]
 
 
-def torque_law(tau: Any, nv: int) -> tuple[Array, Law | None]:
+def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
     """Constant torques (nv), and torques as a function; one of them is nothing."""
     if tau is None:
         return np.zeros(nv), None
     if callable(tau):
-        return np.zeros(nv), Law.of(tau, "tau", (nv,), ", a torque for each velocity")
+        return np.zeros(nv), ControlLaw.of(tau, "tau", (nv,), ", a torque for each velocity")
     return np.array(arguments.finite(arguments.one(tau, "tau", nv), "tau", nv), float), None
 
 
-def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, Law]:
+def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
     """A law for each frame of ``{frame: (m, f) or a function}``, what the world applies to the robot there."""
     if wrenches is None:
         return {}
@@ -507,9 +507,9 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, Law]:
         robot.model.frame(frame)
         what = f"the wrench at {frame!r}"
         if callable(given) and not isinstance(given, Wrench):
-            found[frame] = Law.of(given, what, (6,), ", (m, f), moment first")
+            found[frame] = ControlLaw.of(given, what, (6,), ", (m, f), moment first")
         else:
             labelled = wrench_at(robot.model, frame, given)  # checks a label
             F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)
-            found[frame] = Law(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
+            found[frame] = ControlLaw(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
     return found

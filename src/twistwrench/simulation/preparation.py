@@ -23,12 +23,12 @@ from .callback_steps import AskedSteps, use_block
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSteps, ClosedSystem, Loops
 from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
-from .events import Event, PositionLimits, Watch
+from .events import Event, EventDetector, PositionLimits
 from .forces import (
     BrakedStep,
+    ControlLaw,
     EasedFriction,
     Function,
-    Law,
     System,
     creep_speeds,
     easing_remark,
@@ -112,9 +112,9 @@ def prepare(
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
-        run.watch = Watch(watched, system.split, stops, surfaces)
+        run.watch = EventDetector(watched, system.split, stops, surfaces)
     if controller is not None:
-        run.controller = Law.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
+        run.controller = ControlLaw.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
         run.constant = held
     tolerances = (positive(rtol, "rtol"), positive(atol, "atol"))
     longest = h if surfaces else np.inf

@@ -17,9 +17,9 @@ from .accuracy import Accuracy, Extent, Flow, ForceProbes, StepDoubling, UnseenF
 from .adaptive import Stepper
 from .callback_steps import FASTEST, take_asked, take_blocks
 from .compiled_steps import CompiledSteps
-from .contact import Touches
-from .events import Watch
-from .forces import WORKS, Law, System
+from .contact import ContactDurations
+from .events import EventDetector
+from .forces import WORKS, ControlLaw, System
 from .result import Record, SimulationResult
 from .schemes import ADAPTIVE, OneByOne, Scheme
 
@@ -71,8 +71,8 @@ class Run:
         self.h = end / n
         self.remarks, self.method = remarks, method
         self.record = Record(n // every + 2, system.size, system.nv)
-        self.watch: Watch | None = None
-        self.controller: Law | None = None
+        self.watch: EventDetector | None = None
+        self.controller: ControlLaw | None = None
         self.constant = system.held
         self.tick: Callable[[float], None] | None = None
         self.compiled: CompiledSteps | None = None
@@ -84,7 +84,7 @@ class Run:
         self.rate = np.zeros(system.size)
         self.doubling = StepDoubling(n, self.h, lagging=scheme.lagging)
         self.unseen = UnseenForces(ForceProbes(system, *scheme.asked, probe_spacing(self.h, end)), self.h)
-        self.touches = Touches([contact.name for contact in system.contacts])
+        self.touches = ContactDurations([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
         self.accuracy = Accuracy.unknown(robot.nv)
         self.last: tuple[float, Array] = (0.0, start.copy())

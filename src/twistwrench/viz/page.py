@@ -25,7 +25,7 @@ from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .colours import force_scale, mass_scale
-from .page_data import PagePrograms, robot_data, starting_pose, telling_pose, wrench_data
+from .page_data import PagePrograms, default_view_pose, robot_data, starting_pose, wrench_data
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
 from .section_pages import BookSection, book_data, book_section
 from .visuals import Colour
@@ -137,7 +137,7 @@ def page_text(
     if motion is not None:
         motion.require(robot)
         robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
-    start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else telling_pose(robot)
+    start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else default_view_pose(robot)
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
     box = _Box()

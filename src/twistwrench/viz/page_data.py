@@ -283,7 +283,7 @@ def starting_pose(robot: Robot) -> Array:
     return q
 
 
-def telling_pose(robot: Robot) -> Array:
+def default_view_pose(robot: Robot) -> Array:
     """A configuration above the floor of the base and far from singular ones; (nq,)."""
     Q = robot.random_configuration(0, 256)
     turned = np.where(

@@ -351,7 +351,7 @@ def _why(report: TorqueReport, k: int) -> PlainTable:
     joint, states = report.joints[k], report.around
     why = report.load.explain(states.at(int(np.argmin(np.abs(states.time - joint.time)))))
     if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
-        why = why.and_also("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
+        why = why.with_term("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
     heads, *rows, together = why.rows(why.joints[k])
     apart = ", what the payload adds under the term it is" if report.load.payloads else ""
     unit = heads[-1].partition("[")[2].rstrip("]")

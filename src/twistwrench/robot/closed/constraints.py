@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...algorithms.constraints import Closure, Constraint, MotionForceSplit, Rolling, names, place_of
 from ...algorithms.kinematics import KINDS
-from ...algorithms.loop_closure import Reach, usual_sizes
+from ...algorithms.loop_closure import ConstraintProjector, usual_sizes
 from ...algorithms.operational_space import row_numbers
 from ...core import arguments
 from ...core import third_party as lazy
@@ -329,10 +329,10 @@ class ConstraintMethods:
         return found
 
 
-def reach_of(closed: ClosedRobot, q: Array) -> tuple[Array, Reach]:
+def reach_of(closed: ClosedRobot, q: Array) -> tuple[Array, ConstraintProjector]:
     """A at q, and what it reaches through the mass matrix."""
     A = closed.constraint_jacobian(q)
-    return A, Reach.of(A, closed.robot.mass_matrix(q), closed.sizes, len(closed.independent))
+    return A, ConstraintProjector.of(A, closed.robot.mass_matrix(q), closed.sizes, len(closed.independent))
 
 
 # ── Scaling of constraint rows, and tolerances of gaps and rates
