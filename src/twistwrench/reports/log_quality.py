@@ -409,7 +409,9 @@ class _AtExtreme:
         count, total, squares = self.sums
         n = np.maximum(count, 1.0)
         step = np.where(np.isfinite(self.next), self.value - self.next, 0.0)
-        varies = squares / n - (total / n) ** 2 > np.maximum(_VARIES**2 * np.maximum(variance, 1e-300), step**2)
+        varies = squares / n - (total / n) ** 2 > np.maximum(
+            _VARIES**2 * np.maximum(variance, (0.01 * self.value) ** 2), step**2
+        )
         many = (count >= _CUT_ROWS_of_measured) & (count >= _CUT_of_measured * rows) & (self.value != 0.0)
         return np.where(many & varies, count / rows, 0.0)
 
