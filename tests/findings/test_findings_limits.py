@@ -422,3 +422,42 @@ def test_finding_21_the_largest_payload_is_limited_by_a_follower(run, tmp_path):
     assert at_tip.joint_names == robot.model.velocity_names
     code, said = run("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload", "0.2,0.4,0,0@f")
     assert code == 0 and "fj reaches its limit" in said, said
+
+
+def test_finding_21_what_a_follower_bears_counts_payload_and_wrench(run, tmp_path):
+    """At 0.4 m from its axis 1 kg adds 3.924 N m at most, and a force of 10 N adds 4 N m, to 1.962 N m of its own 1 kg."""
+    (tmp_path / "arm.urdf").write_text(with_follower(5.0, 1.0))
+    assert run("torques", "arm.urdf", "--trajectory", "ok.csv")[0] == 0
+    code, said = run("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload", "1,0.4,0,0@f")
+    assert code == 1 and said.startswith("OVER LIMIT: fj"), said
+    code, said = run("torques", "arm.urdf", "--trajectory", "ok.csv", "--wrench-on-robot", "f:0,10,0,0,0,0")
+    assert code == 1 and said.startswith("OVER LIMIT: fj"), said
+
+
+def test_finding_21_a_motion_s_room_for_payload_is_that_of_its_follower(run, tmp_path):
+    """Stretched out it bears 1.962 N m alone and 3.924 N m for each kilogram; the motion begins so, at rest."""
+    (tmp_path / "arm.urdf").write_text(with_follower(5.0, 1.0))
+    table("flat.csv", T, 0 * T, 0 * T)
+    said = run("torques", "arm.urdf", "--trajectory", "flat.csv", "--payload", "0.2,0.4,0,0@f")[1]
+    assert "a payload there may have up to 0.7742 kg: fj reaches its limit" in said, said
+
+
+def test_finding_19_limits_that_the_user_gives_for_some_joints_leave_the_others_in_doubt(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text(small(35))
+    (tmp_path / "some.csv").write_text("joint,effort\nj1,35\n")
+    code, said = run("payload", "arm.urdf", "--limits", "some.csv")
+    assert code == 1 and said.startswith("UNSURE: effort 35 on all 3 joints"), said
+
+
+@pytest.mark.parametrize(("effort", "doubted"), [(5.0, True), (4.0, False)])
+def test_finding_19_a_share_of_fifteen_percent_is_doubted(tmp_path, effort, doubted):
+    """The weight of three links takes 0.66 N m: 13 % of 5 N m, and 17 % of 4 N m."""
+    (tmp_path / "arm.urdf").write_text(small(effort))
+    found = tw.doctor(tmp_path / "arm.urdf", only="placeholder-limits").findings
+    assert bool(found) == doubted
+
+
+def test_finding_19_a_thousand_newton_metres_on_half_of_the_joints_stand_for_no_limit(tmp_path):
+    (tmp_path / "arm.urdf").write_text(arm((1000, 10)))
+    (found,) = tw.doctor(tmp_path / "arm.urdf", only="placeholder-limits").findings
+    assert "efforts of 1000 and more on 1 of 2 joints" in str(found)
