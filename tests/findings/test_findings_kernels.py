@@ -18,6 +18,10 @@ import pytest
 
 import twistwrench as tw
 
+NEEDS_SIGINT = pytest.mark.skipif(
+    signal.getsignal(signal.SIGINT) is signal.SIG_IGN, reason="SIGINT is ignored where the tests were started"
+)
+
 
 def derivatives_of_a_quadruped(count: int):
     """The kernel of ∂tau, so many states, and arrays for its results as NumPy makes them."""
@@ -172,6 +176,7 @@ def test_finding_69_a_traced_array_in_a_method_is_told_of_to_jax(jax):
 # ── interrupts ──
 
 
+@NEEDS_SIGINT
 def test_finding_11_an_interrupt_of_the_first_call_in_single_precision_is_raised(monkeypatch):
     """Where LLVM is at work for it, below NumPy, which no exception can cross."""
     llvm = pytest.importorskip("llvmlite.binding", reason="compiles nothing here")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -13,6 +14,11 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+
+NEEDS_SIGINT = pytest.mark.skipif(
+    signal.getsignal(signal.SIGINT) is signal.SIG_IGN, reason="SIGINT is ignored where the tests were started"
+)
+
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="devices and limits of Linux")
 
@@ -370,6 +376,7 @@ def test_finding_53_ctrl_c_is_answered_by_a_rollout(method):
 
 
 @LINUX
+@NEEDS_SIGINT
 def test_finding_53_ctrl_c_during_imports_gives_no_traceback():
     """The signal arrives as soon as NumPy begins to be imported."""
     code = (
@@ -386,6 +393,7 @@ def test_finding_53_ctrl_c_during_imports_gives_no_traceback():
         assert done.returncode == 130 and done.stderr == "interrupted\n", (module, done.stderr)
 
 
+@NEEDS_SIGINT
 def test_finding_47_an_interrupt_that_a_library_swallows(monkeypatch, tmp_path):
     """As Matplotlib's own code may: what it raises in its place is not an error of the program."""
     import signal
