@@ -76,7 +76,7 @@ def test_gymnasium_finds_nothing_wrong_with_the_environment(reach):
 
 
 def test_environments_of_a_batch_are_what_each_would_be_alone(reach):
-    env = reach.ConstraintProjector(5)
+    env = reach.Reach(5)
     seen, _ = env.reset(seed=3)
     assert env.observation_space.contains(seen)
     env.action_space.seed(0)
@@ -94,7 +94,7 @@ def test_environments_of_a_batch_are_what_each_would_be_alone(reach):
 
 
 def test_environments_that_are_over_begin_anew_at_the_next_step(reach):
-    env = reach.ConstraintProjector(3)
+    env = reach.Reach(3)
     env.reset(seed=0)
     still = np.zeros((3, 7))
     env.age[1] = reach.LENGTH - 1
@@ -111,7 +111,7 @@ def test_environments_that_are_over_begin_anew_at_the_next_step(reach):
 
 def test_mujoco_takes_the_same_steps_from_the_states_of_the_environment(reach):
     pytest.importorskip("mujoco")
-    env = reach.ConstraintProjector(4)
+    env = reach.Reach(4)
     env.reset(seed=1)
     actions = np.linspace(-1, 1, 28).reshape(4, 7)
     theirs = reach.mujoco_batch(env)(actions)
