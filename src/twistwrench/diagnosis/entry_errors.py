@@ -12,7 +12,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed, residual
 from ..formats.urdf import ENTRIES, IN_MJCF
 from ..typing import Array
-from .described import WrittenInertia
+from .parsed_file import WrittenInertia
 
 
 @dataclass(frozen=True)
@@ -25,32 +25,32 @@ class Options:
     """The side, left or right, that is right where two sides are no mirror images; empty: not known."""
 
 
-# ── Slips of the pen that explain a tensor: one change that turns it into one that a body can have
+# ── Entry errors: single changes that turn a tensor into one that a body can have
 
-# Tensors are about the centre of mass, along the axes they are written in [kg m²]. A slip is only believed where it is the
-# only one, or far nearer than all others to the tensor of the link's shapes at its mass.
+# Tensors are about the centre of mass, along the axes they are written in [kg m²]. An entry error is accepted only if it is
+# the only one, or far nearer than all others to the tensor of the link's shapes at its mass.
 
 _POWERS = range(1, 7)
 UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
 """By the power of ten: the unit that numbers in kg m² are mistaken for."""
 _PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 _NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
-"""Of distances to the tensor of the shapes, relative to it: how much nearer than all others a slip has to be, how near, and
+"""Of distances to the tensor of the shapes, relative to it: how much nearer than all others one has to be, how near, and
 from where it is none."""
 _ROUND = 1e-4
 """Relative distance from a number of two digits at which a dimension is round."""
 
 
 @dataclass(frozen=True, eq=False)
-class Slip:
-    """One way in which the numbers came about, and the tensor that was meant."""
+class EntryError:
+    """An error in entering the numbers, and the tensor that was meant."""
 
     kind: str
     """sign, power, origin, dimension or unit."""
     sentence: str
     tensor: Array
     certain: bool = False
-    """Whether it reproduces the numbers digit for digit, which no chance does."""
+    """True if it reproduces the numbers digit for digit, which no chance does."""
     family: str = ""
     """The same for slips that are one at different powers of ten."""
 
@@ -61,52 +61,52 @@ def possible(tensor: Array) -> bool:
     return bool(fine) and not SpatialInertia.from_com(1.0, moment_about_com=tensor).defects()
 
 
-def explain(candidates: list[Slip], reference: Array | None) -> Slip | None:
+def explain(candidates: list[EntryError], reference: Array | None) -> EntryError | None:
     """The one that explains the numbers: by far the nearest to the tensor of the shapes, or the only one.
 
     Of several powers of ten in one entry the least counts, where the shapes do not tell.
     """
-    candidates = [slip for slip in candidates if slip.certain] or candidates
+    candidates = [error for error in candidates if error.certain] or candidates
     if reference is not None and candidates:
         size = float(np.linalg.norm(reference))
-        gaps = np.array([float(np.linalg.norm(slip.tensor - reference)) / size for slip in candidates])
+        gaps = np.array([float(np.linalg.norm(error.tensor - reference)) / size for error in candidates])
         first, second = [*np.argsort(gaps), -1][:2]
         if len(candidates) > 1 and gaps[first] < min(_NEARER * gaps[second], _NEAR):
             return candidates[int(first)]
-        candidates = [slip for slip, gap in zip(candidates, gaps, strict=True) if gap < _FAR]
-    return candidates[0] if len({slip.family for slip in candidates}) == 1 else None
+        candidates = [error for error, gap in zip(candidates, gaps, strict=True) if gap < _FAR]
+    return candidates[0] if len({error.family for error in candidates}) == 1 else None
 
 
-def slips_of_impossible(tensor: Array) -> list[Slip]:
+def impossible_tensor_errors(tensor: Array) -> list[EntryError]:
     """Those that make a possible tensor of an impossible one."""
     found = [*_signs(tensor), *_entries(tensor)]
-    return [slip for slip in found if possible(slip.tensor)]
+    return [error for error in found if possible(error.tensor)]
 
 
-def slips_of_too_large(
+def large_tensor_errors(
     tensor: Array, written: WrittenInertia, fits: Callable[[Array], bool], reference: Array | None
-) -> list[Slip]:
+) -> list[EntryError]:
     """Those that make a tensor that fits into the shapes of one that does not."""
     found = [*_about_origin(tensor, written), *_units(tensor, reference), *_dimensions(tensor, written.mass)]
-    return [slip for slip in found if possible(slip.tensor) and fits(slip.tensor)]
+    return [error for error in found if possible(error.tensor) and fits(error.tensor)]
 
 
-def slips_of_too_small(tensor: Array, reference: Array | None) -> list[Slip]:
+def small_tensor_errors(tensor: Array, reference: Array | None) -> list[EntryError]:
     """Another unit of the whole tensor."""
-    return [slip for slip in _units(tensor, reference) if possible(slip.tensor)]
+    return [error for error in _units(tensor, reference) if possible(error.tensor)]
 
 
-def _signs(tensor: Array) -> Iterator[Slip]:
+def _signs(tensor: Array) -> Iterator[EntryError]:
     """Three products that are not zero: one of other sign changes the moments, and so do all three, but two do not."""
     if not all(tensor[at] for at in _PRODUCTS.values()):
         return
     for name, at in _PRODUCTS.items():
-        yield Slip("sign", f"{name} has the other sign", _with(tensor, at, -tensor[at]), family=name)
+        yield EntryError("sign", f"{name} has the other sign", _with(tensor, at, -tensor[at]), family=name)
     both = 2.0 * np.diag(tensor.diagonal()) - tensor
-    yield Slip("sign", "all products have the other sign, as some CAD programs write them", both)
+    yield EntryError("sign", "all products have the other sign, as some CAD programs write them", both)
 
 
-def _entries(tensor: Array) -> Iterator[Slip]:
+def _entries(tensor: Array) -> Iterator[EntryError]:
     """One entry a power of ten off, either way for moments, down for products, the least power first."""
     for name, at in ((name, ENTRIES[name]) for name in IN_MJCF):
         for up in (False, True) if at[0] == at[1] else (False,):
@@ -115,15 +115,15 @@ def _entries(tensor: Array) -> Iterator[Slip]:
                 changed = _with(tensor, at, tensor[at] * factor)
                 if possible(changed):
                     way = "small" if up else "large"
-                    yield Slip(
+                    yield EntryError(
                         "power", f"{name} is {printed(10.0**k)} times too {way}", changed, family=f"{name} {way}"
                     )
 
 
-def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[Slip]:
+def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[EntryError]:
     steiner = _steiner(written)
     if np.linalg.norm(steiner) > 0.05 * np.linalg.norm(tensor):
-        yield Slip(
+        yield EntryError(
             "origin",
             "it is about the link's origin, where the centre of mass is meant",
             tensor - steiner,
@@ -137,7 +137,7 @@ def _steiner(written: WrittenInertia) -> Array:
     return np.asarray(written.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def _units(tensor: Array, reference: Array | None) -> Iterator[Slip]:
+def _units(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
     """All entries one power of ten off, which is told from the tensor of the shapes."""
     if reference is None or tensor.trace() <= 0 or reference.trace() <= 0:
         return
@@ -145,10 +145,10 @@ def _units(tensor: Array, reference: Array | None) -> Iterator[Slip]:
     k = round(ratio)
     if abs(k) in UNITS and abs(ratio - k) < 0.35:
         size = f"large, as {UNITS[k]} for kg m²" if k > 0 else "small"
-        yield Slip("unit", f"all entries are 1e{abs(k)} times too {size}", tensor * 10.0**-k, family="unit")
+        yield EntryError("unit", f"all entries are 1e{abs(k)} times too {size}", tensor * 10.0**-k, family="unit")
 
 
-def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
+def _dimensions(tensor: Array, mass: float) -> Iterator[EntryError]:
     """A uniform solid of round dimensions, one of which is ten, a hundred or a thousand times too large."""
     moments = tensor.diagonal()
     if mass <= 0 or np.abs(tensor - np.diag(moments)).max() > 1e-6 * np.abs(moments).max():
@@ -168,7 +168,7 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
                 meant[axis] = mass * radius**2 / 2.0
                 meant[others] = mass * (3.0 * radius**2 + length**2) / 12.0
                 wrong, right = (r, radius) if name == "radius" else (h, length)
-                yield Slip(
+                yield EntryError(
                     "dimension",
                     f"it is that of a solid cylinder of radius {printed(r)} m and length {printed(h)} m, whose {name} is "
                     f"{10**k} times too large: {printed(wrong)} m for {printed(right)} m",
@@ -182,7 +182,7 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
             a = np.array(edges, float)
             a[axis] /= 10**k
             listed = " x ".join(f"{printed(e)}" for e in edges)
-            yield Slip(
+            yield EntryError(
                 "dimension",
                 f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: "
                 f"{printed(edges[axis])} m for {printed(a[axis])} m",

@@ -27,14 +27,14 @@ from ..formats.mjcf.bodies import (
     survey,
 )
 from ..formats.mjcf.preprocess import Defaults, Folders, Settings, expand
-from ..formats.sdf import chosen_model, held, moments, number, pose, unpacked, vector, word
+from ..formats.sdf import chosen_model, moments, number, pose, unpacked, vector, with_text, word
 from ..formats.source import is_text, robot_file
 from ..formats.urdf import ENTRIES, IN_MJCF, origin_of, tensor_of
 from ..formats.xml import parse
 from ..model.model import Model
 from ..robot import Robot
-from .described import DescribedJoint, DescribedLink, DescribedRobot, FileProblem, WrittenInertia, problems_of
 from .findings import Place
+from .parsed_file import LoadError, ParsedFile, ParsedJoint, ParsedLink, WrittenInertia, load_errors
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
 
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
@@ -44,17 +44,17 @@ _JOINT_NUMBERS = (
 )  # fmt: skip
 
 
-def describe_urdf(root: Element, model: Model, reader: ShapeReader, _path: Path | None) -> DescribedRobot:
+def describe_urdf(root: Element, model: Model, reader: ShapeReader, _path: Path | None) -> ParsedFile:
     """A ``<robot>`` element that the loader has taken."""
     numbers = {id(element): k for k, element in enumerate(root.walk())}
     links = {}
     for link in root.all("link"):
         name = link.text("name")
-        links[name] = DescribedLink(
+        links[name] = ParsedLink(
             name, link.line, written=_inertia(link, numbers), read_shapes=partial(reader.read_parts, link, _spec)
         )
     joints = {joint.text("name"): _joint(joint, numbers) for joint in root.all("joint")}
-    return DescribedRobot(model, "urdf", links, joints)
+    return ParsedFile(model, "urdf", links, joints)
 
 
 def _inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia | None:
@@ -90,7 +90,7 @@ def _spec(part: Element, role: str) -> ShapeSpec | None:
         return ShapeSpec("unknown", (), np.eye(4), role=role)
 
 
-def _joint(joint: Element, numbers: dict[int, int]) -> DescribedJoint:
+def _joint(joint: Element, numbers: dict[int, int]) -> ParsedJoint:
     found: dict[str, float] = {}
     places: dict[str, Place] = {}
     kind = joint.text("type")
@@ -105,7 +105,7 @@ def _joint(joint: Element, numbers: dict[int, int]) -> DescribedJoint:
     direction = None if axis is None else axis.numbers("xyz", 3)
     if axis is not None:
         places["axis"] = Place(numbers[id(axis)], "xyz")
-    return DescribedJoint(
+    return ParsedJoint(
         joint.text("name"), joint.line, single=kind in ("revolute", "continuous", "prismatic"), turns=kind == "revolute",
         numbers=found, axis=direction, places=places, child=child,
     )  # fmt: skip
@@ -113,10 +113,10 @@ def _joint(joint: Element, numbers: dict[int, int]) -> DescribedJoint:
 
 # ── SDF
 
-_SIZES_of_sdf = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
+_SDF_SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
 
-def describe_sdf(root: Element, model: Model, reader: ShapeReader, _path: Path | None) -> DescribedRobot:
+def describe_sdf(root: Element, model: Model, reader: ShapeReader, _path: Path | None) -> ParsedFile:
     """An ``<sdf>`` element that the loader has taken."""
     numbers = {id(element): k for k, element in enumerate(root.walk())}
     try:
@@ -125,20 +125,18 @@ def describe_sdf(root: Element, model: Model, reader: ShapeReader, _path: Path |
         chosen, _ = chosen_model(root, model.name)
     parts = unpacked(chosen)
     links = {
-        name: DescribedLink(
+        name: ParsedLink(
             name,
             link.line,
-            written=_inertia_of_sdf(link, numbers),
+            written=_sdf_inertia(link, numbers),
             assumed=_left_out(link),
-            read_shapes=partial(reader.read_parts, link, _spec_of_sdf),
+            read_shapes=partial(reader.read_parts, link, _sdf_shape),
         )
         for name, link in parts.links.items()
         if name in model.link_inertias
     }
-    joints = {
-        name: DescribedJoint(name, joint.line, child=word(joint, "child")) for name, joint in parts.joints.items()
-    }
-    return DescribedRobot(model, "sdf", links, joints)
+    joints = {name: ParsedJoint(name, joint.line, child=word(joint, "child")) for name, joint in parts.joints.items()}
+    return ParsedFile(model, "sdf", links, joints)
 
 
 def _left_out(link: Element) -> tuple[str, ...]:
@@ -146,7 +144,7 @@ def _left_out(link: Element) -> tuple[str, ...]:
     return tuple(part for part in ("mass", "inertia") if inertial is None or inertial.child(part) is None)
 
 
-def _inertia_of_sdf(link: Element, numbers: dict[int, int]) -> WrittenInertia:
+def _sdf_inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia:
     """Missing parts as the format has them, 1 kg and 1 kg m², without places."""
     inertial = link.child("inertial")
     tensor = inertial.child("inertia") if inertial is not None else None
@@ -163,7 +161,7 @@ def _inertia_of_sdf(link: Element, numbers: dict[int, int]) -> WrittenInertia:
     return WrittenInertia(number(inertial, "mass", 1.0), T[:3, 3], T[:3, :3], moments(tensor), places, line)
 
 
-def _spec_of_sdf(part: Element, role: str) -> ShapeSpec | None:
+def _sdf_shape(part: Element, role: str) -> ShapeSpec | None:
     try:
         geometry = part.child("geometry")
         if geometry is None or not geometry.children or geometry.children[0].tag == "plane":
@@ -180,8 +178,8 @@ def _spec_of_sdf(part: Element, role: str) -> ShapeSpec | None:
             return ShapeSpec("box", tuple(vector(shape.required("size", "<size>1 1 1</size>")).tolist()), T, role=role)
         if shape.tag == "ellipsoid":
             radii = shape.required("radii", "<radii>1 1 1</radii>")
-            return ShapeSpec("ellipsoid", tuple(held(radii).numbers("text", 3).tolist()), T, role=role)
-        sizes = tuple(number(shape, name, 0.0) for name in _SIZES_of_sdf.get(shape.tag, ()))
+            return ShapeSpec("ellipsoid", tuple(with_text(radii).numbers("text", 3).tolist()), T, role=role)
+        sizes = tuple(number(shape, name, 0.0) for name in _SDF_SIZES.get(shape.tag, ()))
         return ShapeSpec(shape.tag, sizes, T, role=role)
     except RobotFileError:  # looks that cannot be read do not stop a robot from loading
         return ShapeSpec("unknown", (), np.eye(4), role=role)
@@ -190,18 +188,18 @@ def _spec_of_sdf(part: Element, role: str) -> ShapeSpec | None:
 # ── MJCF
 
 
-def describe_mjcf(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> DescribedRobot:
+def describe_mjcf(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> ParsedFile:
     """A ``<mujoco>`` element that the loader has taken."""
     numbers = {id(element): k for k, element in enumerate(root.walk())}
     expand(root, Folders(None if path is None else path.parent), 20_000)
-    settings, defaults = Settings.of(root), Defaults(root)
+    settings, defaults = Settings.from_root(root), Defaults(root)
     bodies = survey(root, settings, defaults)
     meshes = _meshes(root, settings, defaults)
     links = {}
     for body in bodies[1:]:
         if body.name in model.link_inertias:
-            links[body.name] = DescribedLink(
-                body.name, body.element.line, body.element.file, _inertia_of_mjcf(body, settings, model, numbers),
+            links[body.name] = ParsedLink(
+                body.name, body.element.line, body.element.file, _mjcf_inertia(body, settings, model, numbers),
                 read_shapes=partial(_shapes, body, settings, meshes, reader),
             )  # fmt: skip
     taken = names_given(bodies)
@@ -209,18 +207,16 @@ def describe_mjcf(root: Element, model: Model, reader: ShapeReader, path: Path |
     for body in bodies:
         for joint in joints_of(body, settings, taken):
             element = joint.element
-            joints[joint.name] = DescribedJoint(
+            joints[joint.name] = ParsedJoint(
                 joint.name, element.line, element.file, single=joint.single, child=body.name
             )
     changed = tuple(
         text for text in model.defects if " of <compiler> change " in text or text.startswith("settotalmass")
     )
-    return DescribedRobot(model, "mjcf", links, joints, changed)
+    return ParsedFile(model, "mjcf", links, joints, changed)
 
 
-def _inertia_of_mjcf(
-    body: MjcfBody, settings: Settings, model: Model, numbers: dict[int, int]
-) -> WrittenInertia | None:
+def _mjcf_inertia(body: MjcfBody, settings: Settings, model: Model, numbers: dict[int, int]) -> WrittenInertia | None:
     """As written where that is what counts, else what the loader made of geoms and settings."""
     final = model.link_inertias[body.name]
     if body.inertial is not None:
@@ -268,11 +264,11 @@ def _meshes(root: Element, settings: Settings, defaults: Defaults) -> dict[str, 
 def _shapes(
     body: MjcfBody, settings: Settings, meshes: dict[str, tuple[str, tuple[float, ...]]], reader: ShapeReader
 ) -> LinkShapes:
-    specs = [_spec_of_mjcf(part, settings, meshes) for part in body.geoms]
+    specs = [_mjcf_shape(part, settings, meshes) for part in body.geoms]
     return reader.read([spec for spec in specs if spec is not None])
 
 
-def _spec_of_mjcf(
+def _mjcf_shape(
     part: PlacedElement, settings: Settings, meshes: dict[str, tuple[str, tuple[float, ...]]]
 ) -> ShapeSpec | None:
     geom = part.element
@@ -304,7 +300,7 @@ MOST_BODIES = 2_000
 class Subject:
     """A robot to look at, and the text of its file."""
 
-    robot: DescribedRobot
+    robot: ParsedFile
     text: str = ""
     """Empty for a robot that has no file."""
     path: Path | None = None
@@ -346,7 +342,7 @@ def read_subject(
     given = text if path is None or not path.is_file() else source
     if of is not None:
         model = _model_of(text, of)
-    problems: list[FileProblem] = []
+    problems: list[LoadError] = []
     try:
         made = _loaded(given, floating_base, "follow", model, max_bodies)
     except ModelError as error:
@@ -359,7 +355,7 @@ def read_subject(
     root = parse(text)
     folders = [Path(folder) for folder in meshes] if not isinstance(meshes, bool) else []
     shapes = ShapeReader(path, folders, meshes is not False)
-    described = replace(_DESCRIBE[_format(root)](root, made, shapes, path), problems=tuple(problems))
+    described = replace(_DESCRIBE[_format(root)](root, made, shapes, path), load_errors=tuple(problems))
     return Subject(described, text, path, data, floating_base, model)
 
 
@@ -378,14 +374,14 @@ def _loaded(source: str | Path, floating_base: bool | None, mimic: str, model: s
         )
 
 
-def _problems(text: str) -> list[FileProblem]:
+def _problems(text: str) -> list[LoadError]:
     try:
-        return problems_of(parse(text, max_bodies=MOST_BODIES))
+        return load_errors(parse(text, max_bodies=MOST_BODIES))
     except ModelError:
         return []
 
 
-def _together(first: str, problems: Sequence[FileProblem]) -> str:
+def _together(first: str, problems: Sequence[LoadError]) -> str:
     """The loader's error, which is the first, and what else it would have said."""
     others = [str(problem) for problem in problems if f"line {problem.line})" not in first]
     return first if not others else f"{first.rstrip('.')}. Besides: {' '.join(others)}"
@@ -398,9 +394,9 @@ def _format(root: Element) -> str:
     return next(name for name, tag in FORMATS.items() if root.tag == tag)
 
 
-def _without_file(model: Model) -> DescribedRobot:
-    links = {name: DescribedLink(name, 0, written=_as_written(G)) for name, G in model.link_inertias.items()}
-    return DescribedRobot(model, "", links)
+def _without_file(model: Model) -> ParsedFile:
+    links = {name: ParsedLink(name, 0, written=_as_written(G)) for name, G in model.link_inertias.items()}
+    return ParsedFile(model, "", links)
 
 
 def _as_written(G: SpatialInertia) -> WrittenInertia | None:

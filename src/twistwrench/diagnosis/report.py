@@ -55,7 +55,7 @@ class DoctorReport:
     def effect(self) -> Effect:
         """Of all repairs together."""
         wanted = {link: G for f in reversed(self.findings) if f.repair for link, G in f.repair.inertias.items()}
-        return self.subject.robot.effects.of(wanted) if wanted else Effect()
+        return self.subject.robot.effects.evaluate(wanted) if wanted else Effect()
 
     @property
     def summary(self) -> str:

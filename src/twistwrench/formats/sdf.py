@@ -26,7 +26,7 @@ from .urdf import ENDLESS, rotation_of_rpy, tensor_of
 __all__ = ["read_sdf"]
 
 
-def held(element: Element) -> Element:
+def with_text(element: Element) -> Element:
     """The element with its text as the attribute ``text``, so that numbers are checked as those of attributes are."""
     return element.with_attributes({**element.attributes, "text": element.content})
 
@@ -34,7 +34,7 @@ def held(element: Element) -> Element:
 def number(parent: Element | None, tag: str, default: float) -> float:
     """The number in a child, the default where there is none."""
     child = parent.child(tag) if parent is not None else None
-    return default if child is None else held(child).number("text")
+    return default if child is None else with_text(child).number("text")
 
 
 def moments(tensor: Element | None) -> Array:
@@ -44,7 +44,7 @@ def moments(tensor: Element | None) -> Array:
 
 def vector(element: Element) -> Array:
     """Three numbers."""
-    return held(element).numbers("text", 3)
+    return with_text(element).numbers("text", 3)
 
 
 def word(parent: Element, tag: str, default: str = "") -> str:
@@ -53,7 +53,7 @@ def word(parent: Element, tag: str, default: str = "") -> str:
     return default if child is None else child.content.strip()
 
 
-def said(parent: Element, tag: str) -> bool:
+def is_true(parent: Element, tag: str) -> bool:
     """Whether a child says true or 1."""
     return word(parent, tag) in ("true", "1")
 
@@ -64,7 +64,7 @@ def pose(element: Element | None) -> Array:
     if element is None or not element.content.strip():
         return T
     form = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
-    values = held(element).numbers("text", 6 if form == "euler_rpy" else 7)
+    values = with_text(element).numbers("text", 6 if form == "euler_rpy" else 7)
     T[:3, 3] = values[:3]
     if form == "quat_xyzw":
         if not values[3:].any():
@@ -238,7 +238,7 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
         if name not in by_name:
             raise UnknownNameError.of("model", name, by_name)
         return by_name[name]
-    moving = [pair for pair in models if not said(pair[0], "static")]
+    moving = [pair for pair in models if not is_true(pair[0], "static")]
     if len(moving) > 1:
         names = ", ".join(repr(one.text("name")) for one, _ in moving)
         raise RobotFileError(f"{root} has {len(moving)} models that can move: {names}. Say which, model=….")
@@ -289,7 +289,7 @@ class _SdfReader:
 
     def _add_roots(self, held: set[str]) -> None:
         roots = [name for name in self.parts.links if name not in held]
-        floats = bool(self.floating_base) and not said(self.model, "static")
+        floats = bool(self.floating_base) and not is_true(self.model, "static")
         for name in roots:
             link = self.parts.links[name]
             T = self.place @ self.parts.pose(name, link)
@@ -298,7 +298,7 @@ class _SdfReader:
                 self.builder.add_joint(joint, "floating", WORLD, name, where=link.place)
             else:
                 self.builder.add_joint(joint, "fixed", WORLD, name, placement=T, where=link.place)
-                if self.floating_base is None and not said(self.model, "static"):
+                if self.floating_base is None and not is_true(self.model, "static"):
                     self.builder.remark(
                         Remark(str(link), "is held by no joint, so it is fixed; floating_base=True lets it float")
                     )
@@ -401,7 +401,7 @@ class _SdfReader:
         w, frame = vector(xyz), xyz.attributes.get("expressed_in", "").strip()
         if frame:
             name = (scope[:-2] if scope else MODEL) if frame == MODEL else scope + frame
-        elif self.version <= (1, 4) or said(axis, "use_parent_model_frame"):
+        elif self.version <= (1, 4) or is_true(axis, "use_parent_model_frame"):
             name = scope[:-2] if scope else MODEL
         else:
             return np.asarray(T_cj[:3, :3] @ w)

@@ -73,7 +73,7 @@ class TextChanges:
         number = self._number(element)
         self._additions[number] = self._additions.get(number, "") + text
 
-    def made(self, text: str) -> str:
+    def apply(self, text: str) -> str:
         """The file's text with all of them."""
         return edited(text, list(self._edits.values()), additions=self._additions, signature=self._signature)
 
@@ -130,7 +130,7 @@ class MjcfText:
         folders = Folders(None if path is None else path.parent)
         expand(root, folders, _MOST_BODIES)
         self._root, self._changes, self._folders = root, changes, folders
-        self._settings, self._defaults = Settings.of(root), Defaults(root)
+        self._settings, self._defaults = Settings.from_root(root), Defaults(root)
         self._bodies = survey(root, self._settings, self._defaults)
         taken = names_given(self._bodies)
         self._joints: dict[str, tuple[Element, Element]] = {}  # as it stands there, and with its class's attributes

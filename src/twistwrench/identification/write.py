@@ -205,7 +205,7 @@ def _text(
         if body.follows:
             file.write_joint(body.joint.name, dict.fromkeys(drives, 0.0), "part of the joint that it follows")
     changes.add(root, f"<!-- {SIGNATURE}: {said.replace('--', '- -')} -->")
-    return changes.made(subject.text)
+    return changes.apply(subject.text)
 
 
 def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
@@ -322,7 +322,6 @@ def check_written(found: ConsistentRobot) -> list[str]:
 
 # ── Robot file and actuator file, both or neither
 
-_SAME_of_robot_writing = 1e-12
 _KINDS = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
@@ -355,7 +354,7 @@ def write_identified(
     notes += consistent.outside(found.interval(), found.standard_deviations)
     made = None if path is None else written_robot(found.original, consistent, _headline(found, logs))
     text = None if actuators is None else actuator_text(found.original.model, consistent, given)
-    if text is not None and not same_actuators(text, consistent) <= _SAME_of_robot_writing:
+    if text is not None and not same_actuators(text, consistent) <= _SAME:
         raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
     if path is not None and made is not None:
         with replacing(path) as scratch:

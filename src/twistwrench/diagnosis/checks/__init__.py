@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from ..described import DescribedRobot
 from ..entry_errors import Options
 from ..findings import Finding
+from ..parsed_file import ParsedFile
 from .inertia import check_impossible, check_too_large, check_too_small
 from .joints import (
     check_axis,
@@ -32,7 +32,7 @@ from .masses import (
 
 __all__ = ["CHECKS", "Options"]
 
-CHECKS: Mapping[str, Callable[[DescribedRobot, Options], Iterator[Finding]]] = {
+CHECKS: Mapping[str, Callable[[ParsedFile, Options], Iterator[Finding]]] = {
     "impossible": check_impossible,
     "too-large": check_too_large,
     "too-small": check_too_small,

@@ -10,9 +10,16 @@ from ...core.numbers import number, percent
 from ...model.inertia_checks import reasons
 from ...model.model import BASE
 from ...typing import Array
-from ..described import DescribedLink, DescribedRobot, WrittenInertia
-from ..entry_errors import Options, Slip, explain, slips_of_impossible, slips_of_too_large, slips_of_too_small
+from ..entry_errors import (
+    EntryError,
+    Options,
+    explain,
+    impossible_tensor_errors,
+    large_tensor_errors,
+    small_tensor_errors,
+)
 from ..findings import FileRepair, Finding, Severity
+from ..parsed_file import ParsedFile, ParsedLink, WrittenInertia
 from ..shapes import METRICS, nearest
 
 _ABSORBED = 1.0
@@ -27,7 +34,7 @@ _SMALL = 1.0 / 30.0
 """Of the diagonal of its shapes: a gyration radius below is too small."""
 
 
-def check_impossible(robot: DescribedRobot, options: Options) -> Iterator[Finding]:
+def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
     """Negative moments, or a broken triangle inequality, of a link by itself."""
     refused = {i for i, body in enumerate(robot.model.bodies) if reasons(body.inertia)}
     for link in robot.links.values():
@@ -36,13 +43,13 @@ def check_impossible(robot: DescribedRobot, options: Options) -> Iterator[Findin
             continue
         body = robot.model.frames[link.name].body if link.name in robot.model.frames else BASE
         reference = reference_of(link)
-        slip = explain(slips_of_impossible(written.tensor), reference)
+        error = explain(impossible_tensor_errors(written.tensor), reference)
         repair = (
-            slip_repair(link, slip)
-            if slip is not None
+            entry_error_repair(link, error)
+            if error is not None
             else nearest_repair(link, options.metric, reference if options.metric == "entropic" else None)
         )
-        effect = robot.effects.of(repair.inertias)
+        effect = robot.effects.evaluate(repair.inertias)
         if body in refused:
             severity, fate = Severity.ERROR, "the moving body it belongs to cannot exist, and is refused on loading"
         elif body == BASE:
@@ -57,7 +64,7 @@ def check_impossible(robot: DescribedRobot, options: Options) -> Iterator[Findin
         )  # fmt: skip
 
 
-def check_too_large(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """A moment above twice the largest that the mass could have within the box of the link's shapes."""
     for link, written in judged(robot):
         reach = _reach(link, written)
@@ -71,13 +78,17 @@ def check_too_large(robot: DescribedRobot, _options: Options) -> Iterator[Findin
         axis = int((written.tensor.diagonal() / most).argmax())
         factor = float(written.tensor[axis, axis] / most[axis])
         reference = reference_of(link)
-        slip = explain(slips_of_too_large(written.tensor, written, fits, reference), reference)
-        if slip is None and factor <= _IDENTIFIED and identified(written):
+        error = explain(large_tensor_errors(written.tensor, written, fits, reference), reference)
+        if error is None and factor <= _IDENTIFIED and identified(written):
             repair = None
             severity, more = Severity.NOTE, ", as identified sets have, whose parts are right in their sums only"
         else:
-            repair, severity, more = slip_repair(link, slip) if slip is not None else shape_repair(link), None, ""
-        effect = robot.effects.of(repair.inertias) if repair is not None else robot.effects.of({})
+            repair, severity, more = (
+                entry_error_repair(link, error) if error is not None else shape_repair(link),
+                None,
+                "",
+            )
+        effect = robot.effects.evaluate(repair.inertias) if repair is not None else robot.effects.evaluate({})
         if severity is None:
             severity = Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE
         name = ("ixx", "iyy", "izz")[axis]
@@ -90,7 +101,7 @@ def check_too_large(robot: DescribedRobot, _options: Options) -> Iterator[Findin
         )  # fmt: skip
 
 
-def check_too_small(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """A largest gyration radius below a thirtieth of the diagonal of the shapes."""
     for link, written in judged(robot):
         largest = float(np.linalg.eigvalsh(written.tensor)[-1])
@@ -98,9 +109,9 @@ def check_too_small(robot: DescribedRobot, _options: Options) -> Iterator[Findin
         if radius >= _SMALL * diagonal or no_tensor(written):
             continue
         reference = reference_of(link)
-        slip = explain(slips_of_too_small(written.tensor, reference), reference)
-        repair = slip_repair(link, slip) if slip is not None else shape_repair(link)
-        effect = robot.effects.of(repair.inertias)
+        error = explain(small_tensor_errors(written.tensor, reference), reference)
+        repair = entry_error_repair(link, error) if error is not None else shape_repair(link)
+        effect = robot.effects.evaluate(repair.inertias)
         yield Finding(
             "too-small", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
             f"its tensor is too small for its shapes: its gyration radius is {number(radius, 2)} m, their diagonal "
@@ -109,7 +120,7 @@ def check_too_small(robot: DescribedRobot, _options: Options) -> Iterator[Findin
         )  # fmt: skip
 
 
-def judged(robot: DescribedRobot) -> Iterator[tuple[DescribedLink, WrittenInertia]]:
+def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
     """The links of a hundredth of the mass, with a possible tensor and shapes that were all read."""
     for link in robot.links.values():
         written = link.written
@@ -133,7 +144,7 @@ def placeholder(written: WrittenInertia) -> bool:
     return products <= {0.0, value} and abs(np.log10(value) - round(np.log10(value))) < 1e-9
 
 
-def reference_of(link: DescribedLink) -> Array | None:
+def reference_of(link: ParsedLink) -> Array | None:
     """The tensor of the link's shapes at its mass, along the axes its own is written in; None without volume."""
     if link.written is None or not link.shapes.complete:
         return None
@@ -142,12 +153,12 @@ def reference_of(link: DescribedLink) -> Array | None:
     return None if tensor is None else np.asarray(R.T @ tensor @ R)
 
 
-def slip_repair(link: DescribedLink, slip: Slip) -> FileRepair:
+def entry_error_repair(link: ParsedLink, error: EntryError) -> FileRepair:
     """What the slip says was meant."""
-    return _repair(link, "slip", f"one slip explains it: {slip.sentence}", slip.tensor)
+    return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
 
 
-def nearest_repair(link: DescribedLink, metric: str, reference: Array | None) -> FileRepair:
+def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> FileRepair:
     """The nearest tensor that can exist."""
     assert link.written is not None
     tensor = nearest(link.written.tensor, metric, reference)
@@ -159,7 +170,7 @@ def nearest_repair(link: DescribedLink, metric: str, reference: Array | None) ->
 
 
 def shape_repair(
-    link: DescribedLink, why: str = "no one slip explains it; this is the tensor of its shapes as uniform solids"
+    link: ParsedLink, why: str = "no one slip explains it; this is the tensor of its shapes as uniform solids"
 ) -> FileRepair:
     """The tensor of the shapes at the link's mass, or advice where they have no volume."""
     tensor = reference_of(link)
@@ -168,13 +179,13 @@ def shape_repair(
     return _repair(link, "shape", why, tensor)
 
 
-def _repair(link: DescribedLink, kind: str, sentence: str, tensor: Array, metric: str = "") -> FileRepair:
+def _repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, metric: str = "") -> FileRepair:
     assert link.written is not None
     edits, tensor = link.written.edits(tensor)
     return FileRepair(kind, sentence, {link.name: link.written.with_tensor(tensor)}, edits, metric)
 
 
-def _reach(link: DescribedLink, written: WrittenInertia) -> Array:
+def _reach(link: ParsedLink, written: WrittenInertia) -> Array:
     """How far the shapes reach from the centre of mass, along the written axes (3,) [m]."""
     low, high = link.shapes.box(written.R)
     c = written.R.T @ written.com

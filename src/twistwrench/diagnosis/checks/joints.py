@@ -12,9 +12,9 @@ from ...core.text import listed
 from ...model.limits import margin
 from ...reports.load_case import arm_entries, placeholder_limits
 from ...robot import Robot
-from ..described import DescribedJoint, DescribedRobot
 from ..entry_errors import Options
 from ..findings import Edit, FileRepair, Finding, Severity
+from ..parsed_file import ParsedFile, ParsedJoint
 
 _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0
@@ -23,13 +23,13 @@ _STROKE = 5.0
 _NAMED = 6
 
 
-def check_mimic(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Joints that mimic a joint that is not there: the file is refused on loading, unless ``mimic="independent"``."""
-    for problem in robot.problems:
+    for problem in robot.load_errors:
         yield Finding("mimic", Severity.ERROR, problem.where, problem.line, problem.sentence)
 
 
-def check_degrees(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Limits of revolute joints beyond two turns either way that are whole numbers: degrees."""
     for joint in robot.joints.values():
         limits = [joint.numbers.get(name, 0.0) for name in ("lower", "upper")]
@@ -49,7 +49,7 @@ def check_degrees(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         )  # fmt: skip
 
 
-def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Zero outside the limits, and strokes of several metres."""
     outside, long = [], []
     model = robot.model
@@ -66,7 +66,7 @@ def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     yield from _of_several(robot, "limits", long, f"the stroke is more than {printed(_STROKE)} m")
 
 
-def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Limits of effort and velocity that are none, and joints whose own weight is more than their effort."""
     joints = [joint for joint in robot.joints.values() if joint.single]
     leaders = {body.joint.name for body in robot.model.leaders}
@@ -85,7 +85,7 @@ def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
 
 
-def check_placeholder_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Efforts that are probably no limits of the motors: far above what the robot's weight takes."""
     said = placeholder_limits(Robot(robot.model))
     if said:
@@ -95,7 +95,7 @@ def check_placeholder_limits(robot: DescribedRobot, _options: Options) -> Iterat
         )  # fmt: skip
 
 
-def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Axes that are not of unit length; they are normalised on loading, and other programs may not do so."""
     for joint in robot.joints.values():
         if joint.axis is None or abs(length := float(np.linalg.norm(joint.axis))) == 0 or abs(length - 1.0) < 1e-3:
@@ -107,7 +107,7 @@ def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         )
 
 
-def check_friction(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Robots in which nothing damps a joint."""
     model = robot.model
     if model.nv and not model.friction.any and not model.armature.any():
@@ -118,7 +118,7 @@ def check_friction(robot: DescribedRobot, _options: Options) -> Iterator[Finding
 
 
 def _finding(
-    joint: DescribedJoint, check: str, severity: Severity, sentence: str, numbers: dict[str, float], repair: FileRepair
+    joint: ParsedJoint, check: str, severity: Severity, sentence: str, numbers: dict[str, float], repair: FileRepair
 ) -> Finding:
     return Finding(
         check, severity, f"joint {joint.name!r}", joint.line, sentence, numbers, repair=repair, file=joint.file
@@ -126,7 +126,7 @@ def _finding(
 
 
 def _of_several(
-    robot: DescribedRobot, check: str, names: list[str], sentence: str, severity: Severity = Severity.NOTE
+    robot: ParsedFile, check: str, names: list[str], sentence: str, severity: Severity = Severity.NOTE
 ) -> Iterator[Finding]:
     """One finding on all joints of which the same is to be said."""
     if not names:

@@ -13,9 +13,9 @@ from ...model.inertia_checks import massless_links, reasons
 from ...model.model import BASE
 from ...reports.load_case import reach
 from ...typing import Array
-from ..described import DescribedLink, DescribedRobot, Pair, WrittenInertia, about_com, pairs_of
 from ..entry_errors import UNITS, Options
 from ..findings import Edit, Effect, FileRepair, Finding, Severity
+from ..parsed_file import ParsedFile, ParsedLink, SymmetricLinks, WrittenInertia, about_com, symmetric_links
 from ..shapes import hull_solid
 from .inertia import MATTERS, identified, no_tensor, placeholder, shape_repair
 
@@ -30,20 +30,20 @@ _DENSITIES = 50.0, 8000.0
 
 
 def _stand_ins(
-    robot: DescribedRobot, is_one: Callable[[WrittenInertia], bool], least: float
-) -> Iterator[tuple[DescribedLink, WrittenInertia, FileRepair, Effect, Severity]]:
+    robot: ParsedFile, is_one: Callable[[WrittenInertia], bool], least: float
+) -> Iterator[tuple[ParsedLink, WrittenInertia, FileRepair, Effect, Severity]]:
     """Links with a mass whose tensor is a stand-in; how to mend it, what that changes, and whether it does by ``least``."""
     for link in robot.links.values():
         written = link.written
         if written is None or written.mass <= 0 or not is_one(written):
             continue
         repair = shape_repair(link, "it is the tensor of its shapes as uniform solids")
-        effect = robot.effects.of(repair.inertias)
+        effect = robot.effects.evaluate(repair.inertias)
         matters = robot.heavy(link) and effect.reaches(least)
         yield link, written, repair, effect, Severity.WARNING if matters else Severity.NOTE
 
 
-def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Moments that are one power of ten: a stand-in that was never replaced."""
     for link, written, repair, effect, severity in _stand_ins(robot, placeholder, MATTERS):
         yield Finding(
@@ -54,7 +54,7 @@ def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Find
         )  # fmt: skip
 
 
-def check_no_inertia(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_no_inertia(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Mass whose tensor is nothing, or rounding."""
     for link, written, repair, effect, severity in _stand_ins(robot, no_tensor, _POINT):
         largest = float(np.abs(written.tensor).max())
@@ -65,14 +65,14 @@ def check_no_inertia(robot: DescribedRobot, _options: Options) -> Iterator[Findi
         )  # fmt: skip
 
 
-def check_no_mass(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_no_mass(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Rotational inertia without a mass."""
     for link in robot.links.values():
         written = link.written
         if written is None or written.mass != 0 or not written.tensor.any():
             continue
         repair = FileRepair("advice", "give it its mass, or no inertia", {link.name: SpatialInertia.zero()})
-        effect = robot.effects.of(repair.inertias)
+        effect = robot.effects.evaluate(repair.inertias)
         yield Finding(
             "no-mass", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
             f"it has rotational inertia, {number(float(written.tensor.diagonal().max()), 3)} kg m², and no mass",
@@ -80,7 +80,7 @@ def check_no_mass(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         )  # fmt: skip
 
 
-def check_massless(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Moving links that stand for something real and have no mass; M is singular where nothing behind has any."""
     diagonal = robot.effects.diagonal
     least = 1e-12 * float(np.abs(diagonal).max(initial=0.0))
@@ -90,7 +90,7 @@ def check_massless(robot: DescribedRobot, _options: Options) -> Iterator[Finding
         columns = range(body.v_index, body.v_index + body.joint.nv)
         nothing.setdefault("singular" if (diagonal[:, columns] <= least).any() else "light", []).append(name)
     for kind, names in nothing.items():
-        link = robot.links.get(names[0], DescribedLink(names[0], 0))
+        link = robot.links.get(names[0], ParsedLink(names[0], 0))
         joints = [robot.model.bodies[robot.model.frames[name].body].joint.name for name in names]
         singular = kind == "singular"
         what = f"; M is singular, as {listed(map(repr, joints), _NAMED)} move nothing" if singular else ""
@@ -104,7 +104,7 @@ def check_massless(robot: DescribedRobot, _options: Options) -> Iterator[Finding
         )  # fmt: skip
 
 
-def check_light(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Robots whose links weigh a few grams for each metre: masses in kilograms that were meant to be more."""
     model, length = robot.model, reach(robot.model)
     if not 0 < length < np.inf or not 0 < model.moving_mass < _LEAST_PER_METRE * length:
@@ -117,7 +117,7 @@ def check_light(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def check_assumed(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Inertia that the file does not give: SDF's 1 kg and 1 kg m², and what MJCF's compiler settings change."""
     means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
     for link in robot.links.values():
@@ -133,7 +133,7 @@ def check_assumed(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         yield Finding("assumed", Severity.NOTE if meant else Severity.WARNING, f"robot {robot.model.name!r}", 0, text)
 
 
-def check_density(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Mass over the volume of the hull of the shapes."""
     least, most = _DENSITIES
     for link in robot.links.values():
@@ -163,9 +163,9 @@ _MATTERS, _TORQUE = 0.5, 0.2
 """% of M and of the effort from which a difference matters."""
 
 
-def check_mirror(robot: DescribedRobot, options: Options) -> Iterator[Finding]:
+def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
     """Pairs whose frames mirror each other at zero, and whose masses, centres of mass or tensors do not."""
-    for pair in pairs_of(robot):
+    for pair in symmetric_links(robot):
         a, b = pair.left.written, pair.right.written
         if a is None or b is None or not (a.mass > 0 and b.mass > 0):
             continue
@@ -174,7 +174,7 @@ def check_mirror(robot: DescribedRobot, options: Options) -> Iterator[Finding]:
         if not said or _same_part(pair):
             continue
         copies = {"left": (pair.right, image), "right": (pair.left, mirrored(b.inertia, pair.D.T))}
-        effects = {side: robot.effects.of({link.name: G}) for side, (link, G) in copies.items()}
+        effects = {side: robot.effects.evaluate({link.name: G}) for side, (link, G) in copies.items()}
         side = options.mirror_from or max(effects, key=lambda s: effects[s].inertia_percent + effects[s].effort_percent)
         link, wanted = copies[side]
         parts = _parts_mirrored(pair)
@@ -197,7 +197,7 @@ def check_mirror(robot: DescribedRobot, options: Options) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _evidence(pair: Pair) -> str:
+def _evidence(pair: SymmetricLinks) -> str:
     """For which side the shapes speak: where the centre of mass is much nearer to that of the shapes."""
     unknown = "the file does not tell which is meant"
     away = []
@@ -230,7 +230,7 @@ def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str
     return said, {"mass_share": mass, "com_distance": com, "tensor_share": tensor}
 
 
-def _same_part(pair: Pair) -> bool:
+def _same_part(pair: SymmetricLinks) -> bool:
     """Whether the same part is mounted twice: the same shapes at the same places, and the same numbers."""
     a, b = pair.left.written, pair.right.written
     if a is None or b is None:
@@ -239,7 +239,7 @@ def _same_part(pair: Pair) -> bool:
     return bool(same and _shapes(pair.left) == _shapes(pair.right))
 
 
-def _parts_mirrored(pair: Pair) -> bool:
+def _parts_mirrored(pair: SymmetricLinks) -> bool:
     """Whether the parts themselves are mirror images: another mesh file on each side, or a mesh scaled by a negative number.
 
     Where all shapes were read, their boxes must mirror each other too.
@@ -257,7 +257,7 @@ def _parts_mirrored(pair: Pair) -> bool:
     return bool(max(low.max(), high.max()) <= allowed)
 
 
-def _shapes(link: DescribedLink) -> list[tuple[str, tuple[float, ...], str]]:
+def _shapes(link: ParsedLink) -> list[tuple[str, tuple[float, ...], str]]:
     return sorted((spec.kind, spec.sizes, spec.file) for spec in link.shapes.specs)
 
 
@@ -273,7 +273,7 @@ _LARGEST, _LEAST = 20.0, 1e-3
 """m, the diagonal of the shapes of one link."""
 
 
-def check_com(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """A centre of mass outside the box of the link's shapes."""
     for link in robot.links.values():
         written = link.written
@@ -285,7 +285,7 @@ def check_com(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         if away <= _MARGIN[0] * link.shapes.diagonal + _MARGIN[1]:
             continue
         moved = about_com(written.mass, inside, written.inertia.moment_about_com)
-        effect = robot.effects.of({link.name: moved})
+        effect = robot.effects.evaluate({link.name: moved})
         regrouped = identified(written) and away <= _REGROUPED * robot.span
         matters = effect.reaches(MATTERS) and not regrouped and not reasons(written.inertia)
         listed = " ".join(number(x) for x in written.com)
@@ -300,7 +300,7 @@ def check_com(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _fitting(robot: DescribedRobot, link: DescribedLink, com: Array, low: Array, high: Array) -> str:
+def _fitting(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, high: Array) -> str:
     """The other link in whose frame, all joints at zero, the same numbers would be inside the shapes."""
     frames, bodies = robot.model.frames, robot.model.bodies
     if link.name not in frames:
@@ -318,7 +318,7 @@ def _fitting(robot: DescribedRobot, link: DescribedLink, com: Array, low: Array,
     return ""
 
 
-def check_units(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+def check_units(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Shapes of tens of metres or below a millimetre, and tensors of bodies larger than the whole robot."""
     span = robot.span
     for link in robot.links.values():
@@ -336,7 +336,7 @@ def check_units(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         yield from _giant(robot, link, written, span)
 
 
-def _giant(robot: DescribedRobot, link: DescribedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
+def _giant(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: float) -> Iterator[Finding]:
     """A gyration radius of more than a metre, and than the robot: moments in kg mm²."""
     radius = float(np.sqrt(max(np.linalg.eigvalsh(written.tensor)[-1], 0.0) / written.mass))
     if radius <= max(1.0, span) or link.shapes.complete:
@@ -351,7 +351,7 @@ def _giant(robot: DescribedRobot, link: DescribedLink, written: WrittenInertia, 
         repair = FileRepair("slip", said, wanted, edits)
     else:
         repair = FileRepair("advice", "give it the tensor of its shape at its mass, in kg m²", wanted)
-    effect = robot.effects.of(repair.inertias)
+    effect = robot.effects.evaluate(repair.inertias)
     yield Finding(
         "units", Severity.WARNING if effect.reaches(MATTERS) and robot.heavy(link) else Severity.NOTE,
         f"link {link.name!r}", written.line,

@@ -51,7 +51,7 @@ class Settings:
         return math.pi / 180.0 if self.degrees else 1.0
 
     @classmethod
-    def of(cls, root: Element) -> Settings:
+    def from_root(cls, root: Element) -> Settings:
         """Those of a file; of several elements the last one that says something counts."""
         attributes = {name: value for e in root.all("compiler") for name, value in e.attributes.items()}
         elements = root.all("compiler")

@@ -167,7 +167,7 @@ class _Reader:
                 raise RobotFileError(f"{section} is no section of an MJCF file. Known: {', '.join(SECTIONS)}.")
         self.root = root
         self.floating_base = floating_base
-        self.settings, self.defaults = Settings.of(root), Defaults(root)
+        self.settings, self.defaults = Settings.from_root(root), Defaults(root)
         self.builder = ModelBuilder(root.attributes.get("model", "").strip() or "robot", source)
         self.builder.gravity = gravity_of(root)
         self.bodies = survey(root, self.settings, self.defaults)

@@ -46,7 +46,7 @@ class Effects:
         self.count = int(np.clip(_STEPS // max(1, sum(depths)), 1, count))
         self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
 
-    def of(self, changes: Mapping[str, SpatialInertia]) -> Effect:
+    def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
         """The effect of links having other inertias, each about its link's origin: what they would be, not by how much."""
         deltas: dict[int, Array] = {}
         for link, wanted in changes.items():
@@ -163,7 +163,7 @@ _MOST = 20
 
 
 @dataclass(frozen=True)
-class FileProblem:
+class LoadError:
     """One reason to refuse a file."""
 
     where: str
@@ -176,7 +176,7 @@ class FileProblem:
         return self.sentence
 
 
-def problems_of(root: Element) -> list[FileProblem]:
+def load_errors(root: Element) -> list[LoadError]:
     """All reasons to refuse a ``<robot>``, link by link and joint by joint; none for other formats."""
     if root.tag != "robot":
         return []
@@ -184,17 +184,17 @@ def problems_of(root: Element) -> list[FileProblem]:
     return found[:_MOST]
 
 
-def _each_by_itself(root: Element) -> Iterator[FileProblem]:
+def _each_by_itself(root: Element) -> Iterator[LoadError]:
     builder = ModelBuilder("robot")
     for add, tag in ((add_link, "link"), (add_joint, "joint")):
         for element in root.all(tag):
             try:
                 add(builder, element)
             except TwistWrenchError as error:
-                yield FileProblem(f"{tag} {element.attributes.get('name', '')!r}", element.line, str(error))
+                yield LoadError(f"{tag} {element.attributes.get('name', '')!r}", element.line, str(error))
 
 
-def _ends(root: Element) -> Iterator[FileProblem]:
+def _ends(root: Element) -> Iterator[LoadError]:
     """Parents and children that are not there, and links with two parents."""
     links = [link.attributes.get("name", "").strip() for link in root.all("link")]
     children: Counter[str] = Counter()
@@ -210,15 +210,15 @@ def _ends(root: Element) -> Iterator[FileProblem]:
             where = f"joint {joint.attributes.get('name', '')!r}"
             if name not in links:
                 missing = UnknownNameError.of("link", name, links)
-                yield FileProblem(where, joint.line, f"the {end} of {joint} is not there: {missing}")
+                yield LoadError(where, joint.line, f"the {end} of {joint} is not there: {missing}")
             children[name] += end == "child"
             if end == "child" and children[name] == 2:
-                yield FileProblem(
+                yield LoadError(
                     where, joint.line, f"{joint} gives link {name!r} a second parent. A robot must be a tree."
                 )
 
 
-def _leaders(root: Element) -> Iterator[FileProblem]:
+def _leaders(root: Element) -> Iterator[LoadError]:
     joints = [joint.attributes.get("name", "").strip() for joint in root.all("joint")]
     for joint in root.all("joint"):
         for mimic in joint.all("mimic") if joint.attributes.get("type") != "fixed" else ():
@@ -226,7 +226,7 @@ def _leaders(root: Element) -> Iterator[FileProblem]:
             if leader and leader not in joints:
                 missing = str(UnknownNameError.of("joint", leader, joints)).partition(" Known:")[0]
                 said = f"it mimics a joint that is not there: {missing}"
-                yield FileProblem(f"joint {joint.attributes.get('name', '')!r}", joint.line, said, mimic=True)
+                yield LoadError(f"joint {joint.attributes.get('name', '')!r}", joint.line, said, mimic=True)
 
 
 # ── Links and joints, with the places of their numbers
@@ -298,7 +298,7 @@ class WrittenInertia:
 
 
 @dataclass(frozen=True, eq=False)
-class DescribedLink:
+class ParsedLink:
     """One link."""
 
     name: str
@@ -316,7 +316,7 @@ class DescribedLink:
 
 
 @dataclass(frozen=True, eq=False)
-class DescribedJoint:
+class ParsedJoint:
     """One joint: its numbers as they are written, None where they are not."""
 
     name: str
@@ -335,17 +335,17 @@ class DescribedJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class DescribedRobot:
+class ParsedFile:
     """A robot file beside the model that was made of it, its impossible bodies accepted."""
 
     model: Model
     format: str
     """"urdf", "mjcf", "sdf", or empty for a robot that has no file."""
-    links: Mapping[str, DescribedLink]
-    joints: Mapping[str, DescribedJoint] = field(default_factory=dict)
+    links: Mapping[str, ParsedLink]
+    joints: Mapping[str, ParsedJoint] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
     """What settings of the file did to its inertias, a sentence each."""
-    problems: tuple[FileProblem, ...] = ()
+    load_errors: tuple[LoadError, ...] = ()
     """What the loader refuses, and could be left out here."""
 
     @cached_property
@@ -382,7 +382,7 @@ class DescribedRobot:
         """Whether a joint carries the link."""
         return link in self.model.frames and self.model.frames[link].body != BASE
 
-    def heavy(self, link: DescribedLink, share: float = 0.01) -> bool:
+    def heavy(self, link: ParsedLink, share: float = 0.01) -> bool:
         """Whether it is of that share of the mass at least."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
 
@@ -398,19 +398,19 @@ _ALIKE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class SymmetricLinks:
     """Two links that mirror each other."""
 
-    left: DescribedLink
-    right: DescribedLink
+    left: ParsedLink
+    right: ParsedLink
     D: Array
     """(3, 3) what a point of the left link, in its frame, is multiplied by to be its image in the right one's."""
 
 
-def names_of_right(name: str) -> Iterator[str]:
+def right_side_names(name: str) -> Iterator[str]:
     """What the other side of a left link may be called: one word for the side, exchanged.
 
-    >>> list(names_of_right("arm_left_4_link")), list(names_of_right("LElbow")), list(names_of_right("tool"))
+    >>> list(right_side_names("arm_left_4_link")), list(right_side_names("LElbow")), list(right_side_names("tool"))
     (['arm_right_4_link'], ['RElbow'], [])
     """
     words = _WORDS.findall(name)
@@ -424,16 +424,16 @@ def names_of_right(name: str) -> Iterator[str]:
         yield "r" + name[1:]
 
 
-def pairs_of(robot: DescribedRobot) -> Iterator[Pair]:
+def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
     """All pairs of links by their names whose frames are mirror images of each other in one plane of the base."""
     poses = robot.neutral_poses
     for left in robot.links.values():
-        right = next((robot.links[name] for name in names_of_right(left.name) if name in robot.links), None)
+        right = next((robot.links[name] for name in right_side_names(left.name) if name in robot.links), None)
         if right is None or left.name not in poses or right.name not in poses:
             continue
         D = _mirrored(poses[left.name], poses[right.name])
         if D is not None:
-            yield Pair(left, right, D)
+            yield SymmetricLinks(left, right, D)
 
 
 def _mirrored(T_a: Array, T_b: Array) -> Array | None:
