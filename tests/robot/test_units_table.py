@@ -15,7 +15,7 @@ from twistwrench.sensing.compensation import MIXUPS
 from twistwrench.sensing.files import read_log
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.outliers import touched_in_dwells, witnesses
+from twistwrench.sensing.outliers import static_poses, touched_in_static_poses
 from twistwrench.sensing.poses import propose_poses
 
 MILLI, CENTI, KILO, MICRO = 0.001, 0.01, 1000.0, 0.000001
@@ -170,5 +170,5 @@ def test_as_many_readings_of_a_dwell_are_far_as_is_said():
     counts = []
     for _ in range(40):
         log = ReadingLog(rng.normal(size=(1200, 6)), g)
-        counts.append(int(touched_in_dwells(log, witnesses(log)).sum()))
+        counts.append(int(touched_in_static_poses(log, static_poses(log)).sum()))
     assert sum(counts) <= 2  # a chance of 1e-3 a log; with a factor of 1 for 1.4826 there are hundreds

@@ -22,7 +22,7 @@ def test_the_contact_point_is_found_on_planes_and_balls():
     rng = np.random.default_rng(0)
     r, f = rng.normal(size=(2, 50, 3))
     F = np.concatenate([np.cross(r, f), f], axis=1)
-    np.testing.assert_allclose(contact_detection.stray_couple(F), 0, atol=1e-12)
+    np.testing.assert_allclose(contact_detection.residual_moment(F), 0, atol=1e-12)
     normal = rng.normal(size=3)
     np.testing.assert_allclose(contact_detection.contact_on_plane(F, r, normal), r, atol=1e-9)
     np.testing.assert_allclose(contact_detection.contact_nearest(F, r), r, atol=1e-9)
@@ -36,7 +36,7 @@ def test_no_contact_point_without_a_force():
     assert np.isnan(contact_detection.contact_on_plane(np.zeros(6), (0, 0, 0), (0, 0, 1))).all()
     assert np.isnan(contact_detection.contact_on_plane([0, 0, 0, 1, 0, 0], (0, 0, 1), (0, 0, 1))).all()
     assert np.isnan(contact_detection.contact_on_sphere([0, 0, 5, 1, 0, 0], (0, 0, 9), 1.0)).all()
-    assert contact_detection.stray_couple([0.5, 0, 0, 2, 0, 0]) == pytest.approx(0.5)
+    assert contact_detection.residual_moment([0.5, 0, 0, 2, 0, 0]) == pytest.approx(0.5)
 
 
 def test_false_alarms_come_as_often_as_stated():

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from sensor_logs import AT_REST, NOISE, drifting
 
-from twistwrench.estimation.covariance import by_witnesses, plug_in
+from twistwrench.estimation.covariance import by_clusters, plug_in
 from twistwrench.sensing.compensation import compensation
 from twistwrench.sensing.contact_detection import CollisionThreshold
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.observability import whiteness
-from twistwrench.sensing.outliers import witnesses
+from twistwrench.sensing.outliers import static_poses
 from twistwrench.sensing.poses import propose_poses
 
 
@@ -31,7 +31,7 @@ def test_the_sandwich_is_unbiased_and_as_uncertain_as_its_degrees_of_freedom_say
     variances = []
     for _ in range(2500):
         e = rng.normal(size=len(Q))
-        found = by_witnesses(Q.reshape(A.shape), (e - Q @ (Q.T @ e)).reshape(-1, 6), half, label)
+        found = by_clusters(Q.reshape(A.shape), (e - Q @ (Q.T @ e)).reshape(-1, 6), half, label)
         assert found is not None
         C, freedom = found
         variances.append(np.diag(C))
@@ -95,7 +95,7 @@ def test_a_short_rest_in_a_motion_is_no_dwell():
     V[10:13], V[25:31] = 0.0, 0.0
     gravity = np.column_stack([np.zeros(n), np.sin(0.2 * np.arange(n)), -np.cos(0.2 * np.arange(n))]) * 9.81
     gravity[25:31] = gravity[25]
-    found = witnesses(
+    found = static_poses(
         ReadingLog.of(np.zeros((n, 6)), gravity=gravity, V=V, dV=np.ones((n, 6)) * V.any(axis=1)[:, None])
     )
     assert found.count.tolist() == [1.0] * 25 + [6.0] + [1.0] * 9

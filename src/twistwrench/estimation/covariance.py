@@ -10,8 +10,8 @@ import numpy as np
 from ..typing import Array
 from .least_squares import Prior
 
-_MANY = 1000  # witnesses; more are told in groups of neighbours
-_WHOLE = 1.0 - 1e-6  # share of an unknown that one witness tells; from there on nothing checks it
+_MANY = 1000  # clusters; more are told in groups of neighbours
+_WHOLE = 1.0 - 1e-6  # share of an unknown that one cluster tells; from there on nothing checks it
 _LEAST_KNOWN = 2 / 3  # of its degrees of freedom, what a weight counts with at least; else two or three say nothing
 _LEAST_FREEDOM = 2.1  # of an unknown in a block; the mean of F has no value at 2
 
@@ -67,11 +67,11 @@ def of_block(freedom: Array) -> float:
     return 2.0 * (len(freedom) + more) / more if more else np.inf
 
 
-def by_witnesses(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
-    """Covariance (k, k) by the sandwich CR2 and degrees of freedom (k,); None where one witness alone tells something.
+def by_clusters(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
+    """Covariance (k, k) by the sandwich CR2 and degrees of freedom (k,); None where one cluster alone tells something.
 
     Q (n, 6, p) are the orthonormal columns of the whitened design, ``left`` (n, 6) the whitened residuals e, half (k, p)
-    takes whitened unknowns to k unknowns or sums of them, label (n,) says to which witness a row belongs. With
+    takes whitened unknowns to k unknowns or sums of them, label (n,) says to which cluster a row belongs. With
     M_g = Q_g' Q_g:
 
     s_g = (1 - M_g)^(-1/2) Q_g' e_g,   C = half Σ_g s_g s_g' half',   ν_k = (tr Ω)² / tr Ω²,
@@ -81,7 +81,7 @@ def by_witnesses(Q: Array, left: Array, half: Array, label: Array) -> tuple[Arra
     Survey Methodology 28, 2002; Pustejovsky and Tipton, J. Business & Economic Statistics 36, 2018.
     """
     p = Q.shape[-1]
-    place = witnesses(label)
+    place = cluster_numbers(label)
     count = int(place.max()) + 1
     M, s = np.zeros((count, p, p)), np.zeros((count, p))
     order = np.argsort(place, kind="stable")
@@ -93,14 +93,14 @@ def by_witnesses(Q: Array, left: Array, half: Array, label: Array) -> tuple[Arra
     return by_moments(M, s, half)
 
 
-def witnesses(label: Array) -> Array:
-    """(n,) numbers 0, 1, … of the witnesses with these labels; of more than a thousand, neighbours are one."""
+def cluster_numbers(label: Array) -> Array:
+    """(n,) numbers 0, 1, … of the clusters with these labels; of more than a thousand, neighbours are one."""
     place = np.unique(label, return_inverse=True)[1]
     return np.asarray(place * _MANY // (place.max() + 1) if place.max() >= _MANY else place)
 
 
 def by_moments(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
-    """The same of what witnesses add up to: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
+    """The same of what clusters add up to: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
     values, U = np.linalg.eigh(M)
     if values.max() > _WHOLE:
         return None
@@ -119,9 +119,9 @@ def by_moments(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
 
 # ── Covariance of groups of parameters: the sandwich over blocks of time
 
-# Rows of a block of time count as one witness (Liang and Zeger, "Longitudinal data analysis using generalized linear models",
-# Biometrika 73, 1986), with the correction for few witnesses of Bell and McCaffrey that the sensors' fits have as well. The
-# textbook's s² (W'W)^-1 takes every row for a witness, and is several times too small.
+# Rows of a block of time count as one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear models",
+# Biometrika 73, 1986), with the correction for few clusters of Bell and McCaffrey that the sensors' fits have as well. The
+# textbook's s² (W'W)^-1 takes every row for a cluster, and is several times too small.
 
 _MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
 _SECONDS = 1.0
@@ -229,8 +229,8 @@ class _WhitenedRows:
         return R
 
     def moments(self, left: Array, half: Array, label: Array) -> tuple[Array, Array]:
-        """Q_g'Q_g (g, r + k, r + k) and Q_g'e_g (g, r + k) of each witness, Q = A half and e (n, nv) the residuals."""
-        place = witnesses(label)
+        """Q_g'Q_g (g, r + k, r + k) and Q_g'e_g (g, r + k) of each cluster, Q = A half and e (n, nv) the residuals."""
+        place = cluster_numbers(label)
         order = np.argsort(place, kind="stable")
         parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
         M, s = np.zeros((len(parts), self.count, self.count)), np.zeros((len(parts), self.count))
@@ -258,7 +258,7 @@ def _covariance(rows: _WhitenedRows, left: Array, prior: Prior, time: Array, log
     half = prior.size[:, None] * np.linalg.inv(rows.factor(prior.size))
     step = float(np.median(np.diff(time)[np.diff(log) == 0])) if n > 1 else 1.0
     textbook = np.sqrt(np.maximum(((half @ half.T).diagonal()) * float((left**2).sum()) / max(1, n * nv - r), 0.0))
-    apart = max(_LENGTHS * hanging(left), _SECONDS / step)
+    apart = max(_LENGTHS * autocorrelation_length(left), _SECONDS / step)
     apart = float(np.clip(apart, n / _MOST_BLOCKS, n / _FEWEST_BLOCKS))
     for _ in range(8):
         label = np.arange(n) // max(1, math.ceil(apart))
@@ -269,11 +269,11 @@ def _covariance(rows: _WhitenedRows, left: Array, prior: Prior, time: Array, log
         apart /= 2.0
         if apart < 1.0:
             break
-    inflated = half @ half.T * hanging(left)
+    inflated = half @ half.T * autocorrelation_length(left)
     return GroupCovariance(inflated, np.full(r, 1e9), textbook, 0.0)
 
 
-def hanging(left: Array) -> float:
+def autocorrelation_length(left: Array) -> float:
     """Rows that residuals (n, nv) hang together over: 1 + 2 Σ ρ up to where ρ is lost in noise, the most of the joints."""
     n = len(left)
     lags = min(n // 4, 400)

@@ -265,7 +265,7 @@ class Prior:
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
 
 HUBER, _MAD = 1.345, 1.4826
-_ROUNDS_of_weights = 12
+_REWEIGHTINGS = 12
 Method = Literal["irls", "wls", "ols"]
 
 
@@ -286,7 +286,7 @@ def weighted_fit(
     x, sigma = plain.solve(prior)
     if method == "wls":
         return x, sigma, weights
-    for _ in range(_ROUNDS_of_weights):
+    for _ in range(_REWEIGHTINGS):
         left = tau - W @ x
         sigma = np.maximum(_MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
         weights = np.minimum(1.0, HUBER / np.maximum(np.abs(left / sigma), 1e-300))

@@ -9,7 +9,7 @@ from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings
 from .identify import identify
 from .information import Information
-from .log_doubts import LogDoubt
+from .log_doubts import Doubt
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion
 from .result import IdentifiedRobot, without_links
@@ -18,6 +18,7 @@ from .streaming import gather
 __all__ = [
     "BaseParameters",
     "ConsistentRobot",
+    "Doubt",
     "EssentialGroups",
     "ExcitingMotion",
     "FitSettings",
@@ -27,7 +28,6 @@ __all__ = [
     "IdentifiedPayload",
     "IdentifiedRobot",
     "Information",
-    "LogDoubt",
     "MotorSide",
     "UnknownParameters",
     "exciting_trajectory",

@@ -324,7 +324,7 @@ def _between(a: Array, b: Array, s: Array, t: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class CapsuleRoom:
+class CapsuleDistances:
     """Distances of a robot's capsules from each other and from the floor.
 
     Attributes
@@ -351,7 +351,7 @@ class CapsuleRoom:
     margins: Array | None = None
 
     @classmethod
-    def of(cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool) -> CapsuleRoom:
+    def of(cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool) -> CapsuleDistances:
         """The pairs that can touch: of links that no joint connects, and that are not always near each other.
 
         The capsules of a link whose origin stays at one height, and that are always near the floor, are left out likewise.
@@ -365,7 +365,7 @@ class CapsuleRoom:
 
         Returns
         -------
-        room : CapsuleRoom
+        distances : CapsuleDistances
         """
         names = robot.link_names
         bodies = np.array([robot.model.frames[names[k]].body for k in capsules.links], int)

@@ -20,10 +20,10 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .capsules import CapsuleRoom, LinkCapsules
+from .capsules import CapsuleDistances, LinkCapsules
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
-from .trajectory_constraints import DENSE, Clear, MotionRoom, half_and_middle, shared_bounds
-from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, RestSeries
+from .trajectory_constraints import DENSE, Clear, TrajectoryConstraints, half_and_middle, shared_bounds
+from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, WindowedFourierSeries
 
 _JUDGED = 2001
 """Instants at which a motion is judged, at least."""
@@ -38,17 +38,17 @@ class ExcitingMotion:
     Attributes
     ----------
     robot : Robot
-    series : RestSeries, the functions of time
+    series : WindowedFourierSeries, the functions of time
     coefficients : (nv, 1 + 2 N) array, of the series [rad, m]
-    room : MotionRoom that was kept to, a share of the robot's limits among it
+    constraints : TrajectoryConstraints that was kept to, a share of the robot's limits among it
     information : MotionInformation, by which it was chosen
     step : float, between samples of :attr:`motion` [s]
     """
 
     robot: Robot
-    series: RestSeries
+    series: WindowedFourierSeries
     coefficients: Array
-    room: MotionRoom
+    constraints: TrajectoryConstraints
     information: MotionInformation
     step: float
 
@@ -61,7 +61,7 @@ class ExcitingMotion:
     @property
     def bounds(self) -> Bounds:
         """Limits that were kept, a share of the robot's."""
-        return self.room.bounds
+        return self.constraints.bounds
 
     @property
     def duration(self) -> float:
@@ -119,8 +119,8 @@ class ExcitingMotion:
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other, ``itself``, of what was looked at."""
         count = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1)
-        found = self.room.capsules.distances(self(np.linspace(0.0, self.duration, count))[0])
-        count = len(self.room.capsules.pairs)
+        found = self.constraints.capsules.distances(self(np.linspace(0.0, self.duration, count))[0])
+        count = len(self.constraints.capsules.pairs)
         parts = {"itself": found[:, :count], "floor": found[:, count:]}
         return {name: float(part.min()) for name, part in parts.items() if part.size}
 
@@ -128,9 +128,11 @@ class ExcitingMotion:
     def unwatched(self) -> tuple[str, ...]:
         """What was not looked at, in sentences."""
         itself = (
-            () if self.room.capsules.itself or self.room.clear is not None else ("distances of links from each other",)
+            ()
+            if self.constraints.capsules.itself or self.constraints.clear is not None
+            else ("distances of links from each other",)
         )
-        return (*itself, *self.room.capsules.unwatched)
+        return (*itself, *self.constraints.capsules.unwatched)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -143,7 +145,7 @@ class ExcitingMotion:
         >>> print(found.verdict)  # one link has nothing to touch
         OK
         """
-        capsules, unsure = self.room.capsules.capsules, list[str]()
+        capsules, unsure = self.constraints.capsules.capsules, list[str]()
         if capsules.assumed and (self.clearances or self.unwatched):
             count, most = len(capsules.assumed), number(1000.0 * capsules.thickness)
             lacking = "a link has no shape" if count == 1 else f"{count} links have no shapes"
@@ -272,14 +274,16 @@ def exciting_trajectory(
     require_robot(robot, "exciting_trajectory")
     unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
     rng = arguments.generator(seed, "seed")
-    series = RestSeries(arguments.positive(duration, "duration", "s"), _harmonics(harmonics))
+    series = WindowedFourierSeries(arguments.positive(duration, "duration", "s"), _harmonics(harmonics))
     bounds = _bounds(robot, share, velocity, acceleration, effort)
     speed = np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed")))
     if criterion not in CRITERIA:
         raise UnknownNameError.of("criterion", criterion, CRITERIA)
     information = MotionInformation(BaseParameters.of(unknown), _noise(robot, noise), speed, series.duration, criterion)
-    room = MotionRoom(robot, bounds, speed, _capsules(robot, floor, itself=clear_of_itself), _asked(clear))
-    search = MotionSearch(series, information, room, *_sizes(robot, bounds, series))
+    constraints = TrajectoryConstraints(
+        robot, bounds, speed, _capsules(robot, floor, itself=clear_of_itself), _asked(clear)
+    )
+    search = MotionSearch(series, information, constraints, *_sizes(robot, bounds, series))
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
     if step > series.duration / 20:
         raise ValueRangeError(
@@ -291,7 +295,7 @@ def exciting_trajectory(
             f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "
             "above the floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
         )
-    return ExcitingMotion(robot, series, search.coefficients(best), room, information, step)
+    return ExcitingMotion(robot, series, search.coefficients(best), constraints, information, step)
 
 
 def _best(search: MotionSearch, rng: np.random.Generator, times: int, tell: Callable[[float], None]) -> Array | None:
@@ -300,11 +304,13 @@ def _best(search: MotionSearch, rng: np.random.Generator, times: int, tell: Call
     return max((z for z in found if z is not None), key=search.merit, default=None)
 
 
-def _capsules(robot: Robot, floor: float | None, *, itself: bool) -> CapsuleRoom:
+def _capsules(robot: Robot, floor: float | None, *, itself: bool) -> CapsuleDistances:
     height = None if floor is None else arguments.number(floor, "floor")
     if height is not None and not np.isfinite(height):
         raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
-    return CapsuleRoom.of(robot, LinkCapsules.of(robot), floor=height, itself=arguments.flag(itself, "clear_of_itself"))
+    return CapsuleDistances.of(
+        robot, LinkCapsules.of(robot), floor=height, itself=arguments.flag(itself, "clear_of_itself")
+    )
 
 
 def _asked(clear: Clear | None) -> Clear | None:
@@ -315,7 +321,7 @@ def _asked(clear: Clear | None) -> Clear | None:
     return clear
 
 
-def _sizes(robot: Robot, bounds: Bounds, series: RestSeries) -> tuple[Array, Array]:
+def _sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:
     """Typical positions, velocities and accelerations (3, nv), and where joints are in the middle (nv,)."""
     turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
     half, middle = half_and_middle(bounds)

@@ -48,7 +48,7 @@ class FitSettings:
 
 
 @dataclass(frozen=True)
-class Asked:
+class FitOptions:
     """What the user fixes; None: chosen."""
 
     cutoff: float | None = None
@@ -362,7 +362,7 @@ class SettingRows:
         self,
         base: BaseParameters,
         samples: Sequence[SteadySamples],
-        asked: Asked,
+        asked: FitOptions,
         dead: Array,
         most_rows: float = MOST_ROWS,
     ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.numbers import number
 from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
-from ..estimation.covariance import group_covariance, hanging
+from ..estimation.covariance import autocorrelation_length, group_covariance
 from ..estimation.cross_validation import HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..motion.motion import Motion
@@ -18,8 +18,8 @@ from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .hyperparameters import FOLDS, Asked, FitSettings, SettingRows, Trial
-from .log_doubts import Evidence, doubts_of
+from .hyperparameters import FOLDS, FitOptions, FitSettings, SettingRows, Trial
+from .log_doubts import FittedLog, doubts_of
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
@@ -115,7 +115,7 @@ def identify(
         raise ShapeError("identify: there is no log. Give one with torques at least.")
     if method not in METHODS:
         raise UnknownNameError.of("method", method, METHODS)
-    asked = asked_settings(cutoff, friction_speed, shift)
+    asked = fit_options(cutoff, friction_speed, shift)
     same: dict[str, Any] = {
         "motor_inertia": motor_inertia,
         "friction": friction,
@@ -141,7 +141,7 @@ class Identified:
     robot: IdentifiedRobot
     dead: Array
     rows: FilteredRows
-    hanging: float
+    autocorrelation_length: float
 
 
 def identified(
@@ -149,7 +149,7 @@ def identified(
     robot: Robot,
     trained: Sequence[Motion],
     tested: Sequence[Motion],
-    asked: Asked,
+    asked: FitOptions,
     method: Method,
     tell: Callable[[float], None],
     *,
@@ -181,7 +181,7 @@ def identified(
     settings_of = _settings_anew(source, prior, tell) if anew and not tested else lambda _: settings
     among = _five_fold(source, prior, method, names, settings_of)
     held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
-    seen = Evidence(
+    seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
     )  # fmt: skip
@@ -204,12 +204,12 @@ def identified(
         payload_frame=payload_only,
         notes=_remarks((*trained, *tested)),
     )
-    return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
+    return Identified(found, dead, rows, autocorrelation_length((trial.tau - trial.W @ x) / sigma))
 
 
-def asked_settings(cutoff: float | None, friction_speed: float | None, shift: float | None) -> Asked:
+def fit_options(cutoff: float | None, friction_speed: float | None, shift: float | None) -> FitOptions:
     """What the user fixes; raises ValueRangeError for what is no frequency, speed or time."""
-    return Asked(
+    return FitOptions(
         None if cutoff is None else check_speed(cutoff),
         None if friction_speed is None else check_speed(friction_speed),
         None if shift is None else _finite(shift),
@@ -333,7 +333,7 @@ def _one_fold(
 def _predicted(
     base: BaseParameters,
     tested: Sequence[Motion],
-    asked: Asked,
+    asked: FitOptions,
     dead: Array,
     settings: FitSettings,
     x: Array,
@@ -341,7 +341,7 @@ def _predicted(
 ) -> HeldOut:
     """Logs of their own, with the settings of the training logs."""
     samples = [piece for k, motion in enumerate(tested) for piece in _samples(motion, k, "test")]
-    source = SettingRows(base, samples, Asked(settings.cutoff, asked.friction_speed, settings.shift), dead)
+    source = SettingRows(base, samples, FitOptions(settings.cutoff, asked.friction_speed, settings.shift), dead)
     trial = Trial(source, settings)
     rows = source.rows(settings.cutoff)
     return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)

@@ -27,7 +27,7 @@ from ..robot import Robot
 from ..typing import Array
 from .chunks import FASTER, JointRows, RowFrame
 from .hyperparameters import FOLDS, FitSettings
-from .log_doubts import LogDoubt
+from .log_doubts import Doubt
 from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters
 from .payload import MotorSide
 
@@ -154,7 +154,7 @@ def write_information(i: Information, path: str | Path) -> Path:
         "method": i.method,
         "seconds": i.seconds,
         "samples": i.samples,
-        "hanging": i.hanging,
+        "autocorrelation_length": i.autocorrelation_length,
         "logs": list(i.logs),
         "doubts": [asdict(d) for d in i.doubts],
     }
@@ -212,9 +212,9 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
         "moments": JointMoments(arrays["sums"], arrays["counts"], factors),
         "weak": Prior(arrays["mean"], arrays["size"]),
         "sizes": arrays["sizes"],
-        **{name: said[name] for name in ("method", "seconds", "samples", "hanging")},
+        **{name: said[name] for name in ("method", "seconds", "samples", "autocorrelation_length")},
         "logs": tuple(said["logs"]),
-        "doubts": tuple(LogDoubt(d["kind"], d["sentence"], tuple(d["joints"]), d["refuses"]) for d in said["doubts"]),
+        "doubts": tuple(Doubt(d["kind"], d["sentence"], tuple(d["joints"]), d["refuses"]) for d in said["doubts"]),
         "payload_frame": said["payload"],
         "shown": HeldOutRows(*(arrays[f"shown_{k}"] for k in SHOWN)) if "shown_time" in arrays else None,
     }
@@ -239,14 +239,14 @@ class InformationFit:
     moments : JointMoments
     weak : Prior, of the groups
     method : str
-    hanging : float, rows that residuals hang together over
+    autocorrelation_length : float, rows that residuals hang together over
     """
 
     frame: RowFrame
     moments: JointMoments
     weak: Prior
     method: Method
-    hanging: float = 1.0
+    autocorrelation_length: float = 1.0
 
     @property
     def prior(self) -> Prior:
@@ -307,7 +307,9 @@ class InformationFit:
         textbook = np.sqrt(own * float(left.sum()) / freedom)[:r]
         found = by_moments(half.T @ N @ half, scores @ half, half)
         if found is None:
-            return GroupCovariance((half @ half.T * self.hanging)[:r, :r], np.full(r, 1e9), textbook, 0.0)
+            return GroupCovariance(
+                (half @ half.T * self.autocorrelation_length)[:r, :r], np.full(r, 1e9), textbook, 0.0
+            )
         _, weight, whole = self.moments.counts.sum(axis=0)
         huber = (weight / whole) ** 2 if self.frame.robust and whole else 1.0
         return GroupCovariance(found[0][:r, :r] * huber, found[1][:r], textbook, seconds)
@@ -351,7 +353,7 @@ class InformationFit:
 def fit_of(information: Information) -> InformationFit:
     """Least squares of all rows of an information."""
     i = information
-    return InformationFit(i.frame, i.moments, i.weak, i.method, i.hanging)
+    return InformationFit(i.frame, i.moments, i.weak, i.method, i.autocorrelation_length)
 
 
 def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
@@ -376,9 +378,9 @@ class Information:
     method : str, ``irls``, ``wls`` or ``ols``
     seconds : float, of logs [s]
     samples : int, of logs
-    hanging : float, rows that residuals hang together over
+    autocorrelation_length : float, rows that residuals hang together over
     logs : tuple of str, their names
-    doubts : tuple of LogDoubt, of the excerpts that settings were chosen on
+    doubts : tuple of Doubt, of the excerpts that settings were chosen on
     shown : HeldOutRows, optional, rows of an excerpt, measured and predicted, for pictures
     payload_frame : str or None, what carries the payload that alone was sought
     """
@@ -391,9 +393,9 @@ class Information:
     method: Method
     seconds: float
     samples: int
-    hanging: float
+    autocorrelation_length: float
     logs: tuple[str, ...]
-    doubts: tuple[LogDoubt, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     shown: HeldOutRows | None = None
     payload_frame: str | None = None
 

@@ -27,7 +27,7 @@ OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
 
 
 @dataclass(frozen=True)
-class LogDoubt:
+class Doubt:
     """A doubt about a log.
 
     Attributes
@@ -51,32 +51,32 @@ _HARMLESS = ("velocity column", "acceleration column", "velocities make", SINGLE
 """What contradictions say that change nothing here: rates are derived from positions, and single rows weigh next to nothing."""
 
 
-def contradiction(sentence: str, log: str = "") -> LogDoubt:
+def contradiction(sentence: str, log: str = "") -> Doubt:
     """The doubt about columns of a log that contradict each other, as reading it found."""
     refuses = not any(word in sentence for word in _HARMLESS)
-    return LogDoubt("contradiction", f"{log}: {sentence}" if log else sentence, refuses=refuses)
+    return Doubt("contradiction", f"{log}: {sentence}" if log else sentence, refuses=refuses)
 
 
-def left_unexplained(held: HeldOut, among: HeldOut) -> list[LogDoubt]:
+def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
     """What is left in rows held out refuses the logs: much, or of other logs far more than of the training logs ``among``."""
     if held.all > _UNEXPLAINED:
         said = (
             f"rigid bodies with friction leave {percent(held.all, 3)} of the torques unexplained in rows held out: these are "
             "no torques of this robot's joints, or positions are not theirs."
         )
-        return [LogDoubt("unexplained", said, refuses=True)]
+        return [Doubt("unexplained", said, refuses=True)]
     if held.kind == "test" and held.all > max(OTHERS * among.all, NOTABLE_IN_OTHERS):
         said = (
             f"the logs held out are explained to {percent(held.all, 3)}, and the training logs among themselves to "
             f"{percent(among.all, 3)}: their torques are not those of the same rigid bodies. Was friction compensated, or "
             "something carried, in one of them?"
         )
-        return [LogDoubt("other-torques", said, refuses=True)]
+        return [Doubt("other-torques", said, refuses=True)]
     return []
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class FittedLog:
     """What doubts are judged from: rows (m, nv, r), (m, nv) at the settings chosen, and what was fitted to them."""
 
     base: BaseParameters
@@ -122,7 +122,7 @@ _EXCHANGED, _SURELY_EXCHANGED, _GAINED = 0.5, 0.3, 0.7
 _COARSE = 0.15
 
 
-def column_doubts(seen: Evidence) -> list[LogDoubt]:
+def column_doubts(seen: FittedLog) -> list[Doubt]:
     """All of them; gains of columns that are exchanged say nothing."""
     exchanged = _exchanged(seen)
     return [
@@ -133,12 +133,12 @@ def column_doubts(seen: Evidence) -> list[LogDoubt]:
     ]
 
 
-def _dead(seen: Evidence) -> list[LogDoubt]:
+def _dead(seen: FittedLog) -> list[Doubt]:
     found = []
     names = [n for n, d in zip(seen.names, seen.dead, strict=True) if d]
     if names:
         found.append(
-            LogDoubt(
+            Doubt(
                 "dead-torque",
                 f"the torque of {', '.join(names)} is one number in nearly all rows: nothing is measured there. What only "
                 "these joints feel keeps the file's values.",
@@ -152,7 +152,7 @@ def _dead(seen: Evidence) -> list[LogDoubt]:
     ]
     if still:
         found.append(
-            LogDoubt(
+            Doubt(
                 "dead-position",
                 f"the position of {', '.join(still)} is one number throughout: it did not move, or its channel is dead. Its "
                 "friction and its motor's inertia cannot be told.",
@@ -162,7 +162,7 @@ def _dead(seen: Evidence) -> list[LogDoubt]:
     return found
 
 
-def _saturated(seen: Evidence) -> list[LogDoubt]:
+def _saturated(seen: FittedLog) -> list[Doubt]:
     found = []
     for k, name in enumerate(seen.names):
         if seen.dead[k]:
@@ -172,7 +172,7 @@ def _saturated(seen: Evidence) -> list[LogDoubt]:
             count = int((tau == extreme).sum())
             if extreme != 0 and count >= _SATURATED_ROWS and count >= _SATURATED * len(tau):
                 found.append(
-                    LogDoubt(
+                    Doubt(
                         "saturated",
                         f"the torque of {name} is exactly {number(extreme)} in {percent(count / len(tau), 3)} of the rows: it "
                         "is cut off there. Leave these rows out, or log what the motor really gives.",
@@ -183,7 +183,7 @@ def _saturated(seen: Evidence) -> list[LogDoubt]:
     return found
 
 
-def _coarse(seen: Evidence) -> list[LogDoubt]:
+def _coarse(seen: FittedLog) -> list[Doubt]:
     found, cutoff = [], seen.settings.cutoff
     for k, name in enumerate(seen.names):
         step = quantum([motion.q[:, k] for motion in seen.motions])
@@ -192,7 +192,7 @@ def _coarse(seen: Evidence) -> list[LogDoubt]:
         noise = step / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / seen.rate / 5.0)
         if step > 0 and size > 0 and noise > _COARSE * size:
             found.append(
-                LogDoubt(
+                Doubt(
                     "quantised",
                     f"positions of {name} lie on a grid of {number(step, 3)}, which makes {percent(noise / size, 3)} of its "
                     f"accelerations below {printed(cutoff)} Hz noise. Log more digits, move faster, or lower the cut-off.",
@@ -202,7 +202,7 @@ def _coarse(seen: Evidence) -> list[LogDoubt]:
     return found
 
 
-def _of_folds(seen: Evidence, columns: Array, tau: Array) -> tuple[Array, float]:
+def _of_folds(seen: FittedLog, columns: Array, tau: Array) -> tuple[Array, float]:
     """Coefficients of a torque ``tau`` (m,) in given columns (m, k), and |residual|² / |τ|² of fifths left out."""
     left = 0.0
     parts = [NormalEquations.of(columns[seen.fold == b, None, :], tau[seen.fold == b, None]) for b in range(FOLDS)]
@@ -216,7 +216,7 @@ def _of_folds(seen: Evidence, columns: Array, tau: Array) -> tuple[Array, float]
     return least(total), left / max(float((tau**2).sum()), 1e-300)
 
 
-def _by_file(seen: Evidence, j: int, k: int) -> float:
+def _by_file(seen: FittedLog, j: int, k: int) -> float:
     """|residual|² / |τ|² of torque k by the file's bodies at joint j and its drive."""
     own = [d for d in drive_places(seen.base) if seen.W[:, j, d].any()]
     columns = np.concatenate([_file_part(seen)[:, j, None], seen.W[:, j][:, own]], axis=1)
@@ -236,13 +236,13 @@ def drive_places(base: BaseParameters) -> Array:
     return np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)
 
 
-def _file_part(seen: Evidence) -> Array:
+def _file_part(seen: FittedLog) -> Array:
     """(m, nv) torques of the file's bodies, without drives, in the rows."""
     own = seen.base.project(seen.base.unknown.file_values)
     return np.asarray(seen.W @ own)
 
 
-def _gains(seen: Evidence) -> list[LogDoubt]:
+def _gains(seen: FittedLog) -> list[Doubt]:
     """Columns whose size or sign no robot has. The file's bodies may be wrong by much, so that they alone accuse nothing."""
     found = []
     file, drives = _file_part(seen), drive_places(seen.base)
@@ -260,7 +260,7 @@ def _gains(seen: Evidence) -> list[LogDoubt]:
             continue  # the file's bodies explain little of it either way
         if gain < 0 and _inertia(seen, j) < 0:
             found.append(
-                LogDoubt(
+                Doubt(
                     "sign",
                     f"the torque of {name} has the wrong sign: {number(gain, 2)} times the file's rigid bodies with friction "
                     f"left free explain it, to {percent(np.sqrt(left), 3)}, and the joint's inertia comes out negative. Turn "
@@ -271,7 +271,7 @@ def _gains(seen: Evidence) -> list[LogDoubt]:
             )
         elif 0 < gain < _LEAST_GAIN or (gain > _MOST_GAIN and _largest(seen, j) > _OF_LIMIT * limits[j]):
             found.append(
-                LogDoubt(
+                Doubt(
                     "gain",
                     f"the torque of {name} is {number(gain, 3)} times that of the file's rigid bodies, friction left free: it "
                     "is in another unit, before the gear, or a current.",
@@ -282,7 +282,7 @@ def _gains(seen: Evidence) -> list[LogDoubt]:
     return found
 
 
-def _inertia(seen: Evidence, j: int) -> float:
+def _inertia(seen: FittedLog, j: int) -> float:
     """Inertia about joint j that the groups make, mean over some states."""
     q = np.concatenate([motion.q for motion in seen.motions])
     q = q[:: max(1, len(q) // _STATES)]
@@ -295,12 +295,12 @@ def _inertia(seen: Evidence, j: int) -> float:
     return float((moved - rest).mean())
 
 
-def _largest(seen: Evidence, j: int) -> float:
+def _largest(seen: FittedLog, j: int) -> float:
     """Largest torque of joint j that was measured."""
     return max(float(np.abs(np.asarray(motion.tau)[:, j]).max()) for motion in seen.motions)
 
 
-def _exchanged(seen: Evidence) -> list[LogDoubt]:
+def _exchanged(seen: FittedLog) -> list[Doubt]:
     """By predictions of every torque from every joint's columns; Kuhn and Munkres' assignment."""
     from scipy.optimize import linear_sum_assignment
 
@@ -325,7 +325,7 @@ def _exchanged(seen: Evidence) -> list[LogDoubt]:
         return []
     pairs = ", ".join(f"the column of {seen.names[k]} fits {seen.names[j]}" for j, k in wrong)
     return [
-        LogDoubt(
+        Doubt(
             "exchanged",
             f"torque columns seem to be exchanged: {pairs} (residual {percent(np.sqrt(float(best[moved].max())), 3)} in place "
             f"of {percent(np.sqrt(float(own[moved].min())), 3)} and more).",
@@ -349,7 +349,7 @@ _NOTABLE = 0.1
 _SAID = "LOOK AGAIN: "
 
 
-def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
+def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that refuse the log first."""
     columns = column_doubts(seen)
     signs = {joint for doubt in columns if doubt.kind == "sign" for joint in doubt.joints}
@@ -367,7 +367,7 @@ def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
     return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
 
 
-def _contradictions(seen: Evidence) -> list[LogDoubt]:
+def _contradictions(seen: FittedLog) -> list[Doubt]:
     """What reading the logs found."""
     said = [note.removeprefix(_SAID) for motion in seen.motions for note in motion.notes if note.startswith(_SAID)]
     for motion in seen.motions:
@@ -376,13 +376,13 @@ def _contradictions(seen: Evidence) -> list[LogDoubt]:
     return [contradiction(sentence) for sentence in said]
 
 
-def _late(seen: Evidence) -> list[LogDoubt]:
+def _late(seen: FittedLog) -> list[Doubt]:
     shift = seen.settings.shift
     if abs(shift) < _LATE:
         return []
     when = "after" if shift > 0 else "before"
     return [
-        LogDoubt(
+        Doubt(
             "late",
             f"torques fit best {number(abs(shift) * 1e3, 3)} ms {when} the positions of their rows: the two were stamped by "
             "different clocks, or filtered differently. The offset is taken off.",
@@ -390,7 +390,7 @@ def _late(seen: Evidence) -> list[LogDoubt]:
     ]
 
 
-def _without(seen: Evidence) -> list[LogDoubt]:
+def _without(seen: FittedLog) -> list[Doubt]:
     """Fixed links that the file has, and the robot of the log does not carry."""
     base, model = seen.base, seen.base.unknown.model
     drives = drive_places(base)
@@ -415,7 +415,7 @@ def _without(seen: Evidence) -> list[LogDoubt]:
         return []
     size = float((seen.tau[:, live] ** 2).sum())
     return [
-        LogDoubt(
+        Doubt(
             "missing-link",
             f"without {best[1]}, which is fixed to the robot in the file, the file explains the torques to "
             f"{percent(np.sqrt(best[0] / size), 3)} in place of {percent(np.sqrt(whole / size), 3)}: the robot of the log did "
@@ -433,7 +433,7 @@ def _less(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
     return values
 
 
-def _unexciting(seen: Evidence) -> list[LogDoubt]:
+def _unexciting(seen: FittedLog) -> list[Doubt]:
     free = ~seen.base.held
     unknown = (seen.deviations > _UNTOLD * seen.prior.size)[free]
     if unknown.sum() <= _UNTOLD * len(unknown):
@@ -441,7 +441,7 @@ def _unexciting(seen: Evidence) -> list[LogDoubt]:
     worst = np.argsort(-(seen.deviations / seen.prior.size * free))[:3]
     names = "; ".join(seen.base.names[k].split(" ")[0] for k in worst)
     return [
-        LogDoubt(
+        Doubt(
             "unexciting",
             f"the motion tells {len(unknown) - int(unknown.sum())} of {len(unknown)} groups of parameters only, least {names} "
             "and what is grouped with them: these keep the file's values. Move all joints, far, fast and slow, in both ways.",
@@ -449,7 +449,7 @@ def _unexciting(seen: Evidence) -> list[LogDoubt]:
     ]
 
 
-def _untold(seen: Evidence) -> list[LogDoubt]:
+def _untold(seen: FittedLog) -> list[Doubt]:
     """Joints whose torques the groups do not predict in another motion, as wide and as fast as the logs'."""
     base, rng = seen.base, np.random.default_rng(0)
     q = np.concatenate([motion.q for motion in seen.motions])
@@ -468,7 +468,7 @@ def _untold(seen: Evidence) -> list[LogDoubt]:
     worst = np.argsort(-((W[:, bad[0]] ** 2).sum(axis=0) * seen.covariance.diagonal()))[:3]
     least_sure = "; ".join(base.names[k].split(" ")[0] for k in worst)
     return [
-        LogDoubt(
+        Doubt(
             "unexciting",
             f"of another motion, as wide and as fast, torques would be predicted no better than to: {told}. The logs are too "
             f"short, or tell too little of {least_sure} and what is grouped with them. Move these joints longer, far, fast and "
@@ -478,7 +478,7 @@ def _untold(seen: Evidence) -> list[LogDoubt]:
     ]
 
 
-def _negative(seen: Evidence) -> list[LogDoubt]:
+def _negative(seen: FittedLog) -> list[Doubt]:
     kinds = np.array(seen.base.unknown.kinds)[seen.base.kept]
     drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
     bad = np.flatnonzero(drive & (seen.x < -_NEGATIVE * seen.deviations))
@@ -490,7 +490,7 @@ def _negative(seen: Evidence) -> list[LogDoubt]:
     turned = tuple(name for name, n in count.items() if n > 1)
     if turned:
         return [
-            LogDoubt(
+            Doubt(
                 "sign",
                 f"friction and motors' inertias of {', '.join(turned)} come out negative: {said}. The torque, or the position, "
                 "has the wrong sign there.",
@@ -499,7 +499,7 @@ def _negative(seen: Evidence) -> list[LogDoubt]:
             )
         ]
     return [
-        LogDoubt(
+        Doubt(
             "negative",
             f"friction and motors' inertias cannot be negative, and come out so: {said}. Was friction compensated by the "
             "controller, or is a unit wrong?",
@@ -508,7 +508,7 @@ def _negative(seen: Evidence) -> list[LogDoubt]:
     ]
 
 
-def _unexplained(seen: Evidence) -> list[LogDoubt]:
+def _unexplained(seen: FittedLog) -> list[Doubt]:
     held = seen.held_out
     found = left_unexplained(held, seen.trained)
     share = held.sizes / max(float(held.sizes.sum()), 1e-300)
@@ -522,7 +522,7 @@ def _unexplained(seen: Evidence) -> list[LogDoubt]:
             (name for k, name in enumerate(held.joints) if not seen.dead[k]), key=lambda name: held.joints[name]
         )
         found.append(
-            LogDoubt(
+            Doubt(
                 "partly-unexplained",
                 f"rigid bodies with friction leave {percent(held.all, 3)} of the torques unexplained in rows held out, most at "
                 f"{worst} ({percent(held.joints[worst], 3)}): elasticity, friction of another law, or torques that are not all "
@@ -532,7 +532,5 @@ def _unexplained(seen: Evidence) -> list[LogDoubt]:
         )
     if bad and not any(doubt.refuses for doubt in found):
         said = ", ".join(f"{name} {percent(held.joints[name], 3)}" for name in bad)
-        found.append(
-            LogDoubt("unexplained-joint", f"torques are left unexplained in rows held out: {said}.", tuple(bad))
-        )
+        found.append(Doubt("unexplained-joint", f"torques are left unexplained in rows held out: {said}.", tuple(bad)))
     return found

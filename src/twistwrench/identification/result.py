@@ -25,7 +25,7 @@ from ..robot import Robot
 from ..typing import Array
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
-from .log_doubts import LogDoubt
+from .log_doubts import Doubt
 from .parameters import BaseParameters
 from .payload import IdentifiedPayload, payload_from
 
@@ -47,7 +47,7 @@ class IdentifiedRobot:
     settings : FitSettings, chosen on the training rows
     held_out : HeldOut
     trained : HeldOut, fifths of the training rows predicted from the others
-    doubts : tuple of LogDoubt
+    doubts : tuple of Doubt
     prior : Prior, weak, that directions without information keep to
     method : str
     sizes : (p,) array, that each unknown parameter could have at most
@@ -65,7 +65,7 @@ class IdentifiedRobot:
     settings: FitSettings
     held_out: HeldOut
     trained: HeldOut
-    doubts: tuple[LogDoubt, ...]
+    doubts: tuple[Doubt, ...]
     prior: Prior
     method: str
     sizes: Array

@@ -23,9 +23,9 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .chunks import PIECE, LogClock, LogSource, RowFrame, chunks, rows_of
 from .consistent import sum_of
-from .identify import METHODS, asked_settings, checked_motions, identified
+from .identify import METHODS, checked_motions, fit_options, identified
 from .information import MOST_BLOCKS, SHOWN, Information, JointMoments, fit_of
-from .log_doubts import NOTABLE_IN_OTHERS, OTHERS, LogDoubt, contradiction, left_unexplained
+from .log_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction, left_unexplained
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
@@ -71,14 +71,14 @@ def gathered_robot(information: Information, test: Information | None = None) ->
     )
 
 
-def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[LogDoubt, ...]:
+def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[Doubt, ...]:
     """Those of the excerpts, and what all rows say besides."""
     found = list(information.doubts)
     kinds = {d.kind for d in found}
     found += [doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds]
     if far := _settings_off(information, x):
         found.append(
-            LogDoubt(
+            Doubt(
                 "other-settings",
                 f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify "
                 "parts of the logs apart.",
@@ -242,7 +242,7 @@ def gather(
     failed: dict[str, str] = {}
     clocks = dict(_kept(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed))
     if like is None:
-        asked = asked_settings(cutoff, friction_speed, shift)
+        asked = fit_options(cutoff, friction_speed, shift)
         sought: dict[str, Any] = {"motor_inertia": motor_inertia, "friction": friction, "motor_side": motor_side}
         sought |= {"known": known, "stribeck_speed": stribeck_speed}
         unknown = unknown_of(robot, **sought, payload_only=payload_only)
@@ -262,7 +262,7 @@ def gather(
             said[part.logs[0]] = sentences[0]
     if whole is None:
         raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
-    doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
+    doubts = [Doubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
     doubts += [contradiction(sentence, path) for path, sentence in said.items()]
     usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
     return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
@@ -299,7 +299,7 @@ def _reference(start: Information, like: Information | None) -> Array:
     return np.concatenate([start.frame.x, np.zeros(start.frame.extra)])
 
 
-def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDoubt]:
+def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[Doubt]:
     """Logs whose torques the same unknowns explain far worse than those of half of the others."""
     found = []
     half = float(np.quantile([one.all for one in usual], 0.5, method="lower"))
@@ -311,7 +311,7 @@ def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDo
             worst = max(worse, key=lambda name: one.joints[name], default="")
             most = f", at {worst} to {percent(one.joints[worst], 3)}" if worst else ""
             found.append(
-                LogDoubt(
+                Doubt(
                     "other-torques",
                     f"{path} is explained to {percent(one.all, 3)}{most} by what explains others to {percent(half, 3)}: its "
                     "torques are not those of the same rigid bodies. Was friction compensated, or something carried, in one of "
@@ -392,7 +392,7 @@ def _from_excerpt(
     shown = found.held_out.rows
     rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
     return Information(
-        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.hanging, (),
+        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.autocorrelation_length, (),
         found.doubts, rows, payload_only,
     )  # fmt: skip
 

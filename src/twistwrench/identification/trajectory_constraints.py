@@ -15,7 +15,7 @@ from ..errors import ShapeError, ValueRangeError
 from ..motion.bounds import Bounds
 from ..robot import Robot
 from ..typing import Array
-from .capsules import MARGIN, CapsuleRoom
+from .capsules import MARGIN, CapsuleDistances
 
 Clear = Callable[[Array], Array]
 """Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
@@ -63,7 +63,7 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionRoom:
+class TrajectoryConstraints:
     """Room of one robot's motions.
 
     Attributes
@@ -71,14 +71,14 @@ class MotionRoom:
     robot : Robot, whose own friction counts among the torques
     bounds : Bounds, those to keep
     friction_speed : (nv,) array, speed at which dry friction turns, for what has to be smooth
-    capsules : CapsuleRoom, of the floor and the robot itself
+    capsules : CapsuleDistances, of the floor and the robot itself
     clear : callable, optional
     """
 
     robot: Robot
     bounds: Bounds
     friction_speed: Array
-    capsules: CapsuleRoom
+    capsules: CapsuleDistances
     clear: Clear | None = None
 
     @cached_property

@@ -20,7 +20,7 @@ from numpy.polynomial import polynomial
 
 from ..typing import Array
 from .parameters import BaseParameters
-from .trajectory_constraints import DENSE, MotionRoom
+from .trajectory_constraints import DENSE, TrajectoryConstraints
 
 
 class Round(NamedTuple):
@@ -33,7 +33,7 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Edges of a room at the instants of a search.
+    """Limit barrier and multipliers at the instants of a search.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ _ORDER = 5
 
 
 @dataclass(frozen=True)
-class RestSeries:
+class WindowedFourierSeries:
     """Functions of time that every joint's motion is a sum of: 1, then N sines and N cosines without their ends.
 
     Attributes
@@ -136,7 +136,7 @@ class RestSeries:
 
         Examples
         --------
-        >>> found = RestSeries(10.0, 3).basis(np.array([0.0, 10.0]))
+        >>> found = WindowedFourierSeries(10.0, 3).basis(np.array([0.0, 10.0]))
         >>> bool(np.abs(found[:, :, 1:]).max() < 1e-12), found[0, :, 0].tolist()
         (True, [1.0, 1.0])
         """
@@ -167,7 +167,7 @@ class RestSeries:
 
         Examples
         --------
-        >>> q, dq, ddq = RestSeries(10.0, 1).states(np.array([[0.5, 0.1, 0.2]]), np.array([0.0, 5.0]))
+        >>> q, dq, ddq = WindowedFourierSeries(10.0, 1).states(np.array([[0.5, 0.1, 0.2]]), np.array([0.0, 5.0]))
         >>> round(float(q[0, 0]), 12), float(dq[0, 0])
         (0.5, 0.0)
         """
@@ -193,7 +193,7 @@ class RestSeries:
 ROWS_PER_SECOND = 25.0
 """Rows that tell something new: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
 _ROUNDING = 1e-13
-_STEP_of_motion_information = 1e-5
+_DIFFERENCE = 1e-5
 _SMOOTH = 0.7
 """κ of the smoothed median: a factor of 2 between variances."""
 Criterion = Literal["log_det", "deviations"]
@@ -286,12 +286,12 @@ class MotionInformation:
         mine = unknown.of_bodies[self.base.kept] < 0
         which, weights = self.base.kept[mine], of_rows[:, :, mine]
         q, dq, ddq = states
-        for m, (of_dq, of_ddq) in ((1, (_STEP_of_motion_information, 0.0)), (2, (0.0, _STEP_of_motion_information))):
+        for m, (of_dq, of_ddq) in ((1, (_DIFFERENCE, 0.0)), (2, (0.0, _DIFFERENCE))):
             ahead, behind = (
                 unknown.columns(which, q, dq + sign * of_dq, ddq + sign * of_ddq, self.friction_speed)
                 for sign in (1, -1)
             )
-            found[m] = ((ahead - behind) * weights).sum(axis=2) / (2.0 * _STEP_of_motion_information)
+            found[m] = ((ahead - behind) * weights).sum(axis=2) / (2.0 * _DIFFERENCE)
         return found
 
     def deviations(self, W: Array) -> Array:
@@ -352,16 +352,16 @@ class MotionSearch:
 
     Attributes
     ----------
-    series : RestSeries
+    series : WindowedFourierSeries
     information : MotionInformation
-    room : MotionRoom
+    constraints : TrajectoryConstraints
     typical : (3, nv) array, sizes of positions, velocities and accelerations
     middle : (nv,) array, where joints are in the middle of their limits
     """
 
-    series: RestSeries
+    series: WindowedFourierSeries
     information: MotionInformation
-    room: MotionRoom
+    constraints: TrajectoryConstraints
     typical: Array
     middle: Array
 
@@ -432,7 +432,7 @@ class MotionSearch:
         """
         finer = self._fine if finer is None else finer
         q, dq, ddq = self._states(z, finer)
-        rest, bounds = self.coefficients(z)[:, 0], self.room.bounds
+        rest, bounds = self.coefficients(z)[:, 0], self.constraints.bounds
         with np.errstate(divide="ignore", invalid="ignore"):
             wide = [
                 (bounds.upper - rest) / np.maximum((q - rest).max(axis=0), 1e-12),
@@ -456,10 +456,10 @@ class MotionSearch:
             return found
 
         def fits(share: float) -> bool:
-            return self.room.least(*self._states(narrowed(share), finer)) >= _MARGIN
+            return self.constraints.least(*self._states(narrowed(share), finer)) >= _MARGIN
 
         rests = np.stack([self.coefficients(z)[None, :, 0], *np.zeros((2, 1, len(z)))])
-        if self.room.least(*rests) < _MARGIN:
+        if self.constraints.least(*rests) < _MARGIN:
             return None
         if fits(1.0):
             return z
@@ -492,7 +492,7 @@ class MotionSearch:
             edges = edges.followed(self._shares(z, edges.finer))
             done += round_.steps
         for _ in range(_REPAIRS):
-            beyond = _MARGIN - self.room.least(*self._states(z, self._fine))
+            beyond = _MARGIN - self.constraints.least(*self._states(z, self._fine))
             if beyond <= 0.0:
                 break
             edges = replace(edges, aim=edges.aim + 1.5 * beyond)
@@ -509,8 +509,8 @@ class MotionSearch:
     def _shares(self, z: Array, finer: int) -> tuple[Array, ...]:
         """Distances from all edges at the instants of the search."""
         states = self._states(z, finer)
-        values = (*states, self.room.smooth_torques(*states), self.room.clearances(states[0]))
-        return tuple(band.shares(x) for band, x in zip(self.room.bands, values, strict=True))
+        values = (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
+        return tuple(band.shares(x) for band, x in zip(self.constraints.bands, values, strict=True))
 
     def _descended(self, z: Array, edges: Edges, steps: int, told: Callable[[int], None]) -> Array:
         from scipy.optimize import minimize
@@ -535,14 +535,14 @@ class MotionSearch:
         """-merit with the edges' part, and its derivative by z (nv, K)."""
         states = self._states(z, edges.finer)
         merit, G = self.information.merit_and_slope(self.information.rows(*states))
-        values = (*states, self.room.smooth_torques(*states), self.room.clearances(states[0]))
+        values = (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
         cost, slopes = -merit, list[Array]()
-        for band, x, m in zip(self.room.bands, values, edges.multipliers, strict=True):
+        for band, x, m in zip(self.constraints.bands, values, edges.multipliers, strict=True):
             value, forces = edges.pushed(band.shares(x), m)
             cost += value
             slopes.append(band.slope(-forces))
         by_states = np.stack(slopes[:3]) + self._slopes(states, -G, slopes[3])
-        by_states[0] += self.room.clearance_slopes(states[0], slopes[4])
+        by_states[0] += self.constraints.clearance_slopes(states[0], slopes[4])
         by_coefficients = np.einsum("mnj,mnk->jk", by_states, self._basis(edges.finer))
         return cost, np.einsum("jk,jkl->jl", by_coefficients, self._units)
 
@@ -557,7 +557,7 @@ class MotionSearch:
                 moved[m, 2 * m, :, j] += _STEP
                 moved[m, 2 * m + 1, :, j] -= _STEP
             q, dq, ddq = moved.reshape(3, 6 * n, nv)
-            tau = self.room.smooth_torques(q, dq, ddq).reshape(6, n, nv)
+            tau = self.constraints.smooth_torques(q, dq, ddq).reshape(6, n, nv)
             value = weigh(q, dq, ddq) + np.einsum("snj,nj->sn", tau, of_torques)
             found[:, :, j] += (value[::2] - value[1::2]) / (2.0 * _STEP)
         return found

@@ -211,7 +211,7 @@ MAY_MOVE = (
 )
 _SMOOTH = (1e-4, 0.2)  # rad from one reading to the next, of a log in motion
 _ENOUGH = 10  # readings that show it
-_SURE_of_log_mistakes = 1e-4  # chance to prefer another bias by luck
+_SURE_BIAS = 1e-4  # chance to prefer another bias by luck
 _SWAP = [3, 4, 5, 0, 1, 2]
 
 
@@ -228,7 +228,7 @@ def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
     scale = np.maximum(free.fit.deviation[rows], 1e-12)
     least, more = (float(((e.fit.residuals[rows] / scale) ** 2).sum()) for e in (free, found))
     known = 6.0 * rows.sum() - len(free.fit.unknowns.names)
-    limit = float(special.fdtri(6.0, max(known, 1.0), 1 - _SURE_of_log_mistakes))
+    limit = float(special.fdtri(6.0, max(known, 1.0), 1 - _SURE_BIAS))
     return free if (more - least) / 6 > limit * max(least, 1e-9) / max(known, 1.0) else None
 
 

@@ -50,7 +50,7 @@ def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, fl
     """What a log seems to be in that this sensor does not explain; None if nothing explains it far better."""
     predicted = log.predicted(sensor)
     sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
-    if sensor.untold(log.V, log.dV):
+    if sensor.missing_signals(log.V, log.dV):
         sigma[0] = np.inf  # what the inertia does to the moments is not known
 
     def left(readings: Array, predicted: Array) -> float:
@@ -129,9 +129,9 @@ class Compensation:
     """(n,) which of them noise does not explain."""
     doubts: tuple[str, ...]
     """Why the file and the log do not belong together."""
-    untold: str | None
+    missing_signals: str | None
     """What is left in the moments because the load's inertia is unknown."""
-    untold_shows: bool
+    missing_signals_show: bool
     """Whether that is more than noise."""
     threshold: CollisionThreshold | None
     """What is called a contact, if any were looked for."""
@@ -152,8 +152,8 @@ class Compensation:
             return Verdict(Word.LOOK_AGAIN, self.doubts)
         if (hits := int(self.hits.sum())) > 0:
             return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
-        if self.untold_shows and self.threshold is None:
-            return Verdict(Word.LOOK_AGAIN, (self.untold or "the load's inertia is left in the moments",))
+        if self.missing_signals_show and self.threshold is None:
+            return Verdict(Word.LOOK_AGAIN, (self.missing_signals or "the load's inertia is left in the moments",))
         return Verdict(Word.OK)
 
     @property
@@ -175,8 +175,8 @@ def compensation(
     told by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia
     leaves only the forces of a log in motion to judge by: it has no part in them.
     """
-    untold = sensor.untold(log.V, log.dV)
-    judged = slice(3, 6) if untold else slice(0, 6)
+    missing = sensor.missing_signals(log.V, log.dV)
+    judged = slice(3, 6) if missing else slice(0, 6)
     S = np.diag(np.repeat(noise, 3) ** 2) if uncertainty is None else uncertainty.predictive(log, sensor)
     freedom = None if uncertainty is None else uncertainty.noise_freedom
     threshold, remarks = None, []
@@ -186,7 +186,7 @@ def compensation(
         if uncertainty is None:
             remarks.append(_NO_COVARIANCE)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # ``untold`` says it
+        warnings.simplefilter("ignore", ModelWarning)  # ``missing_signals`` says it
         rest = log.compensated(sensor)
     level = smallest_noise(log, sensor, noise)
     inexact = np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
@@ -194,13 +194,13 @@ def compensation(
         inexact, freedom, S = np.zeros((6, 6)), None, np.diag(np.repeat(level, 3) ** 2)
     test = CollisionThreshold.predictive(S + inexact, freedom, _ALARM, axes=judged)
     off = test(rest)
-    shows = bool(untold) and CollisionThreshold.of_noise(level, _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
+    shows = bool(missing) and CollisionThreshold.of_noise(level, _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
     doubts = _unexplained(log, sensor, noise, rest, off, level, judged)
     sigma = np.sqrt(np.broadcast_to(np.diagonal(S + inexact, axis1=-2, axis2=-1), rest.shape))
     if cause := departure(log, sensor, rest, sigma, test if threshold is None else threshold):
         doubts = doubts if _named(doubts) else [cause]
     doubts = [*doubts, *log.motion_doubts()]
-    return Compensation(log, sensor, noise, rest, off, tuple(doubts), untold, shows, threshold, tuple(remarks))
+    return Compensation(log, sensor, noise, rest, off, tuple(doubts), missing, shows, threshold, tuple(remarks))
 
 
 def _named(doubts: list[str]) -> bool:

@@ -52,7 +52,7 @@ def six_noises(noise: ArrayLike) -> Array:
 _ROUNDING = 1e-12  # of the variances: the least eigenvalue that a covariance scaled by them counts with
 
 
-def stray_couple(F: ArrayLike) -> Array:
+def residual_moment(F: ArrayLike) -> Array:
     """The moment about the line of action (...,) [N m] of wrenches F (..., 6).
 
     A point contact without grip has none: what it is more than noise denies that there is one point.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import ValueRangeError
-from ..estimation.covariance import as_weights, by_channels, by_witnesses, of_block, plug_in
+from ..estimation.covariance import as_weights, by_channels, by_clusters, of_block, plug_in
 from ..lie import so3
 from ..lie.labelled import WRENCH
 from ..typing import Array
@@ -176,7 +176,7 @@ def _in_sensor(Y: Array, mounting: Array) -> Array:
 _HUBER = 2.0  # scaled distance from which a row loses weight; 1 is the middle of good ones
 _MAD = 1.4826  # standard deviations that the median absolute deviation of normal noise makes
 _ROUNDS, _SETTLED = 100, 1e-7
-_FEW = 6  # witnesses below which three channels of a kind share a variance
+_FEW = 6  # clusters below which three channels of a kind share a variance
 _QUIET = 1e-3  # of its kind's noise, the least that a channel may have
 _LATE = 0.5  # s, the longest delay that is looked for
 
@@ -248,7 +248,7 @@ class Fit:
     """(n, 6) share of each row's own reading in what the fit makes of it; zero where the row is left out."""
 
     def __repr__(self) -> str:
-        return f"<Fit: {', '.join(self.unknowns.names)} from {len(self.residuals)} witnesses>"
+        return f"<Fit: {', '.join(self.unknowns.names)} from {len(self.residuals)} clusters>"
 
     @property
     def load(self) -> Array:
@@ -269,7 +269,7 @@ class Fit:
 
 
 def few(label: Array) -> bool:
-    """Whether the witnesses are too few for a variance of each channel."""
+    """Whether the clusters are too few for a variance of each channel."""
     return len(np.unique(label)) < _FEW
 
 
@@ -328,7 +328,7 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     if sigma is None:
         label = problem.label[keep]
         added = half @ plug_in(Q, freedom, groups) @ half.T
-        sandwich = None if few(label) else by_witnesses(Q[keep], (residuals * root)[keep], rows, label)
+        sandwich = None if few(label) else by_clusters(Q[keep], (residuals * root)[keep], rows, label)
         C, known = (C, known) if sandwich is None else sandwich
         C, joint = C[: len(x), : len(x)] + added, joint + added
         size = np.unique(label, return_counts=True)[1]

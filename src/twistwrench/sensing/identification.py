@@ -38,7 +38,7 @@ from .contact_detection import six_noises
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
 from .log import ReadingLog, checked_log
 from .observability import Whiteness, advice, blind_spots, whiteness
-from .outliers import least_rows, runs, touched_in_dwells, trimmed, witnesses
+from .outliers import least_rows, runs, static_poses, touched_in_static_poses, trimmed
 from .result import Identification, mass_interval, unit_doubt, weakness
 from .sensor import ForceTorqueSensor, Sign, sign_factor
 
@@ -70,7 +70,7 @@ class Offer:
         )
 
 
-def unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
+def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
     """The fit and its kept rows (n,), or those with rows that only contradict the others because the bias drifts."""
     drifts = problem.asked(drift=True)
     if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(drifts):
@@ -212,7 +212,7 @@ _ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; wi
 
 
 @dataclass(frozen=True, eq=False)
-class Use:
+class UsedReadings:
     """What was made of the readings of a log."""
 
     left_out: Array
@@ -225,7 +225,9 @@ class Use:
     """Of what is left; None of rows too few."""
 
 
-def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: Use) -> Identification:
+def acceptance_test(
+    found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: UsedReadings
+) -> Identification:
     """The result with its remarks and doubts; an error if the mass is negative. ``problem`` is what the fit was asked."""
     fit, unknowns = found.fit, found.fit.unknowns
     deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
@@ -266,7 +268,7 @@ def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLo
     unsure = [str(offer) for offer in offered if offer.kind != "gain"]
     units = unit_doubt(found, sensor, problem.log) if told and not gains and not log.motion_doubts() else None
     doubts += gains + (log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else [])
-    unsure += _witness_doubts(found, problem, use)
+    unsure += _cluster_doubts(found, problem, use)
     weak = (
         weakness(fit, sensor, confidence) if told and not doubts else None
     )  # more readings of the wrong kind help nobody
@@ -278,7 +280,7 @@ def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLo
     )
 
 
-def _witness_doubts(found: Diagnosis, problem: Problem, use: Use) -> list[str]:
+def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> list[str]:
     """Why the intervals may be too narrow."""
     doubts = []
     label = use.orientation[found.kept]
@@ -505,40 +507,42 @@ def identify(
     known_bias, known_noise = _checked(bias, noise, outliers, confidence)
     _check_log(log, unknowns)
     used = np.ones(len(log), bool)
-    witness = witnesses(log)
-    if outliers == "trim" and (touched := touched_in_dwells(log, witness)).any():
+    poses = static_poses(log)
+    if outliers == "trim" and (touched := touched_in_static_poses(log, poses)).any():
         used = ~touched
-        witness = witnesses(log.rows(used))
+        poses = static_poses(log.rows(used))
     problem = Problem(
-        witness.log,
+        poses.log,
         unknowns,
         factor,
         known_bias,
         known_noise,
-        witness.count,
-        witness.within,
-        witness.within_freedom,
-        witness.label,
+        poses.count,
+        poses.within,
+        poses.within_freedom,
+        poses.label,
         log.time is not None,
     )
     if blind := blind_spots(log.rows(used), unknowns, factor):
         raise ValueRangeError(f"{log.name}: {' '.join(blind[:3])} {advice(log, unknowns)}")
     problem = guessed(problem)
-    kept = np.ones(len(witness.log), bool)
-    if outliers == "trim" and len(witness.log) > least_rows(problem):
-        found, kept = unless_drift(problem, *trimmed(problem))
+    kept = np.ones(len(poses.log), bool)
+    if outliers == "trim" and len(poses.log) > least_rows(problem):
+        found, kept = fit_unless_drift(problem, *trimmed(problem))
     else:
         found = fit(problem, keep=kept)
     label = problem.label
     white = whiteness(found, kept, label)
     again = len(np.unique(problem.label)) < len(kept)
-    if white is not None and white.length > 1 and not again:  # neighbours that hang together are one witness
+    if white is not None and white.length > 1 and not again:  # neighbours that hang together are one cluster
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
         found = fit(problem, keep=kept)
     left_out, between = ~used, np.zeros(len(log), bool)
-    between[used] = witness.row < 0
-    left_out[used] = ~witness.spread(kept) & ~between[used]
-    return judged(Diagnosis(sign, found, kept), confidence, problem, log, Use(left_out, between, label, white))
+    between[used] = poses.row < 0
+    left_out[used] = ~poses.spread(kept) & ~between[used]
+    return acceptance_test(
+        Diagnosis(sign, found, kept), confidence, problem, log, UsedReadings(left_out, between, label, white)
+    )
 
 
 def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:

@@ -17,13 +17,13 @@ from .observability import blind_spots
 _STEADY = (2e-3, 5e-2)  # rad by which gravity's direction may differ in one dwell: at least, at most
 _STEPS = 5.0  # times the usual step from reading to reading, in between
 _OF_SPREAD = 0.1  # of the spread of all directions, at most
-_DWELL_of_dwells = 5  # readings of a dwell in a log that also moves
+_SHORTEST = 5  # readings of a dwell in a log that also moves
 _AT_REST = (0.02, 0.01, 0.2, 0.2)  # rad/s, m/s, rad/s², m/s² below which the sensor rests
 _MANY = 2000  # dwells up to which orientations are compared with each other
 
 
 @dataclass(frozen=True, eq=False)
-class Witnesses:
+class StaticPoses:
     """A log with one row for each dwell, the mean of its readings, and one for each reading in motion."""
 
     log: ReadingLog
@@ -46,14 +46,14 @@ class Witnesses:
         return np.asarray(np.where(self.row >= 0, kept[self.row], False))
 
 
-def witnesses(log: ReadingLog) -> Witnesses:
-    """The witnesses of a log: dwells are runs of readings in which gravity's direction in {f} stays.
+def static_poses(log: ReadingLog) -> StaticPoses:
+    """Static poses of a log: dwells are runs of readings in which gravity's direction in {f} stays.
 
     In a log with twists, a dwell has five readings or more at rest, and the others are in motion. In one without, short
     runs between long ones are taken to be motion from dwell to dwell and are left out.
 
     >>> still = ReadingLog.of(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
-    >>> witnesses(still).count.tolist()
+    >>> static_poses(still).count.tolist()
     [3.0, 3.0]
     """
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
@@ -63,12 +63,8 @@ def witnesses(log: ReadingLog) -> Witnesses:
     length = last - first
     moving = ~rest[first]
     used = np.ones(len(first), bool)
-    if (
-        log.V is None
-        and length[length >= _DWELL_of_dwells].sum() > 0.5 * len(log)
-        and (length >= _DWELL_of_dwells).sum() > 2
-    ):
-        used = length >= _DWELL_of_dwells
+    if log.V is None and length[length >= _SHORTEST].sum() > 0.5 * len(log) and (length >= _SHORTEST).sum() > 2:
+        used = length >= _SHORTEST
     row = np.repeat(np.where(used, np.cumsum(used) - 1, -1), length)
     count = length[used].astype(float)
     own = ReadingLog(**{name: _means(value, row, count) for name, value in _parts(log).items()}, name=log.name)
@@ -76,7 +72,7 @@ def witnesses(log: ReadingLog) -> Witnesses:
     off = log.readings[row >= 0] - own.readings[row[row >= 0]]
     freedom = float((count - 1).sum())
     within = (off**2).sum(axis=0) / freedom if freedom else np.zeros(6)
-    return Witnesses(own, count, within, freedom, _labels(own, near, moving[used]), row, moving[used])
+    return StaticPoses(own, count, within, freedom, _labels(own, near, moving[used]), row, moving[used])
 
 
 def _nearness(unit: Array) -> float:
@@ -100,7 +96,7 @@ def _at_rest(log: ReadingLog) -> Array:
         slow &= _lengths(motion[:, part]) < most
     edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        slow[a:b] = b - a >= _DWELL_of_dwells
+        slow[a:b] = b - a >= _SHORTEST
     return slow
 
 
@@ -173,7 +169,7 @@ def least_rows(problem: Problem) -> int:
     return max(_LEAST, math.ceil((len(asked.names) + 2) / 6) + asked.turn)
 
 
-def touched_in_dwells(log: ReadingLog, found: Witnesses) -> Array:
+def touched_in_static_poses(log: ReadingLog, found: StaticPoses) -> Array:
     """A mask (N,) of readings that the others of their dwell contradict; never half of a dwell.
 
     A reading is far when its distance from the dwell's median, over 1.4826 times the median absolute distance in all

@@ -35,7 +35,7 @@ class Identification:
     fit: Fit
     """The least-squares fit, with unknowns, covariance and residuals."""
     rows: Array
-    """(n,) which witnesses were used: dwells, and readings in motion."""
+    """(n,) which clusters were used: dwells, and readings in motion."""
     kept: Array
     """(N,) which readings were used; the others are outliers, or were read between dwells."""
     confidence: float

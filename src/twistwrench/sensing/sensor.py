@@ -161,7 +161,7 @@ Inertia = Literal["given", "accept", "unknown"]
 
 _TWIST, _READING = "(omega, v) in the sensor's frame", "mx, my, mz, fx, fy, fz"
 _TURNED = 1e-9  # entries of the mounting; {s} and {f} are one below
-_UNTOLD = (
+_MISSING_INERTIA = (
     "inertia not identified: the log is in motion, and what the load's rotational inertia does to the moments is left in them; "
     "forces are free of it. Identify with inertia=True from a log in motion."
 )
@@ -375,7 +375,7 @@ class ForceTorqueSensor:
         Rt = np.asarray(self.mounting).T
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
-    def untold(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
+    def missing_signals(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
         """What a motion leaves in the moments because the load's inertia is unknown.
 
         Parameters
@@ -391,14 +391,14 @@ class ForceTorqueSensor:
         --------
         >>> from twistwrench import SpatialInertia
         >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
-        >>> sensor.untold(None, None) is None
+        >>> sensor.missing_signals(None, None) is None
         True
         """
         turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
-        return _UNTOLD if self.inertia == "unknown" and turning else None
+        return _MISSING_INERTIA if self.inertia == "unknown" and turning else None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
-        """Warn of what :meth:`untold` says.
+        """Warn of what :meth:`missing_signals` says.
 
         Parameters
         ----------
@@ -416,7 +416,7 @@ class ForceTorqueSensor:
         >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
         >>> sensor.warn_of_motion(None, None)
         """
-        if said := self.untold(V, dV):
+        if said := self.missing_signals(V, dV):
             warnings.warn(said, ModelWarning, stacklevel=3)
 
     def _unlabelled(self, **given: Any) -> dict[str, Any]:

@@ -234,8 +234,8 @@ def _verdict_of_sensor(found: Identification) -> Text:
 def compensation_view(found: Compensation) -> RenderableType:
     """Readings before and after, and where something else acted."""
     log = found.log
-    untold = (found.untold,) if found.untold else ()
-    reasons, others = _told(found, log.notes, untold, found.remarks, found.doubts)
+    missing = (found.missing_signals,) if found.missing_signals else ()
+    reasons, others = _told(found, log.notes, missing, found.remarks, found.doubts)
     parts: list[RenderableType] = [_outcome(found), *reasons, Text()]
     parts += [_heading(log, found.sensor.sign), _before_and_after(log, found.rest, np.ones(len(log), bool))]
     if found.threshold is not None:
@@ -248,7 +248,7 @@ def compensation_view(found: Compensation) -> RenderableType:
         parts.append(
             Text(
                 f"Contact is what noise alone reaches once in {number(1 / found.threshold.false_alarms)} readings: from "
-                f"{' or '.join(least)} on{'; moments are not looked at' if found.untold else ''}."
+                f"{' or '.join(least)} on{'; moments are not looked at' if found.missing_signals else ''}."
             )
         )
     return Group(*parts, *others)
@@ -267,9 +267,9 @@ def _outcome(found: Compensation) -> Text:
         shown = "; ".join(spans[:5]) + ("; …" if len(spans) > 5 else "")
         return Text.assemble(word, f": {hits.sum()} of {len(log)} readings, {shown}; up to {number(peak)} N.")
     if found.threshold is not None:
-        what = "no contact force; moments were not looked at" if found.untold else "no contact"
+        what = "no contact force; moments were not looked at" if found.missing_signals else "no contact"
         return Text.assemble(word, f": {what}.")
-    if found.untold_shows:
+    if found.missing_signals_show:
         return Text.assemble(word, f": the load's inertia is left in the moments, {number(moment, 2)} N m {noise}.")
     good = int((~found.off).sum())
     said = f": {good} of {len(log)} readings are explained, with {number(force, 2)} N and {number(moment, 2)} N m left {noise}."
