@@ -289,7 +289,7 @@ def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, 
     monkeypatch.setattr(large_derivatives, "LAPACK_FROM", 1)
     long = tw.robot.Robot(robot.model)
     found = long.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
-    assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "LargeDerivatives"
+    assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "LapackDerivatives"
     assert (
         long.kernel("forward_dynamics_derivatives").signature == robot.kernel("forward_dynamics_derivatives").signature
     )

@@ -91,7 +91,7 @@ def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
     return [isinstance(c, Closure) for c in constraints for _ in c.rows]
 
 
-def kept(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
+def independent_constraints(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
     """The constraints with the rows of A of those numbers alone, without constraints that keep none."""
     some, first = [], 0
     for c in constraints:

@@ -124,7 +124,7 @@ class BaseColumns:
                 trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}."
             )
 
-        return unknown.robot.engine.kept(("base columns", tuple(pairs)), made)
+        return unknown.robot.engine.cached(("base columns", tuple(pairs)), made)
 
 
 # ── Filtered rows of logs

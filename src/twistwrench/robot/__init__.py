@@ -1,9 +1,9 @@
 """Robots: quantities, the engine that compiles them, and the class with its methods."""
 
-from . import engine as exponential_kernels
+from .engine import install
 from .load import from_dh, from_mujoco, from_pinocchio, from_screws, load, save
 from .robot import Robot
 
 __all__ = ["Robot", "from_dh", "from_mujoco", "from_pinocchio", "from_screws", "load", "save"]
 
-exponential_kernels.install()
+install()

@@ -16,7 +16,7 @@ from ..lie import compiled as lie
 from ..runtime import batch_threads as threads
 from ..runtime.interpreter import compiles
 from ..typing import Array
-from . import model_cache as kept_robots
+from . import model_cache
 from .arguments import brought, by_frame, is_symbolic, misfit, numbers
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..runtime.dispatch import CallForm
     from .arguments import Wrenches
-    from .model_cache import KeptModel
+    from .model_cache import CachedModel
 
 Options = Mapping[str, Any]
 
@@ -37,7 +37,7 @@ two minutes at most; the regressor of a chain of 100 links has 800,000."""
 class ModelKernels:
     """The programs and kernels of one model, each made once."""
 
-    def __init__(self, model: Model | KeptModel) -> None:
+    def __init__(self, model: Model | CachedModel) -> None:
         self._given = model
         self._kernels: dict[Any, Any] = {}
 
@@ -55,22 +55,22 @@ class ModelKernels:
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """One compiled function of the quantities named; raises UnknownNameError, KernelError, SingularMassMatrixError."""
         key, kept = "", self._given
-        if isinstance(kept, kept_robots.KeptModel) and compiles():
-            key = kept_robots.kernel_key(kept.key, names, options)
+        if isinstance(kept, model_cache.CachedModel) and compiles():
+            key = model_cache.kernel_key(kept.key, names, options)
         if not key:
             return self._made(names, options)
         if key not in self._kernels:
             # What makes the program is held by the kernel, and must not hold what holds the kernel.
-            found = kept_robots.kernel(key, lambda: form_of(_model_of(kept), names, options))
+            found = model_cache.kernel(key, lambda: execution_form(_model_of(kept), names, options))
             if found is None:
                 found = self._made(names, options)
-                kept_robots.keep_kernel(key, found)
+                model_cache.keep_kernel(key, found)
             self._kernels[key] = found
         return self._kernels[key]
 
     def _made(self, names: Sequence[str], options: Options) -> Any:
         """The same, traced and compiled here."""
-        from . import large_robot_kernels as large_derivatives
+        from . import large_robot_kernels
         from .programs import wanted
         from .quantities import QUANTITIES
 
@@ -80,17 +80,17 @@ class ModelKernels:
             return self._kernels[key]
         if any(QUANTITIES[name].needs_inverse for name in asked):
             self.require_invertible()
-        if large_derivatives.applies(self.model, asked):
-            found: Any = large_derivatives.LargeDerivatives(self, options)
+        if large_robot_kernels.applies(self.model, asked):
+            found: Any = large_robot_kernels.LapackDerivatives(self, options)
         else:
-            program, title = form_of(self.model, names, options), ", ".join(asked)
+            program, title = execution_form(self.model, names, options), ", ".join(asked)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
             doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             found = compiled(program, title, doc)
         self._kernels[key] = found
         return found
 
-    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+    def cached(self, key: Any, make: Callable[[], Any]) -> Any:
         """What ``make`` gives, made once for each ``key``: kernels of programs that are no quantity, such as rollouts."""
         if key not in self._kernels:
             self._kernels[key] = make()
@@ -150,18 +150,17 @@ class ModelKernels:
         return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
 
 
-def _model_of(given: Model | KeptModel) -> Model:
-    return given.model if isinstance(given, kept_robots.KeptModel) else given
+def _model_of(given: Model | CachedModel) -> Model:
+    return given.model if isinstance(given, model_cache.CachedModel) else given
 
 
-def form_of(model: Model, names: Sequence[str], options: Options) -> Form:
+def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
     """The program of the quantities named, with the loop that serves it best."""
-    from . import large_robot_kernels as column_loops
-    from . import large_robot_kernels as long_robots
+    from . import large_robot_kernels
     from .programs import program_of_several, wanted
 
     asked = wanted(model, names, options)
-    looped: Form | None = long_robots.products_of(model, asked) or column_loops.columns_of(model, asked)
+    looped: Form | None = large_robot_kernels.products_of(model, asked) or large_robot_kernels.columns_of(model, asked)
     return looped or program_of_several(model, asked)
 
 
@@ -244,7 +243,9 @@ ENOUGH = -1
 class Engine(ModelKernels):
     """The programs and kernels of one model, and calls of them. It pickles as the model: machine code is made again there."""
 
-    def __init__(self, model: Model | KeptModel, called_again: Callable[[], CalledAgain | None] | None = None) -> None:
+    def __init__(
+        self, model: Model | CachedModel, called_again: Callable[[], CalledAgain | None] | None = None
+    ) -> None:
         super().__init__(model)
         self._called_again = called_again
         """Gives whom to tell of calls with one state."""

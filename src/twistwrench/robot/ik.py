@@ -25,7 +25,7 @@ from ..typing import Array
 from .ik_search import Frames, PoseSearch, SinglePose
 
 if TYPE_CHECKING:
-    from .ik_search import SearchedLoops
+    from .ik_search import LoopClosureSolver
     from .robot import Robot
 
 _OPEN = 1e-9
@@ -44,7 +44,7 @@ class Searched:
 
 
 @dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
-class InverseKinematics:
+class IKResult:
     """Result of inverse kinematics: configurations that reach poses, or come as near as was found.
 
     Leading axes are the poses'.
@@ -143,7 +143,7 @@ class InverseKinematics:
         return f"out of reach, or of this search: {left}"
 
     def __repr__(self) -> str:
-        return f"<InverseKinematics: {self}>"
+        return f"<IKResult: {self}>"
 
     def __str__(self) -> str:
         if self.converged.ndim == 0:
@@ -155,9 +155,9 @@ class InverseKinematics:
         return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
 
 
-def selected(found: InverseKinematics, which: Array, q: Array) -> InverseKinematics:
+def selected(found: IKResult, which: Array, q: Array) -> IKResult:
     """Those of some poses of a batch with one axis, in an order; ``q`` is what they have."""
-    return InverseKinematics(q, found._said[which], found._asked)
+    return IKResult(q, found._said[which], found._asked)
 
 
 # ── Damped Newton method on SE(3) within the joint limits, for batches of poses
@@ -186,8 +186,8 @@ def solve(
     angle: float,
     distance: float,
     nearest: bool,
-    loops: SearchedLoops | None = None,
-) -> InverseKinematics:
+    loops: LoopClosureSolver | None = None,
+) -> IKResult:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`.
 
     ``loops`` of a closed robot are to be closed there.
@@ -197,7 +197,7 @@ def solve(
     if plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
-            return InverseKinematics(found[0], found[1], way[1])
+            return IKResult(found[0], found[1], way[1])
     asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
     if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
@@ -236,7 +236,7 @@ def solve(
     if loops is not None:
         q, said = _on_loops(search, _frames(robot, frame, rows), loops, poses, (q, said))
     q = search.rounded(q.reshape(*shape, robot.nq), kind)
-    return InverseKinematics(q, said.reshape(*shape, -1), asked)
+    return IKResult(q, said.reshape(*shape, -1), asked)
 
 
 def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
@@ -246,7 +246,14 @@ def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array
 
 
 def _looked_at(
-    robot: Robot, frame: Any, rows: Any, restarts: Any, rng: Any, angle: Any, distance: Any, loops: SearchedLoops | None
+    robot: Robot,
+    frame: Any,
+    rows: Any,
+    restarts: Any,
+    rng: Any,
+    angle: Any,
+    distance: Any,
+    loops: LoopClosureSolver | None,
 ) -> tuple[Searched, PoseSearch, tuple[int, int, tuple[float, float]]]:
     """The options, checked: what is asked, who looks for it, and how often, the seed, and what may be left."""
     frames = _frames(robot, frame, rows)
@@ -316,7 +323,7 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     return tuple(found)
 
 
-def _search(robot: Robot, frames: Frames, loops: SearchedLoops | None = None) -> PoseSearch:
+def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None) -> PoseSearch:
     """Made once for each frames and rows of a robot."""
 
     def made() -> PoseSearch:
@@ -326,12 +333,12 @@ def _search(robot: Robot, frames: Frames, loops: SearchedLoops | None = None) ->
         poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
         return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
 
-    found: PoseSearch = robot.engine.kept(("inverse kinematics", frames, loops and loops.key), made)
+    found: PoseSearch = robot.engine.cached(("inverse kinematics", frames, loops and loops.key), made)
     return found
 
 
 def _on_loops(
-    search: PoseSearch, frames: Frames, loops: SearchedLoops, targets: Array, found: tuple[Array, Array]
+    search: PoseSearch, frames: Frames, loops: LoopClosureSolver, targets: Array, found: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """What was found, q (n, nq) and what is said of it; where poses were not reached, the loops are closed next to it."""
     q, said = found
@@ -386,7 +393,7 @@ def branches(
     rng: np.random.Generator | int | None,
     angle: float,
     distance: float,
-) -> InverseKinematics:
+) -> IKResult:
     """See :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
     target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
     if type(starts) is not int or starts < 1:

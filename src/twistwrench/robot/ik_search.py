@@ -57,7 +57,7 @@ class PoseSearch:
         farthest: float,
         poses: tuple[Any, ...],
         apart: Any,
-        loops: SearchedLoops | None = None,
+        loops: LoopClosureSolver | None = None,
     ) -> None:
         """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; the rest are kernels.
 
@@ -66,7 +66,7 @@ class PoseSearch:
         self.model, self.poses, self.apart, self.loops = model, poses, apart, loops
         self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
         """The shape of what is looked for."""
-        self._places: dict[int, _Places] = {}
+        self._starts: dict[int, _StartConfigurations] = {}
         self.length = farthest if farthest > 0 else 1.0
         """m that count as much as a radian."""
         kinds = [k for _, rows in frames for k in rows] + (loops.kinds if loops is not None else [])
@@ -138,22 +138,22 @@ class PoseSearch:
     ) -> tuple[Array, Array]:
         """The best of all starts (n, nq), the first at ``start``, and what is said of it (n, said); T (n, *core)."""
         settings = self.settings(allowed, min(restarts, PLACES))
-        if seed not in self._places:  # places take longer to make than most poses to find
-            q, said = self.some(T, start, self._no_places, self.settings(allowed, 0))
+        if seed not in self._starts:  # places take longer to make than most poses to find
+            q, said = self.some(T, start, self._no_starts, self.settings(allowed, 0))
             rows = np.flatnonzero(said[:, 1] == 0.0)
             if not restarts or not len(rows):
                 return q, said
-            q[rows], said[rows] = self.some(T[rows], start[rows], self.places(seed).table(0), settings)
+            q[rows], said[rows] = self.some(T[rows], start[rows], self.start_configurations(seed).table(0), settings)
         else:
-            q, said = self.some(T, start, self.places(seed).table(0), settings)
-        places = self.places(seed)
+            q, said = self.some(T, start, self.start_configurations(seed).table(0), settings)
+        starts = self.start_configurations(seed)
         for number, done in enumerate(range(PLACES, restarts, PLACES + 1), start=1):  # the next start, and its restarts
             rows = np.flatnonzero(said[:, 1] == 0.0)
             if not len(rows):
                 break
             settings = self.settings(allowed, min(restarts - done - 1, PLACES))
-            first = np.broadcast_to(places.first(number), (len(rows), self.model.nq))
-            other, of_it = self.some(T[rows], first, places.table(number), settings)
+            first = np.broadcast_to(starts.first(number), (len(rows), self.model.nq))
+            other, of_it = self.some(T[rows], first, starts.table(number), settings)
             of_it[:, 0] += said[rows, 0]
             said[rows, 0] = of_it[:, 0]
             better = (of_it[:, 1] != 0.0) | (of_it[:, 2] < said[rows, 2])
@@ -166,7 +166,7 @@ class PoseSearch:
         """What was found, moved towards postures (n, nq) while the frames stay, until no way is left, or no step."""
         q, said = found
         rows = np.flatnonzero(said[:, 1] > 0.0)
-        none, settings = self._no_places, self.settings(allowed, 0, POSTURE_STEPS)
+        none, settings = self._no_starts, self.settings(allowed, 0, POSTURE_STEPS)
         target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
         moved, _ = self.some(target, q[rows], none, settings, self.to_posture)
         moved, of_it = self.some(T[rows], moved, none, settings)  # to all digits
@@ -189,17 +189,17 @@ class PoseSearch:
         return q, said
 
     @property
-    def _no_places(self) -> tuple[Array, Array]:
+    def _no_starts(self) -> tuple[Array, Array]:
         return np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
 
-    def places(self, seed: int) -> _Places:
+    def start_configurations(self, seed: int) -> _StartConfigurations:
         """Where to start again; those of the last seed are kept."""
-        if seed not in self._places:
-            self._places = {seed: _Places(self, seed)}
-        return self._places[seed]
+        if seed not in self._starts:
+            self._starts = {seed: _StartConfigurations(self, seed)}
+        return self._starts[seed]
 
 
-class _Places:
+class _StartConfigurations:
     """Where to start again: tables of random configurations, the same for all poses, and the poses they lead to."""
 
     def __init__(self, search: PoseSearch, seed: int) -> None:
@@ -218,7 +218,7 @@ class _Places:
             more = bool(self._tables)
             some = random_configuration(self.search.model, self.rng, (PLACES + more,))
             loops, inside = self.search.loops, self.search.inside
-            some = inside(some) if loops is None else loops.places(some, inside)
+            some = inside(some) if loops is None else loops.closed_starts(some, inside)
             q = np.ascontiguousarray(some[more:])
             self._firsts.append(some[0])
             reached = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]
@@ -234,11 +234,11 @@ class SinglePose:
     """
 
     def __init__(self, search: PoseSearch, restarts: int, seed: int, allowed: tuple[float, float]) -> None:
-        self.kernel, self.table = search.kernel, search.places(seed).table(0)
+        self.kernel, self.table = search.kernel, search.start_configurations(seed).table(0)
         self.settings = search.settings(allowed, restarts)
         self.look = search.settings(allowed, 0, FIRST_LOOK)
         self.start = search.model.neutral
-        self.call: Any = make_call(search.look, _Nobody().found, "inverse_kinematics")
+        self.call: Any = make_call(search.look, _NoFallback().found, "inverse_kinematics")
 
     def near_by(self, T: Array, q0: Array) -> Array | None:
         """q where one lane finds it, in a few steps that meet no limit."""
@@ -256,7 +256,7 @@ class SinglePose:
         return found if found is not None and found[1][1] >= 0.0 else None
 
 
-class _Nobody:
+class _NoFallback:
     """Whom the builtin asks where it does not serve."""
 
     def found(self, T: Any, start: Any, settings: Array, places: Array, reached: Array) -> None:
@@ -269,7 +269,7 @@ ROUNDS = 4
 """Times that starts are brought into the limits and onto the loops again."""
 
 
-class SearchedLoops:
+class LoopClosureSolver:
     """The loops of one closed robot in a search for poses."""
 
     def __init__(self, closed: ClosedRobot) -> None:
@@ -302,7 +302,7 @@ class SearchedLoops:
         found, left = self.closed.settled(q, CLOSED)
         return np.where((left <= CLOSED)[:, None], found, q)
 
-    def places(self, some: Array, inside: Callable[[Array], Array]) -> Array:
+    def closed_starts(self, some: Array, inside: Callable[[Array], Array]) -> Array:
         """Configurations (n, nq) with the loops closed inside the limits, got from some that are not closed.
 
         Those from which none is found go towards one from which one is, half of the way and a quarter.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms import forward_dynamics as joint_factors
+from ..algorithms import forward_dynamics
 from ..algorithms.derivatives import accelerations, torque_derivatives_and_factors
 from ..algorithms.forward_dynamics import relations
 from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnGroups, Product, Products
@@ -86,7 +86,7 @@ def applies(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
     return plain and tuple(wanted) == ("forward_dynamics_derivatives",) and model.nv >= LAPACK_FROM
 
 
-class LargeDerivatives:
+class LapackDerivatives:
     """Callable like the kernel of ``forward_dynamics_derivatives``: broadcasting, ``out=``, float32 in and out."""
 
     def __init__(self, engine: ModelKernels, options: Mapping[str, Any]) -> None:
@@ -102,7 +102,7 @@ class LargeDerivatives:
         self.nin, self.nout = self._acceleration.nin, 3
 
     def __repr__(self) -> str:
-        return f"<LargeDerivatives {self.signature}>"
+        return f"<LapackDerivatives {self.signature}>"
 
     def __call__(self, *args: ArrayLike, out: tuple[Array, Array, Array] | None = None) -> tuple[Array, ...]:
         """Evaluate on arrays whose last axes are the signature's."""
@@ -157,10 +157,10 @@ class _Looped:
 
 _LOOPED = {
     "mass_matrix": _Looped(
-        joint_factors.mass_matrix_factors, ((0, 1),), ((2, 3),), (joint_factors.constant_mass,), True, 60, 27
+        forward_dynamics.mass_matrix_factors, ((0, 1),), ((2, 3),), (forward_dynamics.constant_mass,), True, 60, 27
     ),
     "inverse_dynamics_derivatives": _Looped(
-        joint_factors.derivative_factors, ((0, 1), (0, 2)), ((3, 4), (3, 5)), (joint_factors.constant_stiffness, None),
+        forward_dynamics.derivative_factors, ((0, 1), (0, 2)), ((3, 4), (3, 5)), (forward_dynamics.constant_stiffness, None),
         False, 230, 106,
     ),
 }  # fmt: skip
@@ -176,9 +176,9 @@ def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Product
 
     if model.nv < LEAST:
         return None
-    if not joint_factors.applies(model):
+    if not forward_dynamics.applies(model):
         return None
-    carries, bodies = joint_factors.relations(model)
+    carries, bodies = forward_dynamics.relations(model)
     if looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum()) < PAIR_LOOP_FROM:
         return None
     same = bodies[:, None] == bodies

@@ -15,7 +15,7 @@ from ..core.gravity import GRAVITY
 from ..errors import ValueRangeError
 from ..model.notes import issue, sentences
 from ..model.rounding import DEFAULT_SNAP
-from .model_cache import KeptModel, keep_file, known_file
+from .model_cache import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot
 
@@ -134,10 +134,10 @@ def load(
     if known.remarks is not None:
         issue(known.remarks)
         mine = deepcopy(options)  # as they are now
-        return Robot(KeptModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
+        return Robot(CachedModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
     found = _read(source, known.data, options)
     keep_file(known, sentences(found.name, found.defects))
-    return Robot(KeptModel(known.key, lambda: found))
+    return Robot(CachedModel(known.key, lambda: found))
 
 
 def _read(source: str | Path, data: bytes | None, options: LoadOptions, *, quiet: bool = False) -> Model:

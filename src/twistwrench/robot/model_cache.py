@@ -28,7 +28,7 @@ _PLAIN = (str, int, float, bool, type(None))
 """Types of options that are known again by how they are written."""
 
 
-class KnownFile(NamedTuple):
+class CacheEntry(NamedTuple):
     """A robot's file, with the options it is loaded with."""
 
     data: bytes
@@ -37,7 +37,7 @@ class KnownFile(NamedTuple):
     """Warnings of an earlier loading; None if there was none."""
 
 
-class KeptModel:
+class CachedModel:
     """The model of a robot of which something is kept under the key of its file; made when first asked for."""
 
     def __init__(self, key: str, make: Callable[[], Model]) -> None:
@@ -49,7 +49,7 @@ class KeptModel:
         return self._make()
 
 
-def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:
+def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
     """What is known of a robot's file; None of all that is no plain URDF file, and where nothing is kept."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
@@ -64,10 +64,10 @@ def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:
         return None
     key = disk.digest("robot", version, os.fspath(source), written, data).hex()
     kept = disk.load(key)
-    return KnownFile(data, key, None if kept is None else literal_eval(kept.decode()))
+    return CacheEntry(data, key, None if kept is None else literal_eval(kept.decode()))
 
 
-def keep_file(known: KnownFile, remarks: Sequence[str]) -> None:
+def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
     """Note that a file was loaded, and the warnings that came with it."""
     disk.store(known.key, repr(tuple(remarks)).encode())
 

@@ -12,8 +12,7 @@ from typing import Any, Literal, TypedDict
 
 import numpy as np
 
-from ..algorithms import constraints, operational_space
-from ..algorithms import kinematics as jacobians
+from ..algorithms import constraints, kinematics, operational_space
 from ..algorithms.kinematics import brackets, moving_parts
 from ..errors import KernelError, UnknownNameError, ValueRangeError
 from ..ir import autodiff
@@ -301,12 +300,12 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         full["friction"] = True
     if "kind" in allowed:
         full["kind"] = options.get("kind", "body")
-        if full["kind"] not in jacobians.KINDS:
-            if meant := jacobians.PINOCCHIO.get(str(full["kind"]).upper()):
+        if full["kind"] not in kinematics.KINDS:
+            if meant := kinematics.PINOCCHIO.get(str(full["kind"]).upper()):
                 raise UnknownNameError(
                     f"no kind named {str(full['kind'])!r}: what Pinocchio calls so is kind={meant!r}, with angular rows first."
                 )
-            raise UnknownNameError.of("kind", full["kind"], jacobians.KINDS)
+            raise UnknownNameError.of("kind", full["kind"], kinematics.KINDS)
     if "rows" in allowed:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")

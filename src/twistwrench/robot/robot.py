@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..model.model import Model, OfferedClosure
     from ..runtime.dispatch import CallForm
-    from .model_cache import KeptModel
+    from .model_cache import CachedModel
     from .programs import KernelOptions
 
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
@@ -101,7 +101,7 @@ class Robot(
     [[3.0, 1.0], [1.0, 1.0]]
     """
 
-    def __init__(self, model: Model | KeptModel) -> None:
+    def __init__(self, model: Model | CachedModel) -> None:
         self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
         self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
 

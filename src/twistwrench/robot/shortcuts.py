@@ -13,8 +13,8 @@ from ..core.arguments import taking_the_arguments_of
 from ..errors import ShapeError
 from ..typing import Array
 from .arguments import check_mapping, names_of, states, wrench_at
-from .common_methods import CommonMethods
 from .derivatives import Rows
+from .ik_methods import IKMethods
 
 if TYPE_CHECKING:
     from ..algorithms.closed_form import ClosedForm
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .arguments import Wrenches
     from .closed.closed_robot import ClosedRobot
     from .explanation import Explanation
-    from .ik import InverseKinematics
+    from .ik import IKResult
     from .robot import Robot
 
 Law = Callable[[float, Array, Array], Any]
@@ -222,7 +222,7 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
 # ── Methods that import higher layers when called
 
 
-class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):
+class Shortcuts(IKMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):
     """Methods of a robot that open what is built on it: simulation, closed loops, and what only open robots have."""
 
     # ── what the methods that closed robots have, too, ask ──
@@ -257,7 +257,7 @@ class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Ro
         rng: np.random.Generator | int | None = 0,
         angle: float = 1e-10,
         distance: float = 1e-10,
-    ) -> InverseKinematics:
+    ) -> IKResult:
         """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
 
         Parameters
@@ -272,7 +272,7 @@ class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Ro
 
         Returns
         -------
-        found : InverseKinematics
+        found : IKResult
             A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
 
         Raises
@@ -402,7 +402,7 @@ class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Ro
             apart["armature"] = armature_forces(self.model, dq, ddq)
         if friction and self.model.friction.any:
             apart["friction"] = self.friction_forces(dq, load=tau)
-        Y = self.engine.kept("regressor on NumPy", lambda: _on_numpy(self))
+        Y = self.engine.cached("regressor on NumPy", lambda: _on_numpy(self))
         from .explanation import explained
 
         return explained(self.model, Y, (q, dq, ddq), apart)

@@ -213,7 +213,7 @@ def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Arr
         M = np.stack([robot.reference("mass_matrix", q) for q in some])
         return J, M, usual_sizes(J, M)
 
-    ways: tuple[Array, Array, Array] = robot.engine.kept(("usual ways", frame, kind), found)
+    ways: tuple[Array, Array, Array] = robot.engine.cached(("usual ways", frame, kind), found)
     return ways
 
 
@@ -222,7 +222,7 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
     from ..algorithms.loop_closure import independent_rows
     from ..lie.labelled import TWIST
 
-    told = robot.engine.kept(("lost rows told", frame, kind, chosen), list)
+    told = robot.engine.cached(("lost rows told", frame, kind, chosen), list)
     if told:
         return
     told.append(True)

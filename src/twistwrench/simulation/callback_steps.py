@@ -164,7 +164,7 @@ class AskedRows:
         """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
         m = SHORT if n <= 2 * SHORT else LONG
         key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in _laws(steps))
-        free: list[AskedRows] = steps.system.robot.engine.kept(key, list)
+        free: list[AskedRows] = steps.system.robot.engine.cached(key, list)
         try:
             rows = free.pop()
         except (

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.constraints import Constraint, constrained_dynamics, kept, with_gaps
+from ..algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
 from ..algorithms.friction import eased, largest, positive, smallest, torque_past_eased_friction
 from ..algorithms.kinematics import add, coordinate_rates
 from ..algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
@@ -73,7 +73,7 @@ class ClosedStep(SimulatedStep):
 
     @cached_property
     def _held(self) -> tuple[Constraint, ...]:
-        return kept(self.loops.constraints, self.loops.independent)
+        return independent_constraints(self.loops.constraints, self.loops.independent)
 
     def recurrence(self) -> Recurrence:
         """The program, and where its inputs come from."""
@@ -158,12 +158,12 @@ class Loops:
     def __init__(self, closed: ClosedRobot) -> None:
         self.closed, robot = closed, closed.robot
         self.with_gap = with_gaps(closed.constraints)
-        self.kept = kept(closed.constraints, closed.independent)
+        self.kept = independent_constraints(closed.constraints, closed.independent)
         self._nq = robot.nq
         self._moving = slice(robot.nq, robot.nq + robot.nv)
         self._units = gap_units(closed)
         self._sizes = closed.sizes[list(closed.independent)] ** 2
-        self._project = robot.engine.kept(("projection", closed.constraints, closed.independent), self._compiled)
+        self._project = robot.engine.cached(("projection", closed.constraints, closed.independent), self._compiled)
         self.dynamics = robot.kernel("constrained_dynamics", constraints=self.kept)
         self.widest = self.fastest = 0.0
         """The largest gap [rad or m] and the largest rate of one [rad/s, m/s] that a step left, before they were taken away."""
@@ -358,7 +358,7 @@ class ClosedSteps(CompiledSteps):
         if not (effort := loops.effort(plan.stages)) <= LARGEST:
             return None
         doc = f"Steps of {robot.name} on its constraints, compiled: {method}."
-        kernel = robot.engine.kept(plan.key, lambda: compiled(plan.recurrence(), "closed steps", doc))
+        kernel = robot.engine.cached(plan.key, lambda: compiled(plan.recurrence(), "closed steps", doc))
         found = cls(system, plan, order, h, kernel, effort)
         found.most, found.loops = BLOCK, loops
         return found

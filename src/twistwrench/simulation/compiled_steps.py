@@ -452,7 +452,7 @@ class CompiledSteps:
             doc = f"Steps of {robot.name}, compiled: {plan.method}."
             return compiled(cls.recurrence(plan), "simulated step", doc, lone=lone)
 
-        kernel = robot.engine.kept((*plan.key, cls.__name__, lone), made)
+        kernel = robot.engine.cached((*plan.key, cls.__name__, lone), made)
         owner = owner_of(kernel)
         return None if owner is None else cls(system, plan, order, h, kernel, owner.effort)
 

@@ -256,7 +256,7 @@ class RobotContact(ABC):
             )
             return compiled(program, "contact", f"What a contact does to {robot.name}, compiled.")
 
-        return robot.engine.kept(("contact", *self.key), made)
+        return robot.engine.cached(("contact", *self.key), made)
 
 
 @dataclass(frozen=True, eq=False)

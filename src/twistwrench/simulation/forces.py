@@ -255,7 +255,7 @@ class EasedFriction:
 
     @cached_property
     def _kernel(self) -> Any:
-        return self.robot.engine.kept("eased friction", lambda: _eased(self.robot))
+        return self.robot.engine.cached("eased friction", lambda: _eased(self.robot))
 
     def left(self, dq: Array, tau: Array) -> Array:
         """What friction leaves of the torques tau, (nv)."""
@@ -313,7 +313,7 @@ class BrakedStep:
             doc = f"Velocities of {robot.name} after a step, compiled."
             return compiled(_program(robot, self.friction, self.gained), "braked step", doc)
 
-        return robot.engine.kept(("braked step", self.friction, self.gained), made)
+        return robot.engine.cached(("braked step", self.friction, self.gained), made)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Where the velocities change, (nq,): halfway with friction, at the beginning without."""

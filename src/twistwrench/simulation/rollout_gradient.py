@@ -119,7 +119,7 @@ def kernel_of(robot: Robot, plan: Plan) -> Any:
         robot.engine.require_invertible()
         return compiled(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")
 
-    return robot.engine.kept(plan.key, made)
+    return robot.engine.cached(plan.key, made)
 
 
 def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
@@ -404,7 +404,7 @@ def _rows(x: Array) -> Array:
 
 def _kernel(robot: Robot, plan: Plan) -> Any:
     doc = f"Adjoints of the steps of rollouts of {robot.name}, compiled: {plan.method}."
-    return robot.engine.kept(("adjoint", *plan.key), lambda: compiled(StepAdjoint(plan).recurrence, "adjoint", doc))
+    return robot.engine.cached(("adjoint", *plan.key), lambda: compiled(StepAdjoint(plan).recurrence, "adjoint", doc))
 
 
 # ── Shapes ──

@@ -153,7 +153,7 @@ class CompiledAttempts:
             doc = f"Steps of {robot.name}, compiled: dopri5."
             return compiled(plan.recurrence(), "attempted step", doc, lone=True)
 
-        kernel = robot.engine.kept(plan.key, made)
+        kernel = robot.engine.cached(plan.key, made)
         return None if owner_of(kernel) is None else cls(system, plan, kernel, tolerances)
 
     def take(self, y: Array, rate: Array, h: float) -> list[float]:

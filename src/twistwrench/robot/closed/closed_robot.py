@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...algorithms.constraints import Closure, Constraint, kept, row_names, with_gaps
+from ...algorithms.constraints import Closure, Constraint, independent_constraints, row_names, with_gaps
 from ...algorithms.loop_closure import closure_gaps, independent_rows, settled
 from ...core import arguments
 from ...core import third_party as lazy
@@ -28,7 +28,7 @@ from ...typing import Array
 from ..arguments import finite_states
 from ..robot import Robot
 from ..task_space_methods import ActuationMethods
-from . import checks as checks
+from . import checks
 from .constraints import CLOSED, ConstraintMethods, gap_units, row_sizes
 from .methods import ClosedDynamicsMethods, ClosedLoadMethods, ClosedShortcuts
 
@@ -284,6 +284,6 @@ class ClosedRobot(
     # ── inputs ──
 
     @cached_property
-    def _kept(self) -> tuple[Constraint, ...]:
+    def _independent_constraints(self) -> tuple[Constraint, ...]:
         """The constraints with their independent rows alone."""
-        return kept(self.constraints, self.independent)
+        return independent_constraints(self.constraints, self.independent)

@@ -22,9 +22,9 @@ from ...core import arguments
 from ...core import third_party as lazy
 from ...typing import Array
 from ..arguments import Wrenches, finite_states
-from ..common_methods import CommonMethods
+from ..ik_methods import IKMethods
 from ..shortcuts import ClosedMethod, SimulationMethods
-from . import checks as checks
+from . import checks
 from .constraints import reach_of
 
 if TYPE_CHECKING:
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from ...simulation.closed_run import ClosedRollout, ClosedSimulation
     from ..arguments import Wrenches
     from ..explanation import Explanation
-    from ..ik_search import SearchedLoops
+    from ..ik_search import LoopClosureSolver
     from ..programs import KernelOptions
     from ..robot import Robot
     from .closed_robot import ClosedRobot
 
 
-class ClosedShortcuts(CommonMethods, SimulationMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"]):
+class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"]):
     """Methods of a closed robot that open what is built on it."""
 
     # ── what the methods that open robots have, too, ask ──
@@ -49,17 +49,17 @@ class ClosedShortcuts(CommonMethods, SimulationMethods[ClosedMethod, "ClosedSimu
     def _closed(self: Any) -> ClosedRobot:
         return self
 
-    def _searched_loops(self: Any) -> SearchedLoops:
-        from ..ik_search import SearchedLoops
+    def _searched_loops(self: Any) -> LoopClosureSolver:
+        from ..ik_search import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
-        found: SearchedLoops = self.robot.engine.kept(key, lambda: SearchedLoops(self))
+        found: LoopClosureSolver = self.robot.engine.cached(key, lambda: LoopClosureSolver(self))
         return found
 
     def _constraint_options(self: Any, name: str) -> Mapping[str, Any]:
         from ..programs import options_of
 
-        return {"constraints": self._kept} if "constraints" in options_of(name) else {}
+        return {"constraints": self._independent_constraints} if "constraints" in options_of(name) else {}
 
     def _simulated(self: Any, *start: Any, **given: Any) -> ClosedSimulation:
         from ...simulation.closed_run import simulate_closed
@@ -221,7 +221,7 @@ class ClosedShortcuts(CommonMethods, SimulationMethods[ClosedMethod, "ClosedSimu
                 f"{', '.join(names)}: nothing of this knows of constraints. Of the robot with its loops open: "
                 "closed.robot.kernel(…)."
             )
-        return self.robot.kernel(*names, **{"constraints": self._kept, **options})
+        return self.robot.kernel(*names, **{"constraints": self._independent_constraints, **options})
 
 
 # ── Forward and inverse dynamics with constraint forces. Modern Robotics section 8.7
@@ -294,12 +294,14 @@ class ClosedDynamicsMethods:
         if friction:
             tau = self.robot.engine.call("torque_past_friction", dq, tau)
         by, on = wrench_by_robot, wrench_on_robot
-        if not self._kept:
+        if not self._independent_constraints:
             ddq = self.robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
             return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(self.sizes)), ddq.dtype))
         rows, call = list(self.independent), self.robot.engine.call_with_wrenches
         with np.errstate(all="ignore"):
-            ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=self._kept)
+            ddq, some, pivots = call(
+                "constrained_dynamics", (q, dq, tau), by, on, None, constraints=self._independent_constraints
+            )
         lam = np.zeros((*some.shape[:-1], len(self.sizes)), some.dtype)
         lam[..., rows] = some
         again = doubtful(pivots, self.sizes[rows])
@@ -530,7 +532,9 @@ class ClosedLoadMethods:
         A, A_by_q, b_by_q, b_by_dq = empty, empty[..., None] * np.zeros(self.nv), empty, empty
         if rows:
             A = self.constraint_jacobian(q)[..., rows, :]
-            A_by_q = robot.kernel("constraint_jacobian", constraints=self._kept, by="q")(q)
-            b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=self._kept, by=("q", "dq"))(q, dq)
+            A_by_q = robot.kernel("constraint_jacobian", constraints=self._independent_constraints, by="q")(q)
+            b_by_q, b_by_dq = robot.kernel(
+                "constraint_bias", constraints=self._independent_constraints, by=("q", "dq")
+            )(q, dq)
         slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
         return constrained_derivatives(slopes, dq, ddq, driven)

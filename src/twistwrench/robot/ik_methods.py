@@ -15,20 +15,20 @@ from .derivatives import Kind, Rows
 if TYPE_CHECKING:
     from ..export.request import Quantities
     from .closed.closed_robot import ClosedRobot
-    from .ik import InverseKinematics
-    from .ik_search import SearchedLoops
+    from .ik import IKResult
+    from .ik_search import LoopClosureSolver
     from .robot import Robot
 
 
 @cache
-def _inverse_kinematics() -> Callable[..., InverseKinematics]:
+def _inverse_kinematics() -> Callable[..., IKResult]:
     """Imported at the first call; an import statement takes a good part of what a pose near by does."""
     from .ik import solve
 
     return solve
 
 
-class CommonMethods:
+class IKMethods:
     """The methods of open and closed robots alike; what differs is asked of the robot by the names that begin here."""
 
     def _open(self) -> Robot:
@@ -39,7 +39,7 @@ class CommonMethods:
         """The robot with the loops that it has closed, none of an open one."""
         raise NotImplementedError
 
-    def _searched_loops(self) -> SearchedLoops | None:
+    def _searched_loops(self) -> LoopClosureSolver | None:
         """The gaps of its loops, as rows of a search."""
         return None
 
@@ -59,7 +59,7 @@ class CommonMethods:
         angle: float = 1e-10,
         distance: float = 1e-10,
         nearest: bool = False,
-    ) -> InverseKinematics:
+    ) -> IKResult:
         """Inverse kinematics: configurations, inside the joints' limits and with loops closed, at which a frame has the pose T.
 
         Parameters
@@ -77,7 +77,7 @@ class CommonMethods:
 
         Returns
         -------
-        found : InverseKinematics
+        found : IKResult
             It says which poses were reached, what is left, and why; nothing else counts as reached. Of a closed robot with
             the gap of its loops.
 
