@@ -15,7 +15,7 @@ import pytest
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.ir.program import ARITY, Instruction, Port, Program
+from twistwrench.ir.program import ARITY, Instruction, Program, TensorSpec
 from twistwrench.ir.tracer import trace
 from twistwrench.printers.c99 import FUSED_MACROS, CFunction
 from twistwrench.robot.quantities import QUANTITIES
@@ -209,7 +209,7 @@ def test_every_operation_is_what_its_name_says(flags, tmp_path):
     operations = [Instruction(op, (0, 1, 2)[: ARITY[op]], 0.0) for op in OPERATIONS]
     assert set(ARITY) == {"const", "input", *OPERATIONS}
     results = tuple(range(3, 3 + len(operations)))
-    ports = tuple(Port(name, ()) for name in "abc"), tuple(Port(f"{op}_of", ()) for op in OPERATIONS)
+    ports = tuple(TensorSpec(name, ()) for name in "abc"), tuple(TensorSpec(f"{op}_of", ()) for op in OPERATIONS)
     source, library = tmp_path / "ops.c", tmp_path / "ops.so"
     body = CFunction("ops", Program((*inputs, *operations), results, *ports)).definition
     source.write_text(f"#include <math.h>\n{FUSED_MACROS.format(fma='fma')}\n{body}\n")

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.core.third_party import foreign_errors, reason_of
+from twistwrench.core.third_party import reason_of, third_party_errors
 from twistwrench.reports.robot_summary import read_limits
 from twistwrench.robots import path_of
 from twistwrench.sensing.files import read_log, read_sensor, write_sensor
@@ -432,7 +432,7 @@ def test_text_that_is_no_text_is_refused(text):
     [ValueError("a\nb."), MemoryError(), RecursionError("x"), zipfile.BadZipFile("x"), KeyError("x"), OSError(5, "no")],
 )
 def test_foreign_errors_become_the_one_that_is_asked_for(problem):
-    with pytest.raises(tw.ModelError) as caught, foreign_errors(lambda why: tw.ModelError(f"cannot: {why}.")):
+    with pytest.raises(tw.ModelError) as caught, third_party_errors(lambda why: tw.ModelError(f"cannot: {why}.")):
         raise problem
     assert caught.value.__cause__ is problem
     assert str(caught.value) == f"cannot: {reason_of(problem)}."
@@ -441,6 +441,6 @@ def test_foreign_errors_become_the_one_that_is_asked_for(problem):
 
 def test_own_errors_and_interrupts_pass_as_they_are():
     for problem in (tw.NotFoundError("x"), KeyboardInterrupt(), SystemExit(1)):
-        with pytest.raises(type(problem)) as caught, foreign_errors(tw.ModelError):
+        with pytest.raises(type(problem)) as caught, third_party_errors(tw.ModelError):
             raise problem
         assert caught.value is problem

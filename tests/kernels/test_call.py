@@ -192,7 +192,7 @@ def test_threads(robot):
 
 
 def test_an_interpreter_that_is_not_understood_goes_without(robot, monkeypatch):
-    monkeypatch.setattr(fast_call, "understood", lambda: False)
+    monkeypatch.setattr(fast_call, "abi_matches", lambda: False)
     for _ in range(3):
         g = robot.gravity_forces(np.zeros(6))
     assert not is_builtin(robot.gravity_forces)

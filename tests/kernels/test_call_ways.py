@@ -18,7 +18,7 @@ from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
 from twistwrench.runtime import batch_threads as threads
 from twistwrench.runtime import dispatch as fast_call
 from twistwrench.runtime import gufunc as ufunc
-from twistwrench.runtime.dispatch_ir import spoiled
+from twistwrench.runtime.dispatch_ir import has_nonfinite
 from twistwrench.runtime.jit import assembled
 from twistwrench.testing import random_state
 
@@ -392,7 +392,7 @@ def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
     robot = tw.robots.planar_2r()
     monkeypatch.setattr(fast_call, "LONG", 1)
     monkeypatch.setattr(fast_call, "EACH", 10)
-    monkeypatch.setattr(ufunc, "LONGEST_ALONE", 1)
+    monkeypatch.setattr(ufunc, "LONGEST_SCALAR", 1)
     q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
     wanted = len(robot.program("inverse_dynamics").instructions) // 10
     for k in range(wanted):
@@ -400,7 +400,7 @@ def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
         robot.inverse_dynamics(q, dq, ddq)
     assert fast_call.is_made_here(robot.inverse_dynamics)
     same(robot.inverse_dynamics(q, dq, ddq), robot.kernel("inverse_dynamics")(q, dq, ddq))
-    assert not ufunc.owner_of(robot.kernel("inverse_dynamics")).lone
+    assert not ufunc.owner_of(robot.kernel("inverse_dynamics")).scalar
 
 
 @pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=lambda p: p.char)
@@ -408,7 +408,7 @@ def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
 def test_one_result_that_is_not_finite_is_found_wherever_it_stands(size, precision):
     """A few vectors are looked at one by one, many in a loop of two, and the last overlaps those before."""
     w = LlvmWriter(precision, 1)
-    found, _ = spoiled(w, "%data", size, "entry")
+    found, _ = has_nonfinite(w, "%data", size, "entry")
     body = "\n".join(w.lines)
     code = assembled(f"define i1 @looked(ptr %data) {{\nentry:\n{body}\n  ret i1 {found}\n}}\n", "looked", chosen())
     looked = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p)(code.address)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.ir.loops import ColumnGroups
+from twistwrench.ir.loops import ColumnSolve
 from twistwrench.lowering import batch_loop
 from twistwrench.lowering.batch_loop import LINE
 from twistwrench.lowering.partition import in_sections
@@ -34,7 +34,7 @@ def kernel_of(robot: Robot, monkeypatch: pytest.MonkeyPatch, least: int):
     """A kernel with a loop from so many pairs of joints on."""
     monkeypatch.setattr(column_loops, "COLUMN_LOOP_FROM", least)
     kernel = tw.Robot(robot.model).kernel(NAME)
-    assert isinstance(owner_of(kernel).given, ColumnGroups) == (least == 0)
+    assert isinstance(owner_of(kernel).given, ColumnSolve) == (least == 0)
     return kernel
 
 

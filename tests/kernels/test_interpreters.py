@@ -153,7 +153,7 @@ def test_no_stand_in_and_no_helper_where_this_is_not_the_main_one(elsewhere, mon
 @pytest.fixture
 def looked_at_again():
     """What an interpreter is like is looked at once; here it is to be looked at again, before and after."""
-    caches = (fast_call.understood, ufunc._understood, interpreter.is_main)
+    caches = (fast_call.abi_matches, ufunc._abi_matches, interpreter.is_main)
     for cache in caches:
         cache.cache_clear()
     yield

@@ -149,10 +149,10 @@ def test_a_frame_keeps_what_crosses_and_nothing_twice(bundled, length):
     crossing = {
         a for a, used in last.items() if used > part[a] and program.instructions[a].op not in ("const", "input")
     }
-    assert set(frame.homes) == crossing
+    assert set(frame.slots) == crossing
     held: dict[int, int] = {}
-    for number in sorted(frame.homes):
-        home = frame.homes[number]
+    for number in sorted(frame.slots):
+        home = frame.slots[number]
         if home < len(program.results):
             assert program.results[home] == number
         else:

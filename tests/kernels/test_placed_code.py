@@ -16,7 +16,7 @@ from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
 from twistwrench.runtime import elf_loader as code_pages
 from twistwrench.runtime import elf_loader as placed_code
 from twistwrench.runtime import jit
-from twistwrench.runtime.elf_loader import Unplaced, placed
+from twistwrench.runtime.elf_loader import UnsupportedObject, placed
 from twistwrench.runtime.gufunc import make_ufunc, owner_of
 
 pytestmark = pytest.mark.skipif(
@@ -40,13 +40,13 @@ def by_llvm(monkeypatch, program):
     """The kernel as LLVM links it."""
 
     def refuse(_objects):
-        raise Unplaced
+        raise UnsupportedObject
 
     with monkeypatch.context() as patch:
         patch.setattr(jit, "placed", refuse)
         kernel = make_ufunc(program, "linked", "")
         owner_of(kernel).address(SINGLE)
-    assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.Placed)
+    assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.LoadedObject)
     return kernel
 
 
@@ -67,7 +67,7 @@ def test_bits_are_those_of_llvm_s_linker(monkeypatch, bundled, robot, quantity, 
     arrays = [rng.normal(size=(21, *port.shape)).astype(char) for port in program.inputs]
     arrays[0][3] *= 1e9  # sines of huge angles are the C library's
     found = here(*arrays), linked(*arrays)
-    assert isinstance(owner_of(here).code["d"].keep, placed_code.Placed)
+    assert isinstance(owner_of(here).code["d"].keep, placed_code.LoadedObject)
     assert all(
         np.array_equal(a, b, equal_nan=True)
         for a, b in zip(np.atleast_1d(found[0]), np.atleast_1d(found[1]), strict=True)
@@ -137,7 +137,7 @@ REFUSED = {
 def test_what_is_not_plain_is_refused(line, kind):
     code = REFUSED[kind](line)
     assert code != line
-    with pytest.raises(Unplaced):
+    with pytest.raises(UnsupportedObject):
         placed([code])
 
 
@@ -150,7 +150,7 @@ def test_relocations_outside_their_section_are_damage_that_llvm_must_not_see(lin
 
 def test_no_cut_does_harm(line):
     for end in range(0, len(line), 97):
-        with pytest.raises(Unplaced):
+        with pytest.raises(UnsupportedObject):
             placed([line[:end]])
 
 
@@ -166,5 +166,5 @@ def test_where_the_system_refuses_llvm_links(monkeypatch, why):
     else:
         monkeypatch.setattr(code_pages, "_process", lambda: SimpleNamespace(mprotect=lambda *_: -1))
     kernel = make_ufunc(LINE, "line", "")
-    assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.Placed)
+    assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.LoadedObject)
     assert kernel(0.5) == 3.0 * np.sin(0.5) + 0.5

@@ -8,7 +8,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.errors import KernelError
-from twistwrench.runtime.bound_calls import row_calls
+from twistwrench.runtime.bound_calls import bind_calls
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def prepared(robot, m=5):
     tau = np.zeros((m, robot.nv))
     own, first = np.arange(m), np.zeros(m, int)
     operands = [(q, own), (dq, first), (ddq, own[::-1].copy()), (tau, own)]
-    return row_calls(robot.kernel("inverse_dynamics"), operands, taken=2, told=3), (q, dq, ddq, tau)
+    return bind_calls(robot.kernel("inverse_dynamics"), operands, taken=2, told=3), (q, dq, ddq, tau)
 
 
 def test_a_call_is_the_kernel_on_its_rows_to_the_last_bit(robot):
@@ -81,7 +81,7 @@ def test_it_is_freed_with_its_arrays(robot):
     rows = np.zeros((1, robot.nv)).view(Watched)
     one = np.zeros(1, int)
     plain = np.zeros((1, robot.nv))
-    call = row_calls(robot.kernel("inverse_dynamics"), [(rows, one), *[(plain, one)] * 3], 2, 3)
+    call = bind_calls(robot.kernel("inverse_dynamics"), [(rows, one), *[(plain, one)] * 3], 2, 3)
     call(0)
     gone = weakref.ref(rows)
     del rows
@@ -95,6 +95,6 @@ def test_rows_that_do_not_fit_and_kernels_on_numpy_are_refused(robot):
     kernel, one = robot.kernel("inverse_dynamics"), np.zeros(1, int)
     for wrong in (np.zeros((1, 6)), np.zeros((1, 7), np.float32)):
         with pytest.raises(KernelError, match="rows"):
-            row_calls(kernel, [(np.zeros((1, 7)), one)] * 3 + [(wrong, one)], 2, 3)
+            bind_calls(kernel, [(np.zeros((1, 7)), one)] * 3 + [(wrong, one)], 2, 3)
     with pytest.raises(KernelError, match="compiled kernels only"):
-        row_calls(np.add, [(np.zeros((1, 7)), one)] * 3, 0, 2)
+        bind_calls(np.add, [(np.zeros((1, 7)), one)] * 3, 0, 2)

@@ -25,7 +25,7 @@ def together(robot: tw.Robot, kernel, count: int) -> threads._Job:
     """A job of so many parts for a stand-in of a kernel, and a crew of two invited to it."""
     whole = np.zeros((count, 1))
     job = threads._Job(kernel, [batch_split.Part((), (whole[k : k + 1],)) for k in range(count)])
-    threads._CREW.invite(job, 2)
+    threads._THREADS.invite(job, 2)
     return job
 
 

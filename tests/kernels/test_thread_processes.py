@@ -88,8 +88,8 @@ robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 50_000)
 expected = robot.kernel("mass_matrix")(q).tobytes()
 shared = []
-invite = threads._CREW.invite
-threads._CREW.invite = lambda job, helpers: (shared.append(1), invite(job, helpers))
+invite = threads._THREADS.invite
+threads._THREADS.invite = lambda job, helpers: (shared.append(1), invite(job, helpers))
 
 def right():
     return robot.mass_matrix(q).tobytes() == expected
@@ -100,7 +100,7 @@ tw.set_threads(3)
 assert right() and shared
 held = threading.Event()
 def hold():
-    with threads._CREW.lock:
+    with threads._THREADS.lock:
         held.set()
         time.sleep(1)
 threading.Thread(target=hold).start()  # a fork while a lock is held by a thread that the child has not

@@ -15,7 +15,7 @@ from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, c
 from twistwrench.runtime import elf_loader as placed_code
 from twistwrench.runtime import jit
 from twistwrench.runtime.call_signature import loop_steps
-from twistwrench.runtime.elf_loader import CodePages, Unplaced, placed
+from twistwrench.runtime.elf_loader import ExecutableMemory, UnsupportedObject, placed
 from twistwrench.runtime.gufunc import make_ufunc
 
 pytestmark = pytest.mark.skipif(
@@ -59,7 +59,7 @@ def library(monkeypatch) -> dict[str, jit.Code]:
 
     def address(name: str) -> int:
         if name not in kept:
-            raise Unplaced
+            raise UnsupportedObject
         return kept[name].address
 
     monkeypatch.setattr(
@@ -110,5 +110,5 @@ def test_bits_by_the_convention_of_windows_are_those_of_this_system(library, bun
 
 
 def test_pages_go_with_their_object():
-    pages = CodePages.of(np.full(100, 0xC3, np.uint8))
+    pages = ExecutableMemory.of(np.full(100, 0xC3, np.uint8))
     assert ctypes.string_at(pages.address, 100) == b"\xc3" * 100

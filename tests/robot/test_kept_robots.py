@@ -84,7 +84,7 @@ def test_what_is_kept_of_a_kernel_is_what_it_has(file, place):
     code = (
         "import sys, twistwrench as tw\nfrom twistwrench.runtime.gufunc import owner_of\n"
         f"kernel = tw.load({str(file)!r}).kernel('inverse_dynamics')\nowner = owner_of(kernel)\n"
-        "print(owner.length, owner.effort, kernel.__name__, kernel.__doc__, 'twistwrench.model.builder' in sys.modules)"
+        "print(owner.length, owner.cost, kernel.__name__, kernel.__doc__, 'twistwrench.model.builder' in sys.modules)"
     )
     (fresh, read), (kept, read_again) = (python(code, place).rsplit(" ", 1) for _ in range(2))
     assert (read, read_again) == ("True", "False")
@@ -257,7 +257,7 @@ found += [robot.inverse_dynamics(*(np.tile(x, (50, 1)) for x in (q, dq, ddq)))]
 found += [robot.mass_matrix(q), robot.jacobian(q, frame="upper"), robot.forward_kinematics(q)]
 found += [robot.with_payload(tw.SpatialInertia.from_com(1.0, (0, 0, 0.1)), "lower").gravity_forces(q)]
 found += [pickle.loads(pickle.dumps(robot)).gravity_forces(q), copy.deepcopy(robot).gravity_forces(q)]
-found += [robot.kernel("mass_matrix", "bias_forces")(q, dq)[0], robot.limits.effort, robot.parameters]
+found += [robot.kernel("mass_matrix", "bias_forces")(q, dq)[0], robot.limits.cost, robot.parameters]
 print(robot.name, robot.nq, robot.nv, robot.tip, *robot.link_names, robot.model.source == path, repr(robot))
 print(robot.program("inverse_dynamics").digest, robot.kernel("inverse_dynamics").signature)
 print(robot.kernel("inverse_dynamics").__name__, robot.kernel("inverse_dynamics").__doc__[-200:])

@@ -26,7 +26,7 @@ def jobs(monkeypatch) -> list[threads._Job]:
 
     monkeypatch.setattr(threads, "_Job", Watched)
     monkeypatch.setattr(batch_split, "LEAST", 2e4)
-    monkeypatch.setattr(threads._CREW, "wanted", threads._CREW.wanted)
+    monkeypatch.setattr(threads._THREADS, "wanted", threads._THREADS.wanted)
     tw.set_threads(3)
     yield made
     tw.set_threads(1)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.numbers import printed
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from ..typing import Array
 from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
@@ -164,7 +164,7 @@ def read_surface(path: Path) -> tuple[Array, Array]:
         raise MissingExtraError.of("trimesh", "mesh", f"Reading the mesh {path.name}") from None
     if not path.is_file():
         raise NotFoundError(f"no mesh file {str(path)!r}.")
-    with foreign_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):
+    with third_party_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):
         loaded: Any = trimesh.load(path, force="mesh")
     if not hasattr(loaded, "faces") or not len(loaded.faces):
         raise ModelError(f"{path} holds no triangles.")

@@ -154,7 +154,7 @@ _LONGEST = 200
 
 
 @contextmanager
-def foreign_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None]:
+def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None]:
     """Turn whatever the block raises into one error of the library; errors that are its own already pass as they are.
 
     For blocks that hand somebody else's bytes to somebody else's parser, and for nothing more: a mistake of our own in such
@@ -173,7 +173,7 @@ def foreign_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None
     Examples
     --------
     >>> from twistwrench.errors import ModelError
-    >>> with foreign_errors(lambda reason: ModelError(f"the file cannot be read: {reason}.")):
+    >>> with third_party_errors(lambda reason: ModelError(f"the file cannot be read: {reason}.")):
     ...     float("four")
     Traceback (most recent call last):
     twistwrench.errors.ModelError: the file cannot be read: ValueError: could not convert string to float: 'four'.

@@ -12,7 +12,7 @@ import numpy as np
 from ..algorithms.kinematics import velocity_map
 from ..core import arguments
 from ..errors import KernelError, ShapeError
-from ..ir.program import Port, Program
+from ..ir.program import Program, TensorSpec
 from ..ir.tracer import trace
 from ..robot.derivatives import CONFIGURATIONS
 
@@ -69,7 +69,7 @@ class BridgedQuantity:
         return self._derivatives[key]
 
     @property
-    def inputs(self) -> tuple[Port, ...]:
+    def inputs(self) -> tuple[TensorSpec, ...]:
         """Names and shapes of what goes in."""
         return self.program.inputs
 

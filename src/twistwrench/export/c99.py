@@ -14,7 +14,7 @@ from ..core.files import check_outputs, replacing_together
 from ..core.gravity import STRENGTH
 from ..core.numbers import in_file
 from ..errors import KernelError, ValueRangeError
-from ..ir.program import FUSED, Port, Program
+from ..ir.program import FUSED, Program, TensorSpec
 from ..joints.units import unit_of
 from ..model.parameters import nominal
 from ..printers.c99 import FUSED_MACROS, PRECISIONS, identifier
@@ -419,7 +419,7 @@ def _inputs(robot: Robot, request: Request, dtype: type) -> list[Array]:
     """Configurations inside the limits, everything else of order 1; the same ones every time."""
     rng = np.random.default_rng(0)
 
-    def values(port: Port) -> Array:
+    def values(port: TensorSpec) -> Array:
         if port.name == "q":
             return robot.random_configuration(rng, STATES)
         return rng.standard_normal((STATES, *port.shape)) * (STRENGTH if port.name == "gravity" else 1.0)

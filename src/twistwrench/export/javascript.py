@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import MissingExtraError
-from ..ir.program import FUSED, Port
+from ..ir.program import FUSED, TensorSpec
 from ..lowering.reference_interpreter import evaluated, functions_of
 from ..printers.c99 import identifier
 from .bridge import BridgedQuantity
@@ -147,7 +147,7 @@ def casadi_function(quantity: BridgedQuantity) -> Any:
     return casadi.Function(identifier(quantity.name), symbols, results, labels[0], names_out)
 
 
-def _matrix(casadi: Any, elements: list[Any], port: Port) -> Any:
+def _matrix(casadi: Any, elements: list[Any], port: TensorSpec) -> Any:
     """The elements, in C order, as CasADi has them: a column, or rows."""
     rows = port.shape[0] if port.shape else 1
     columns = port.size // rows if rows else 0

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MissingExtraError, ModelWarning, ValueRangeError
-from ..ir.program import Port, Program
+from ..ir.program import Program, TensorSpec
 from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from ..runtime.interpreter import compiles
 from ..runtime.xla_handler import is_compiled, make_handler
@@ -85,16 +85,16 @@ _targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
 process: XLA has their addresses."""
 
 
-def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, alone: bool) -> str:
+def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, scalar: bool) -> str:
     """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name.
 
-    ``char`` is the type's letter; ``alone`` says that one sample comes at a time.
+    ``char`` is the type's letter; ``scalar`` says that one sample comes at a time.
     """
-    key = id(kernel), char, alone
+    key = id(kernel), char, scalar
     if key not in _targets:
         version = _version(jax)
         if is_compiled(kernel):
-            handler: Any = make_handler(kernel, char, version, alone=alone)
+            handler: Any = make_handler(kernel, char, version, scalar=scalar)
             capsule = jax.ffi.pycapsule(ctypes.c_void_p(handler.address))
         else:
             handler = _callback(name, kernel, count, version)
@@ -200,8 +200,8 @@ class JaxOperation:
             return self.plain(*arrays)
         program, kernel = self.quantity.program, self.quantity.kernel
         batch, dtype = batch_shape(arrays, program), arrays[0].dtype
-        alone = prod(batch) == 1
-        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, alone=alone)
+        scalar = prod(batch) == 1
+        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, scalar=scalar)
         whole = [jax.numpy.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
         results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
         return tuple(jax.ffi.ffi_call(target, results)(*whole))
@@ -383,7 +383,7 @@ def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
     return run
 
 
-def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Port, dtype: Any) -> Any:
+def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: TensorSpec, dtype: Any) -> Any:
     """One result from its elements, some of which may be constants."""
     if not elements:
         return jnp.zeros((*batch, *port.shape), dtype)

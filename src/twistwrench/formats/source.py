@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, RobotFileError
 
 MAX_BYTES = 64 * 2**20
@@ -58,7 +58,7 @@ def is_text(source: object) -> bool:
 
 def standard_input_text() -> str:
     """The text of a robot description that comes by standard input. Raises :class:`~twistwrench.RobotFileError`."""
-    with foreign_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
+    with third_party_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
         text = _decoded(read_standard_input(MAX_BYTES), "standard input")
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
         beginning = f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
@@ -72,7 +72,7 @@ def bytes_of(path: Path) -> bytes:
     clipped = name if len(name) <= 200 else name[:200] + "…"
     # A name no file system takes (too long, a NUL in it) is most often text that was meant to be XML.
     advice = "Pass a path, or XML text that begins with '<'."
-    with foreign_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
+    with third_party_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
         if path.is_dir():
             raise RobotFileError(f"{clipped!r} is a folder. Pass the robot file in it{_offer(_robot_files(path))}.")
         if not path.exists():
@@ -128,7 +128,7 @@ def _decoded(data: bytes, name: str) -> str:
     else:
         encoding = declared[1].decode("ascii") if declared else "utf-8"
     unknown = f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
-    with foreign_errors(lambda reason: RobotFileError(f"{name}: cannot be read as {encoding} text: {reason}.")):
+    with third_party_errors(lambda reason: RobotFileError(f"{name}: cannot be read as {encoding} text: {reason}.")):
         try:
             if codecs.lookup(encoding).name.replace("-", "_") in _NO_ENCODINGS:
                 raise RobotFileError(unknown)

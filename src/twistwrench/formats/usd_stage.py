@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.gravity import STRENGTH
 from ..core.numbers import printed
-from ..core.third_party import captured_stderr, foreign_errors
+from ..core.third_party import captured_stderr, third_party_errors
 from ..errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, pose_rows
@@ -33,7 +33,7 @@ def opened(path: Path, folders: Sequence[Path]) -> Any:
     except ImportError:
         raise MissingExtraError.of("usd-core", "usd", "Reading USD") from None
     with (
-        foreign_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
+        third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
         captured_stderr() as said,
     ):
         stage = Usd.Stage.Open(str(path.resolve()))

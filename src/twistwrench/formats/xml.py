@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import ModelError, RobotFileError
 from .element import Element
 
@@ -83,7 +83,7 @@ class _Watcher:
         """Go through the text; raises :class:`~twistwrench.RobotFileError` with the line."""
         from xml.parsers.expat import ExpatError
 
-        with foreign_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
+        with third_party_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
             try:
                 self.parser.Parse(body, True)
             except ExpatError as error:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.files import is_stream, read_text
 from ..core.numbers import printed
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import ModelError, NotFoundError, UnknownNameError
 
 _TURN = 2 * math.pi
@@ -180,7 +180,7 @@ def read_yaml(source: Source) -> tuple[object, str]:
                 f"no actuator file {text[:200]!r}. It is YAML with an entry 'actuators:', and the joints below it."
             )
         origin = str(path)
-        with foreign_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):
+        with third_party_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):
             text = read_text(path, _MOST_BYTES)
     return _parsed(text, origin), origin
 
@@ -211,5 +211,5 @@ def _parsed(text: str, origin: str) -> object:
                 raise ModelError(f"{origin}, line {line}: {', '.join(twice)} given twice. Keep one of them.")
             return super().construct_mapping(node, deep)
 
-    with foreign_errors(lambda reason: ModelError(f"{origin} is no YAML: {reason}.")):
+    with third_party_errors(lambda reason: ModelError(f"{origin} is no YAML: {reason}.")):
         return yaml.load(text, Loader)  # a BaseLoader makes nothing but text

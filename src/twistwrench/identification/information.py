@@ -18,7 +18,7 @@ import scipy.linalg
 
 from ..core.files import as_path, replacing
 from ..core.numbers import number
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
 from ..estimation.covariance import GroupCovariance, by_moments
 from ..estimation.cross_validation import HeldOut, HeldOutRows
@@ -186,7 +186,7 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
     if not path.is_file():
         raise NotFoundError(f"no information {str(path)!r}. Give a file that --information wrote.")
     advice = "Give a file that --information wrote, whole."
-    with foreign_errors(lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")):
+    with third_party_errors(lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")):
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         said = json.loads(str(arrays["said"]))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .program import Port, Program, signature_of
+from .program import Program, TensorSpec, signature_of
 
 STEPS, KEPT = "k", "m"
 """The names of the two sizes in the signature."""
@@ -30,7 +30,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Recurrence:
+class Scan:
     """A program, what its inputs are, and how often it is taken in a step.
 
     The first ``visible`` results are the state; ``hidden`` ones follow, which are zero at the beginning and nobody sees. What
@@ -45,7 +45,7 @@ class Recurrence:
     """A row for each time that the program is taken in a step."""
 
     @property
-    def states(self) -> tuple[Port, ...]:
+    def states(self) -> tuple[TensorSpec, ...]:
         """The results that are fed back, hidden ones last."""
         return self.program.outputs[: self.visible + self.hidden]
 
@@ -60,12 +60,12 @@ class Recurrence:
         return tuple(range(self.visible + self.hidden, len(self.program.outputs)))
 
     @property
-    def inputs(self) -> tuple[Port, ...]:
+    def inputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel takes, one step of it: first states, then what is given for each step."""
         return (*self.program.outputs[: self.visible], *(self.program.inputs[k] for k in self.given))
 
     @property
-    def outputs(self) -> tuple[Port, ...]:
+    def outputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel returns, one row of it: states, then what is said of steps."""
         return (*self.program.outputs[: self.visible], *(self.program.outputs[k] for k in self.said))
 
@@ -101,7 +101,7 @@ class Search:
     """
 
     program: Program
-    target: Port
+    target: TensorSpec
     """What is looked for."""
     near: tuple[int, ...]
     """The entries of the target by which places are near: sums of squares, each with its own weight."""
@@ -113,30 +113,30 @@ class Search:
     """What they are at most."""
 
     @property
-    def x(self) -> Port:
+    def x(self) -> TensorSpec:
         """What is moved."""
         return self.program.outputs[0]
 
     @property
-    def said(self) -> Port:
+    def said(self) -> TensorSpec:
         """How many starts it took, and what the program says of the best x."""
-        return Port("said", (self.program.outputs[1].size - self.x.size - 1,))
+        return TensorSpec("said", (self.program.outputs[1].size - self.x.size - 1,))
 
     @property
-    def settings(self) -> Port:
+    def settings(self) -> TensorSpec:
         """How often, how many, what is allowed, and the weights."""
         given = self.program.inputs[-1].size - self.target.size
-        return Port("settings", (ALLOWED + given + len(self.near),))
+        return TensorSpec("settings", (ALLOWED + given + len(self.near),))
 
     @property
-    def inputs(self) -> tuple[Port, ...]:
+    def inputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel takes: the target, the first start, the settings, and the places with the targets they lead to."""
         size, many = self.x.size, len(self.near)
-        tables = Port("places", (PLACES, size)), Port("reached", (many, PLACES))
-        return self.target, Port("start", (size,)), self.settings, *tables
+        tables = TensorSpec("places", (PLACES, size)), TensorSpec("reached", (many, PLACES))
+        return self.target, TensorSpec("start", (size,)), self.settings, *tables
 
     @property
-    def outputs(self) -> tuple[Port, ...]:
+    def outputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel returns."""
         return self.x, self.said
 
@@ -162,7 +162,7 @@ class ColumnGroup:
 
 
 @dataclass(frozen=True)
-class ColumnGroups:
+class ColumnSolve:
     """A program, and what becomes of the columns of its results."""
 
     program: Program
@@ -171,12 +171,12 @@ class ColumnGroups:
     groups: tuple[ColumnGroup, ...]
 
     @property
-    def inputs(self) -> tuple[Port, ...]:
+    def inputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel takes: what the program does."""
         return self.program.inputs
 
     @property
-    def outputs(self) -> tuple[Port, ...]:
+    def outputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel returns."""
         return self.program.outputs[: len(self.program.outputs) - self.shared]
 
@@ -255,15 +255,15 @@ class Products:
     """Row by row, which product an entry is."""
 
     @property
-    def inputs(self) -> tuple[Port, ...]:
+    def inputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel takes: what the program does."""
         return self.program.inputs
 
     @property
-    def outputs(self) -> tuple[Port, ...]:
+    def outputs(self) -> tuple[TensorSpec, ...]:
         """What the kernel returns: the matrices."""
         n = len(self.relations)
-        return tuple(Port(matrix.name, (n, n)) for matrix in self.matrices)
+        return tuple(TensorSpec(matrix.name, (n, n)) for matrix in self.matrices)
 
     @cached_property
     def signature(self) -> str:
@@ -273,7 +273,7 @@ class Products:
 
 # ── The forms of what is compiled: a program, or one with a loop around it or behind it
 
-Form = Program | Products | ColumnGroups | Recurrence | Search
+Form = Program | Products | ColumnSolve | Scan | Search
 
 
 def program_of(form: Form) -> Program:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .expr import Expr
 
 
-class Port(NamedTuple):
+class TensorSpec(NamedTuple):
     """A named array that goes in or comes out."""
 
     name: str
@@ -87,9 +87,9 @@ class Program:
     """The operations, each of earlier results."""
     results: tuple[int, ...]
     """Number of the instruction that makes each output element, in C order."""
-    inputs: tuple[Port, ...]
+    inputs: tuple[TensorSpec, ...]
     """Names and shapes of the inputs."""
-    outputs: tuple[Port, ...]
+    outputs: tuple[TensorSpec, ...]
     """Names and shapes of the outputs."""
 
     def __repr__(self) -> str:

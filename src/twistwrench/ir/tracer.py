@@ -18,10 +18,10 @@ import numpy as np
 from ..errors import KernelError
 from ..typing import Array
 from .expr import Expr
-from .program import FUSED, Composed, Instruction, Port, Program
+from .program import FUSED, Composed, Instruction, Program, TensorSpec
 
 
-def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Program:
+def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
     """The program that computes ``results``."""
     nodes = _needed(results)
     instructions, numbers = _emit(nodes, _fusions(nodes, results))
@@ -315,14 +315,14 @@ def trace(
     for name, shape in inputs:
         array = owner.inputs(number, shape)
         arguments.append(array if shape else array[()])
-        ports.append(Port(name, shape))
+        ports.append(TensorSpec(name, shape))
         number += math.prod(shape)
     try:
         with _uncollected():
             returned = function(*arguments)
             arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
             results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
-            out_ports = tuple(Port(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
+            out_ports = tuple(TensorSpec(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
             return build(results, tuple(ports), out_ports)
     finally:
         owner.forget()

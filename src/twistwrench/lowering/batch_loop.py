@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from ..ir.program import Port, Program
+from ..ir.program import Program, TensorSpec
 from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
@@ -25,7 +25,7 @@ LINE = 64
 """Bytes of a cache line: buffers start with one."""
 
 
-def buffer_size(w: LlvmWriter, port: Port) -> int:
+def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
     """Bytes that a block of samples takes."""
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
@@ -45,7 +45,7 @@ def take(
     w.do(f"br i1 {w.new(f'icmp eq ptr {taken}, null')}, label %{none}, label %{some}")
     w.begin(none)
     for place, shape, step in outputs:
-        w.do(f"call void @spoil(ptr {place}, i64 {samples}, {_lengths(shape, step)})")
+        w.do(f"call void @fill_nan(ptr {place}, i64 {samples}, {_lengths(shape, step)})")
     w.do("ret void")
     w.begin(some)
     beyond = w.new(f"add i64 {w.new(f'ptrtoint ptr {taken} to i64')}, {LINE - 1}")
@@ -123,7 +123,7 @@ def streaming(precision: Precision, lanes: int) -> str:
     return f"define internal void @stream({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-def spoiling(precision: Precision, lanes: int) -> str:
+def nan_filler(precision: Precision, lanes: int) -> str:
     """Write NaN into every entry of strided samples."""
     w = LlvmWriter(precision, lanes)
     with w.loop("%count", "entry") as row:
@@ -135,7 +135,7 @@ def spoiling(precision: Precision, lanes: int) -> str:
             w.do(f"store {w.element} {nan}, ptr {w.at(place, offset)}, align {precision.bytes}")
     arguments = "ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
     body = "\n".join(w.lines)
-    return f"define internal void @spoil({arguments}) noinline cold {{\nentry:\n{body}\n  ret void\n}}\n"
+    return f"define internal void @fill_nan({arguments}) noinline cold {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
 # ── The loop NumPy calls: blocks of whole rows straight from the arrays, everything else through a small buffer
@@ -176,7 +176,7 @@ def loop(name: str, program: Program, precision: Precision, lanes: int, frame: i
             copying("gather", precision, lanes, inward=True),
             copying("scatter", precision, lanes, inward=False),
             *([streaming(precision, lanes)] if piece else []),
-            *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] if large else []),
+            *([nan_filler(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] if large else []),
             f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
             *w.lines,
             "  ret void\n}\n",
@@ -184,7 +184,7 @@ def loop(name: str, program: Program, precision: Precision, lanes: int, frame: i
     )
 
 
-def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
+def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
     size = w.precision.bytes
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
@@ -199,8 +199,8 @@ def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool
     taken, start = "", "entry"
     if large:
         sizes = [*(buffer_size(w, port) for port in ports), frame]
-        spoiled = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
-        taken, start, (*buffers, room) = take(w, sizes, samples, spoiled)
+        results = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
+        taken, start, (*buffers, room) = take(w, sizes, samples, results)
     else:
         buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
         room = w.new(f"alloca [{frame} x i8], align {LINE}") if frame else ""
@@ -252,7 +252,7 @@ def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool
         w.do(f"call void @free(ptr {taken})")
 
 
-def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int) -> str:
+def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, TensorSpec]], piece: int) -> str:
     """True if results should be written past the caches, and can be: blocks and arrays are multiples of ``piece`` bytes."""
     sizes = [port.size * w.precision.bytes for _, port in outputs]
     if any(w.lanes * size % piece for size in sizes):
@@ -265,7 +265,13 @@ def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port
 
 
 def _blocks_past_caches(
-    w: LlvmWriter, ports: list[Port], bases: list[str], count: str, label: str, buffers: list[str], further: list[str]
+    w: LlvmWriter,
+    ports: list[TensorSpec],
+    bases: list[str],
+    count: str,
+    label: str,
+    buffers: list[str],
+    further: list[str],
 ) -> str:
     """So many blocks of rows in place, results by way of buffers; returns the label control is in afterwards."""
     inputs = len(ports) - len(buffers)
@@ -279,14 +285,14 @@ def _blocks_past_caches(
     return w.after
 
 
-def _moved(w: LlvmWriter, ports: list[Port], bases: list[str], count: str, group: int) -> list[str]:
+def _moved(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, group: int) -> list[str]:
     """Where the arrays go on after so many groups of blocks."""
     rows = group * w.lanes * w.precision.bytes
     return [w.at(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
 
 
 def _blocks_in_place(
-    w: LlvmWriter, ports: list[Port], bases: list[str], count: str, label: str, further: list[str], group: int = 1
+    w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, label: str, further: list[str], group: int = 1
 ) -> str:
     """Call so many blocks, or groups of them, on the arrays themselves; returns the label control is in afterwards."""
     with w.loop(count, label) as k:
@@ -294,7 +300,7 @@ def _blocks_in_place(
     return w.after
 
 
-def _is_direct(w: LlvmWriter, port: Port, outer: str, inner: list[str], size: int) -> str:
+def _is_direct(w: LlvmWriter, port: TensorSpec, outer: str, inner: list[str], size: int) -> str:
     """Whether samples follow each other as the block wants them: C order without gaps."""
     expected, flag = size, "true"
     for length, stride in reversed(list(zip(port.shape, inner, strict=True))):

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from ..ir.loops import ColumnGroup, ColumnGroups
+from ..ir.loops import ColumnGroup, ColumnSolve
 from .block import Emitter
 from .ir_builder import LlvmWriter
-from .spill_frame import RowPlaces, load_home, store_home
+from .spill_frame import RowLayout, load_slot, store_slot
 from .target_machine import Precision
 
 
-def column_programs(columns: ColumnGroups, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
+def column_programs(columns: ColumnSolve, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
     """A table of the groups' columns, and their functions."""
     for number, group in enumerate(columns.groups):
         w = writer()
@@ -29,11 +29,11 @@ def column_programs(columns: ColumnGroups, writer: Callable[[], LlvmWriter]) -> 
         yield f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-def column_loop(w: LlvmWriter, columns: ColumnGroups, label: str) -> str:
+def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
     """Call the functions; takes the label control comes from and returns the one it is in afterwards."""
     for number, group in enumerate(columns.groups):
         for entry, value in _constants(columns, group):  # the columns of the last block are in their places
-            store_home(w, w.splat(value), entry)
+            store_slot(w, w.splat(value), entry)
         with w.loop(str(len(group.places)), label) as k:
             place = w.new(f"load i64, ptr {w.at(f'@columns{number}', w.new(f'mul i64 {k}, 8'))}, align 8")
             w.do(f"call void @column{number}(ptr %frame, ptr {w.at('%frame', place)})")
@@ -41,7 +41,7 @@ def column_loop(w: LlvmWriter, columns: ColumnGroups, label: str) -> str:
     return label
 
 
-def _constants(columns: ColumnGroups, group: ColumnGroup) -> Iterator[tuple[int, float]]:
+def _constants(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, float]]:
     """The constants among the entries that a group's program takes."""
     program = columns.program
     first = sum(port.size for port in group.program.inputs[:-1])
@@ -57,7 +57,7 @@ def _constants(columns: ColumnGroups, group: ColumnGroup) -> Iterator[tuple[int,
 class _Column(Emitter):
     """An emitter that finds what columns share in the frame, and a column in its places."""
 
-    def __init__(self, w: LlvmWriter, columns: ColumnGroups, group: ColumnGroup) -> None:
+    def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup) -> None:
         super().__init__(w, group.program)
         self.shared = columns.first_entries[-columns.shared]
         self.row = group.program.inputs[-1].size
@@ -66,12 +66,12 @@ class _Column(Emitter):
     def input(self, number: int) -> str:
         """The vector of an input."""
         if number < self.before:
-            return load_home(self.w, self.shared + number)
-        return load_home(self.w, (number - self.before) * self.row, "%column")
+            return load_slot(self.w, self.shared + number)
+        return load_slot(self.w, (number - self.before) * self.row, "%column")
 
     def output(self, number: int, value: str) -> None:
         """Put an entry of the solution into its place."""
-        store_home(self.w, value, number * self.row, "%column")
+        store_slot(self.w, value, number * self.row, "%column")
 
 
 # ── The columns of one sample's results in SIMD lanes: columns that follow each other lie side by side in the rows of a matrix
@@ -83,7 +83,7 @@ WIDTH = 64
 
 
 def lane_column_programs(
-    columns: ColumnGroups, places: RowPlaces, precision: Precision, *, fused: bool
+    columns: ColumnSolve, places: RowLayout, precision: Precision, *, fused: bool
 ) -> Iterator[str]:
     """A function for each group: so many columns, from the place of the first row of the first on."""
     for number, group in enumerate(columns.groups):
@@ -100,7 +100,7 @@ def lane_column_programs(
         yield f'{head} "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-def call_lane_columns(w: LlvmWriter, columns: ColumnGroups, places: RowPlaces) -> None:
+def call_lane_columns(w: LlvmWriter, columns: ColumnSolve, places: RowLayout) -> None:
     """Call the functions."""
     for number, group in enumerate(columns.groups):
         for matrix, column, count in _runs(group, WIDTH // w.precision.bytes):
@@ -123,7 +123,7 @@ def _runs(group: ColumnGroup, most: int) -> Iterator[tuple[int, int, int]]:
 class _Columns(Emitter):
     """An emitter that finds what columns share in the frame, a number for all lanes, and columns in the rows of a matrix."""
 
-    def __init__(self, w: LlvmWriter, columns: ColumnGroups, group: ColumnGroup, places: RowPlaces, mask: str) -> None:
+    def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup, places: RowLayout, mask: str) -> None:
         super().__init__(w, group.program)
         self.mask = f"{w.mask} {mask}"
         self.shared, _ = places.place(columns.first_entries[-columns.shared])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..ir.loops import ColumnGroups, Form, Products, Recurrence, program_of
+from ..ir.loops import ColumnSolve, Form, Products, Scan, program_of
 from ..ir.program import Program
 from .batch_loop import Loop, loop
 from .block import assembly
@@ -20,7 +20,7 @@ LONG = 2000
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """The texts to compile and to link together."""
     program, around = program_of(given), _around(given, machine)
-    cut = given if isinstance(given, ColumnGroups) else program
+    cut = given if isinstance(given, ColumnSolve) else program
     if cut is not program or len(program.instructions) > LONG:
         from .partition import in_sections
 
@@ -31,9 +31,9 @@ def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str
 
 def _around(given: Form, machine: Machine) -> Loop:
     """The loop around the blocks."""
-    if isinstance(given, Program | ColumnGroups):
+    if isinstance(given, Program | ColumnSolve):
         return loop
-    if isinstance(given, Recurrence):
+    if isinstance(given, Scan):
         from .scan_loop import loop_over
 
         return loop_over(given)

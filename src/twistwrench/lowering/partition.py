@@ -11,20 +11,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from ..ir.loops import ColumnGroups
+from ..ir.loops import ColumnSolve
 from ..ir.program import Program
 from .batch_loop import Loop
 from .block import CUT_OUTPUTS, Emitter, declarations
 from .column_solve import call_lane_columns, column_loop, column_programs, lane_column_programs
 from .ir_builder import LlvmWriter
 from .spill_frame import (
-    FramePlaces,
-    RowPlaces,
+    FrameLayout,
+    RowLayout,
     SpillFrame,
     frame_to_rows,
-    load_home,
+    load_slot,
     preparation,
-    store_home,
+    store_slot,
     zero_tiles,
 )
 from .target_machine import LOOP, Machine, Precision
@@ -38,12 +38,12 @@ EACH = 25
 """Sections in a module."""
 
 
-def in_sections(given: Program | ColumnGroups, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
+def in_sections(given: Program | ColumnSolve, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
     """The texts of the modules to compile and to link together."""
-    columns = given if isinstance(given, ColumnGroups) else ColumnGroups(given, 0, ())
+    columns = given if isinstance(given, ColumnSolve) else ColumnSolve(given, 0, ())
     frame = SpillFrame(columns.program, SECTION)
     head, places = (
-        (_head, FramePlaces(columns)) if machine.lanes(precision) > 1 else (_head_of_one_lane, RowPlaces(columns))
+        (_head, FrameLayout(columns)) if machine.lanes(precision) > 1 else (_head_of_one_lane, RowLayout(columns))
     )
     yield head(columns, frame, precision, machine, around)
     sections = list(enumerate(pairwise(frame.starts)))
@@ -60,10 +60,10 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
 # ── the loop, and what it calls ──
 
 
-def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
+def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
     """The loop, the preparation of the frame, and the block: it calls the sections, works on columns, and makes rows."""
     w = _writer(precision, machine)
-    declared = _call_sections(w, frame, FramePlaces(columns).pointers)
+    declared = _call_sections(w, frame, FrameLayout(columns).pointers)
     tables = []
     for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
         zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
@@ -79,17 +79,17 @@ def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machin
             preparation(_writer(precision, machine), frame.constants),
             *tables,
             *column_programs(columns, lambda: _writer(precision, machine)),
-            _block(w, RowPlaces(columns).pointers),
+            _block(w, RowLayout(columns).pointers),
             around(LOOP, visible, precision, w.lanes, room, 1),
         ]
     )
 
 
 def _head_of_one_lane(
-    columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop
+    columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop
 ) -> str:
     """The loop, and the block: it puts constant entries into their places, calls the sections, and works on columns."""
-    w, places = _writer(precision, machine), RowPlaces(columns)
+    w, places = _writer(precision, machine), RowLayout(columns)
     for first, count, value in frame.constants:
         places.fill(w, first, count, value)
     declared = _call_sections(w, frame, places.pointers)
@@ -125,7 +125,7 @@ def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
 
 
 def _section(
-    frame: SpillFrame, places: FramePlaces, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]
+    frame: SpillFrame, places: FrameLayout, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]
 ) -> str:
     w = _writer(precision, machine)
     _Section(w, frame, places).walk(*bounds, frame.entries, large=False)
@@ -135,9 +135,9 @@ def _section(
 
 
 class _Section(Emitter):
-    """An emitter that finds values of earlier sections in their homes, and leaves there what later ones need."""
+    """An emitter that finds values of earlier sections in their slots, and leaves there what later ones need."""
 
-    def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FramePlaces) -> None:
+    def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FrameLayout) -> None:
         super().__init__(w, frame.program)
         self.frame, self.place, self.stored = frame, places.place, 0
 
@@ -149,19 +149,19 @@ class _Section(Emitter):
         op, _, value = self.program.instructions[number]
         if op != "const" and number not in self.values:
             self.values[number] = (
-                self.input(int(value)) if op == "input" else load_home(self.w, *self.place(self.frame.homes[number]))
+                self.input(int(value)) if op == "input" else load_slot(self.w, *self.place(self.frame.slots[number]))
             )
         return super().value(number)
 
     def made(self, number: int, value: str) -> None:
-        """Take the vector of an instruction; as an entry of the results it comes into its home anyway."""
+        """Take the vector of an instruction; as an entry of the results it comes into its slot anyway."""
         super().made(number, value)
-        if number in self.frame.homes and number not in self.frame.entries:
-            store_home(self.w, value, *self.place(self.frame.homes[number]))
+        if number in self.frame.slots and number not in self.frame.entries:
+            store_slot(self.w, value, *self.place(self.frame.slots[number]))
 
     def output(self, number: int, value: str) -> None:
-        """Put an entry of the results into its home."""
-        store_home(self.w, value, *self.place(number))
+        """Put an entry of the results into its slot."""
+        store_slot(self.w, value, *self.place(number))
         self.stored += 1
         if self.stored % CUT_OUTPUTS == 0:
             self.cut()

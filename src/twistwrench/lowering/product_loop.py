@@ -8,7 +8,7 @@ The order of sums is that of the factors, so an entry's bits depend on no tile.
 from __future__ import annotations
 
 from ..ir.loops import AFTER, BEFORE, NEITHER, Product, Products
-from ..ir.program import Port, Program
+from ..ir.program import Program, TensorSpec
 from .batch_loop import (
     BEYOND_CACHES,
     LINE,
@@ -19,7 +19,7 @@ from .batch_loop import (
     call_block,
     call_copy,
     copying,
-    spoiling,
+    nan_filler,
     streaming,
     take,
 )
@@ -42,7 +42,7 @@ def products_over(products: Products, *, fused: bool) -> Loop:
                 copying("gather", precision, lanes, inward=True),
                 copying("scatter", precision, 1, inward=False),
                 streaming(precision, lanes),
-                spoiling(precision, lanes),
+                nan_filler(precision, lanes),
                 "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n",
                 loop.tables(),
                 loop.declaration() if fused else "",
@@ -185,10 +185,10 @@ class _Matrices:
             following += 8 * len(port.shape)
             strides.append((outer, inner))
         count, factors = len(p.inputs), p.program.outputs
-        one = Port("one matrix", (-(-self.n * self.n // w.lanes),))
+        one = TensorSpec("one matrix", (-(-self.n * self.n // w.lanes),))
         sizes = [buffer_size(w, port) for port in (*p.inputs, *factors, one)]
-        spoiled = [(bases[k], ports[k].shape, strides[k]) for k in range(count, len(ports))]
-        taken, label, (*buffers, matrix, room) = take(w, [*sizes, self.frame], samples, spoiled)
+        results = [(bases[k], ports[k].shape, strides[k]) for k in range(count, len(ports))]
+        taken, label, (*buffers, matrix, room) = take(w, [*sizes, self.frame], samples, results)
         if self.frame:
             w.do(f"call void @prepare(ptr {room})")
         size = self.n * self.n * self.bytes

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..ir.loops import AFTER, ALLOWED, ATTEMPTS, BEFORE, TIMES, ColumnGroups, Form, Products, Recurrence, Search, Source
+from ..ir.loops import AFTER, ALLOWED, ATTEMPTS, BEFORE, TIMES, ColumnSolve, Form, Products, Scan, Search, Source
 from ..ir.program import FUSED, Program
 from ..typing import Array
 
@@ -153,7 +153,7 @@ class NumpyKernel:
 class NumpyColumns:
     """Callable like the compiled ufunc of the same columns."""
 
-    def __init__(self, columns: ColumnGroups, name: str, doc: str) -> None:
+    def __init__(self, columns: ColumnSolve, name: str, doc: str) -> None:
         self.columns, self.__name__, self.__doc__ = columns, name, doc
         self.signature, self.nin, self.nout = columns.signature, len(columns.inputs), len(columns.outputs)
         self.kernel = NumpyKernel(columns.program, name, doc)
@@ -289,7 +289,7 @@ def _goes_on(there: Array) -> Array:
 class NumpySteps:
     """Callable like the compiled ufunc of the same recurrence: arrays of a batch, and ``out=`` for the results."""
 
-    def __init__(self, recurrence: Recurrence, name: str, doc: str) -> None:
+    def __init__(self, recurrence: Scan, name: str, doc: str) -> None:
         self.recurrence, self.__name__, self.__doc__ = recurrence, name, doc
         self.signature = recurrence.signature
         self.kernel = NumpyKernel(recurrence.program, name, doc)
@@ -351,6 +351,6 @@ def on_numpy(form: Form, name: str, doc: str) -> Any:
         return NumpyKernel(form, name, doc)
     if isinstance(form, Products):
         return NumpyProducts(form, name, doc)
-    if isinstance(form, ColumnGroups):
+    if isinstance(form, ColumnSolve):
         return NumpyColumns(form, name, doc)
-    return NumpySteps(form, name, doc) if isinstance(form, Recurrence) else NumpySearch(form, name, doc)
+    return NumpySteps(form, name, doc) if isinstance(form, Scan) else NumpySearch(form, name, doc)

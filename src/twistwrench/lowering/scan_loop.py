@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..ir.loops import Recurrence
-from ..ir.program import Port, Program, axes_of
-from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, spoiling, take
+from ..ir.loops import Scan
+from ..ir.program import Program, TensorSpec, axes_of
+from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, nan_filler, take
 from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
@@ -18,7 +18,7 @@ TABLE = "stages"
 """Name of the constant with the rows of the recurrence's table, each repeated for every lane."""
 
 
-def loop_over(recurrence: Recurrence) -> Loop:
+def loop_over(recurrence: Scan) -> Loop:
     """What makes the loop of a recurrence around its program's blocks."""
 
     def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
@@ -28,7 +28,7 @@ def loop_over(recurrence: Recurrence) -> Loop:
             [
                 copying("gather", precision, lanes, inward=True),
                 copying("scatter", precision, lanes, inward=False),
-                *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
+                *([nan_filler(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
                 "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)",
                 _table(recurrence, loop.w),
                 f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
@@ -40,7 +40,7 @@ def loop_over(recurrence: Recurrence) -> Loop:
     return made
 
 
-def _table(recurrence: Recurrence, w: LlvmWriter) -> str:
+def _table(recurrence: Scan, w: LlvmWriter) -> str:
     numbers = [w.number(x) for row in recurrence.table for x in list(row) * w.lanes]
     if not numbers:
         return ""
@@ -51,7 +51,7 @@ def _table(recurrence: Recurrence, w: LlvmWriter) -> str:
 class _Operand:
     """One array of the caller's: where it begins, its own shape and strides, and the stride of its axis of steps, if any."""
 
-    def __init__(self, port: Port, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
+    def __init__(self, port: TensorSpec, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
         self.port, self.base, self.outer = port, base, outer
         self.along = inner[0] if stepped else "0"
         self.inner = inner[1:] if stepped else inner
@@ -66,7 +66,7 @@ class _Operand:
 class _Steps:
     """The body of one loop."""
 
-    def __init__(self, recurrence: Recurrence, w: LlvmWriter, frame: int) -> None:
+    def __init__(self, recurrence: Scan, w: LlvmWriter, frame: int) -> None:
         self.r, self.w, self.frame = recurrence, w, frame
         self.program = recurrence.program
         self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})
@@ -136,10 +136,10 @@ class _Steps:
         w, taken, label = self.w, "", "entry"
         if self.large:
             sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
-            spoiled: list[tuple[str, list[int | str], Step]] = [
+            results: list[tuple[str, list[int | str], Step]] = [
                 (x.base, [kept, *x.port.shape], (x.outer, x.strides)) for x in outputs
             ]
-            taken, label, (*buffers, self.room) = take(w, sizes, samples, spoiled)
+            taken, label, (*buffers, self.room) = take(w, sizes, samples, results)
         else:
             buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
             self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
@@ -200,14 +200,14 @@ class _Steps:
         with w.when(w.new(f"xor i1 {plain}, true")):
             call_copy(w, which, buffer, place, self.count, operand.port.shape, operand.step)
 
-    def _move(self, there: str, here: str, port: Port) -> None:
+    def _move(self, there: str, here: str, port: TensorSpec) -> None:
         self._bytes(there, here, buffer_size(self.w, port), LINE)
 
     def _bytes(self, there: str, here: str, count: int, align: int) -> None:
         target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
         self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
 
-    def _clear(self, buffer: str, port: Port) -> None:
+    def _clear(self, buffer: str, port: TensorSpec) -> None:
         w = self.w
         for k in range(port.size):
             place = w.at(buffer, k * w.lanes * w.precision.bytes)

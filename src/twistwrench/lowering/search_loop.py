@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ..ir.loops import ALLOWED, ATTEMPTS, PLACES, TIMES, Search
-from ..ir.program import Port, Program
-from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, spoiling, take
+from ..ir.program import Program, TensorSpec
+from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, nan_filler, take
 from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
@@ -27,7 +27,16 @@ class SearchState:
         self.s, self.w, self.frame = search, w, frame
         self.bytes = w.precision.bytes
         x, passed = search.program.outputs
-        self.ports = [x, passed, search.program.inputs[-1], x, passed, passed, Port("far", (PLACES,)), search.said]
+        self.ports = [
+            x,
+            passed,
+            search.program.inputs[-1],
+            x,
+            passed,
+            passed,
+            TensorSpec("far", (PLACES,)),
+            search.said,
+        ]
         self.ports += search.inputs
         self.samples = ""
         """How many there are."""
@@ -64,11 +73,11 @@ class SearchState:
         self.least = w.new(f"alloca {w.element}, align 8")
         if self.large:
             sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
-            spoiled = [
+            results = [
                 (self.bases[k], port.shape, self.strides[k])
                 for k, port in enumerate(self.s.outputs, len(self.s.inputs))
             ]
-            taken, w.after, (*self.buffers, self.frame_room) = take(w, sizes, self.samples, spoiled)
+            taken, w.after, (*self.buffers, self.frame_room) = take(w, sizes, self.samples, results)
         else:
             self.buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
             self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
@@ -124,7 +133,7 @@ class SearchState:
         target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
         self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
 
-    def clear(self, buffer: str, port: Port) -> None:
+    def clear(self, buffer: str, port: TensorSpec) -> None:
         """Fill a buffer with zeros."""
         w, size = self.w, self.w.lanes * self.bytes
         with w.loop(str(port.size), w.after) as k:
@@ -181,7 +190,7 @@ def search_over(search: Search) -> Loop:
             [
                 copying("gather", precision, 1, inward=True),
                 copying("scatter", precision, 1, inward=False),
-                *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
+                *([nan_filler(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
                 "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)",
                 *(f"@{table} = internal constant {_constant(w, numbers)}" for table, numbers in tables.items()),
                 f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",

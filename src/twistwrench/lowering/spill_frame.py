@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
 
-from ..ir.loops import ColumnGroups
+from ..ir.loops import ColumnSolve
 from ..ir.program import Program
 from .ir_builder import LlvmWriter
 from .vector_transpose import RowStorer
@@ -79,9 +79,9 @@ class SpillFrame:
         return runs
 
     @cached_property
-    def homes(self) -> dict[int, int]:
+    def slots(self) -> dict[int, int]:
         """Where each value that a later part uses is kept: as an entry of the results if it is one, else in a slot."""
-        homes: dict[int, int] = {}
+        slots: dict[int, int] = {}
         free: list[int] = []
         spent: dict[int, list[int]] = {}
         size = len(self.program.results)
@@ -91,39 +91,39 @@ class SpillFrame:
                 if last < end:
                     continue
                 if number in self.entries:
-                    homes[number] = self.entries[number][0]
+                    slots[number] = self.entries[number][0]
                     continue
                 if not free:
                     free.append(size)
                     size += 1
-                homes[number] = free.pop()
-                spent.setdefault(bisect_right(self.starts, last) - 1, []).append(homes[number])
+                slots[number] = free.pop()
+                spent.setdefault(bisect_right(self.starts, last) - 1, []).append(slots[number])
             free.extend(spent.pop(part, ()))  # not before: the part may read the old value after it has made a new one
-        return homes
+        return slots
 
     @cached_property
     def size(self) -> int:
         """Vectors."""
-        return max([len(self.program.results), *(home + 1 for home in self.homes.values())])
+        return max([len(self.program.results), *(slot + 1 for slot in self.slots.values())])
 
 
 # ── The frame of a long program, as text: vectors read and written, constant results put in, rows of results made of it
 
 
-def _at(w: LlvmWriter, home: int | str, base: str) -> str:
+def _at(w: LlvmWriter, slot: int | str, base: str) -> str:
     """The place of a vector of the frame."""
     size = w.lanes * w.precision.bytes
-    return w.at(base, home * size if isinstance(home, int) else w.new(f"mul i64 {home}, {size}"))
+    return w.at(base, slot * size if isinstance(slot, int) else w.new(f"mul i64 {slot}, {size}"))
 
 
-def load_home(w: LlvmWriter, home: int | str, base: str = "%frame") -> str:
+def load_slot(w: LlvmWriter, slot: int | str, base: str = "%frame") -> str:
     """A vector from its place in the frame, or behind another ``base`` in it."""
-    return w.new(f"load {w.vector}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
+    return w.new(f"load {w.vector}, ptr {_at(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
-def store_home(w: LlvmWriter, value: str, home: int | str, base: str = "%frame") -> None:
+def store_slot(w: LlvmWriter, value: str, slot: int | str, base: str = "%frame") -> None:
     """A vector to its place."""
-    w.do(f"store {w.vector} {value}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
+    w.do(f"store {w.vector} {value}, ptr {_at(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
 def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
@@ -134,7 +134,7 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
     whole = RowStorer(w, base, columns)
     if not whole.starts:  # too narrow for tiles
         for c in range(columns):
-            whole.put(c, load_home(w, entry + c))
+            whole.put(c, load_slot(w, entry + c))
         return label
     with w.loop(str(columns // whole.span), label) as tile:
         first = w.new(f"mul i64 {tile}, {whole.span}")
@@ -170,7 +170,7 @@ def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> Non
     place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
     storer = RowStorer(w, place, columns)
     for c in range(storer.span):
-        storer.put(c, load_home(w, w.new(f"add i64 {entry}, {c}")))
+        storer.put(c, load_slot(w, w.new(f"add i64 {entry}, {c}")))
 
 
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
@@ -178,7 +178,7 @@ def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name
     label = "entry"
     for first, count, value in constants:
         with w.loop(str(count), label) as k:
-            store_home(w, w.splat(value), w.new(f"add i64 {k}, {first}"))
+            store_slot(w, w.splat(value), w.new(f"add i64 {k}, {first}"))
         label = w.after
     body = "\n".join(w.lines)
     return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
@@ -190,13 +190,13 @@ WIDEST_STORE = 64
 """Bytes of constants that are written at once."""
 
 
-class FramePlaces:
-    """Every home is a vector of the frame."""
+class FrameLayout:
+    """Every slot is a vector of the frame."""
 
     pointer = "ptr noalias"
     """A pointer's type: where it shares memory with no other, loads are moved before stores."""
 
-    def __init__(self, columns: ColumnGroups) -> None:
+    def __init__(self, columns: ColumnSolve) -> None:
         self.inputs = len(columns.inputs)
 
     @property
@@ -204,18 +204,18 @@ class FramePlaces:
         """What a section takes: the inputs, and the frame."""
         return [*(f"%a{k}" for k in range(self.inputs)), "%frame"]
 
-    def place(self, home: int) -> tuple[int, str]:
-        """The number of a home, and the pointer from which it is counted."""
-        return home, "%frame"
+    def place(self, slot: int) -> tuple[int, str]:
+        """The number of a slot, and the pointer from which it is counted."""
+        return slot, "%frame"
 
 
-class RowPlaces(FramePlaces):
-    """The homes of entries of results are the entries, where a vector is one number; the frame has the others."""
+class RowLayout(FrameLayout):
+    """The slots of entries of results are the entries, where a vector is one number; the frame has the others."""
 
     pointer = "ptr"
     """Loads of results that were moved before stores would take registers for longer, which one lane wants for itself."""
 
-    def __init__(self, columns: ColumnGroups) -> None:
+    def __init__(self, columns: ColumnSolve) -> None:
         super().__init__(columns)
         self.starts = [0, *accumulate(port.size for port in columns.outputs)]
 
@@ -224,13 +224,13 @@ class RowPlaces(FramePlaces):
         """What a section takes: the inputs, the results, and the frame."""
         return [*(f"%a{k}" for k in range(self.inputs + len(self.starts) - 1)), "%frame"]
 
-    def place(self, home: int) -> tuple[int, str]:
-        """The number of a home, and the pointer from which it is counted."""
-        result = bisect_right(self.starts, home) - 1
-        return home - self.starts[result], "%frame" if home >= self.starts[-1] else f"%a{self.inputs + result}"
+    def place(self, slot: int) -> tuple[int, str]:
+        """The number of a slot, and the pointer from which it is counted."""
+        result = bisect_right(self.starts, slot) - 1
+        return slot - self.starts[result], "%frame" if slot >= self.starts[-1] else f"%a{self.inputs + result}"
 
     def fill(self, w: LlvmWriter, first: int, count: int, value: float) -> None:
-        """Store a constant in so many homes from ``first`` on."""
+        """Store a constant in so many slots from ``first`` on."""
         size, end = w.precision.bytes, first + count
         while first < end:
             number, base = self.place(first)

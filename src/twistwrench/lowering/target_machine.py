@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from ..core import object_cache as disk
+from ..core import object_cache
 from ..errors import ValueRangeError
 
 LOOP = "loop"
@@ -59,12 +59,12 @@ def _kept() -> CompilerFacts:
     about = _processor()
     if about is None:
         return _asked()
-    key = disk.digest("compiler", *_llvmlite(), about).hex()
-    words = (disk.load(key) or b"").decode().split("\n")
+    key = object_cache.digest("compiler", *_llvmlite(), about).hex()
+    words = (object_cache.load(key) or b"").decode().split("\n")
     if len(words) == len(CompilerFacts._fields):
         return CompilerFacts(*words)
     found = _asked()
-    disk.store(key, "\n".join(found).encode())
+    object_cache.store(key, "\n".join(found).encode())
     return found
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..core.files import replacing
 from ..core.tables import CsvWriter
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from .array_stream import (
@@ -88,7 +88,7 @@ def _numbers(values: Array) -> Array:
 def _made(path: Path, read: Callable[[Path], Mapping[str, Any]]) -> NpzFile:
     if not path.is_file():
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a file.")
-    with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {path.suffix[1:]}: {reason}.")):
+    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {path.suffix[1:]}: {reason}.")):
         arrays = dict(read(path))
         notes = arrays.pop(_NOTES, ())
         header, table = column_table(arrays, str(path))

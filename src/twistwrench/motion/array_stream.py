@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.files import as_path
 from ..core.numbers import number
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from .column_names import SUFFIX, time_column
@@ -107,7 +107,7 @@ class NpzFile:
             raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.")
         advice = "Give one that simulate --npz wrote, whole, or a CSV file."
         unreadable = f"{path}: an archive that cannot be read as a motion"
-        with foreign_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
+        with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
             header, table = _read(path)
         bad = ~np.isfinite(table).all(axis=1)
         if bad.any():
@@ -201,7 +201,7 @@ class ArrayStream:
         reader = _READERS.get(suffix)
         if reader is None or not path.is_file():
             return None
-        with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
+        with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
             found = reader(path)
         if found is None:
             return None
@@ -219,7 +219,7 @@ class ArrayStream:
         portions = self.read(list(used), self.begin, self.end)
         reason = f"{self.path}: cannot be read from row {row + 1} on"
         while True:
-            with foreign_errors(lambda said: TrajectoryError(f"{reason}: {said}. Is the file cut short?")):
+            with third_party_errors(lambda said: TrajectoryError(f"{reason}: {said}. Is the file cut short?")):
                 table = next(portions, None)
             if table is None:
                 return

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..core.files import as_path
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError, TwistWrenchError
 from ..model.model import Model
 from ..typing import Array
@@ -259,7 +259,7 @@ def ros_file(path: Path) -> NpzFile:
     if not path.exists():
         raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, a .bag, or a rosbag2 folder.")
     messages: dict[str, list[Any]] = {}
-    with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
+    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
         for topic, message in _mcap(path) if path.suffix.lower() == ".mcap" else _bag(path):
             messages.setdefault(topic, []).append(message)
     if not messages:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ..ir.program import Port, Program
+from ..ir.program import Program, TensorSpec
 from .c99 import FUSED_MACROS, PRECISIONS, CFunction, statements
 
 PRELUDE = """\
@@ -114,7 +114,7 @@ BYTES = {"float": 4, "double": 8}
 class Tile:
     """How one array goes through shared memory, or does not."""
 
-    port: Port
+    port: TensorSpec
     """The input or output it is of."""
     name: str
     """Its name in the source."""

@@ -65,7 +65,7 @@ def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str
 
 
 def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays lazy."""
+    """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays third_party."""
     return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
 
 
@@ -83,7 +83,7 @@ def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
 
 
 def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays lazy."""
+    """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays third_party."""
     found = []
     for label, given in arrays.items():
         array = arguments.brought(given, f"{name}: {label}", names.get(label, ()))

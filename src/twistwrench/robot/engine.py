@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core import arguments
-from ..core import third_party as lazy
+from ..core import arguments, third_party
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..lie import compiled as lie
-from ..runtime import batch_threads as threads
+from ..runtime import batch_threads
 from ..runtime.interpreter import compiles
 from ..typing import Array
 from . import model_cache
@@ -164,10 +163,10 @@ def execution_form(model: Model, names: Sequence[str], options: Options) -> Form
     return looped or program_of_several(model, asked)
 
 
-def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
+def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
     """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
 
-    What is ``lone`` is for one sample at a time.
+    What is ``scalar`` is for one sample at a time.
     """
     from ..ir.loops import program_of
 
@@ -181,7 +180,7 @@ def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
         return on_numpy(given, name, doc)
     from ..runtime.gufunc import make_ufunc
 
-    return make_ufunc(given, name, doc, lone=lone)
+    return make_ufunc(given, name, doc, scalar=scalar)
 
 
 # ── Checks of ``out=``
@@ -266,7 +265,7 @@ class Engine(ModelKernels):
         for array in arrays:
             if type(array) is not np.ndarray:
                 arrays = arguments.of_plain(arrays) or brought(self.model, name, arrays, options)
-                if any(map(lazy.is_lazy, arrays)):
+                if any(map(third_party.is_lazy, arrays)):
                     return self._later(name, arrays, out, options)
                 break
         key = (name, *options.values()) if options else name
@@ -286,11 +285,11 @@ class Engine(ModelKernels):
         try:
             if out is not None:
                 refuse_text(out)
-            return threads.call(kernel, arrays, out)
+            return batch_threads.call(kernel, arrays, out)
         except (TypeError, ValueError) as problem:
             if is_symbolic(arrays):
                 return self.reference(name, arrays, options)
-            if lazy.is_asking_for_type():
+            if third_party.is_asking_for_type():
                 return _of_type(kernel, arrays)
             explained = misfit(self.model, name, arrays, options) or problem
             if explained is problem and out is not None:
@@ -347,7 +346,7 @@ class Engine(ModelKernels):
         if (problem := misfit(self.model, name, arrays, options)) is not None:
             raise problem
         refuse_lazy(name, out)
-        return lazy.later(partial(_now, self, name, options), str(signature), arrays)
+        return third_party.later(partial(_now, self, name, options), str(signature), arrays)
 
 
 def _now(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:

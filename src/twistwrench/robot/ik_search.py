@@ -13,11 +13,11 @@ from ..algorithms.loop_closure import LoopRows
 from ..algorithms.newton_step import NewtonStep
 from ..errors import ConstraintError
 from ..ir.loops import PLACES, Search
-from ..ir.program import Port
+from ..ir.program import TensorSpec
 from ..ir.tracer import trace
 from ..model.assembly import random_configuration
 from ..model.model import Model
-from ..runtime import batch_threads as threads
+from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.dispatch import make_call
 from ..typing import Array
@@ -95,7 +95,7 @@ class PoseSearch:
 
     def _search(self, step: NewtonStep) -> Search:
         nq, count, (least, most) = self.model.nq, len(self.poses), self._bounds
-        target = Port("T and posture", (16 * count + nq,)) if step.posture else Port("T", self.core)
+        target = TensorSpec("T and posture", (16 * count + nq,)) if step.posture else TensorSpec("T", self.core)
         ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (target.size + 2,))]
         program = trace(step, ports, ["q", "passed on"])
         near = tuple(16 * k + entry for k in range(count) for entry in range(12))
@@ -105,7 +105,7 @@ class PoseSearch:
     def look(self) -> Any:
         """A kernel for one pose that gives up where a joint meets a limit; else it finds what the other one finds."""
         doc = f"Look of {self.model.name} for one pose near by, compiled."
-        return compiled(self._search(replace(self._step, rounds=1)), "look", doc, lone=True)
+        return compiled(self._search(replace(self._step, rounds=1)), "look", doc, scalar=True)
 
     @cached_property
     def to_posture(self) -> Any:
@@ -185,7 +185,7 @@ class PoseSearch:
         parts = (slice(k, k + each) for k in range(0, len(T), each))
         with np.errstate(all="ignore"):  # next to a singular place a step may go far; the best of the way counts
             given = (Part((T[k], start[k], settings, *table), (q[k], said[k])) for k in parts)
-            threads.share(kernel or self.kernel, given)
+            batch_threads.share(kernel or self.kernel, given)
         return q, said
 
     @property

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..algorithms import forward_dynamics
 from ..algorithms.derivatives import accelerations, torque_derivatives_and_factors
 from ..algorithms.forward_dynamics import relations
-from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnGroups, Product, Products
+from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnSolve, Product, Products
 from ..ir.program import Program
 from ..ir.tracer import trace
 from ..model.model import Model
@@ -34,7 +34,7 @@ COLUMN_LOOP_FROM = 20
 NAME = "forward_dynamics_derivatives"
 
 
-def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnGroups | None:
+def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnSolve | None:
     """The program and its columns; None where it is short enough, or another quantity."""
     plain = all(set(options) <= {"wrenches"} for options in asked.values())
     if not plain or tuple(asked) != (NAME,):
@@ -49,7 +49,7 @@ def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnGr
         return evaluated(quantity, mine, list(arrays), options)
 
     program = trace(parts, inputs_of(model, NAME, options), [*quantity.outputs, "W", "D"])
-    return ColumnGroups(program, 2, tuple(_groups(program, model.nv)))
+    return ColumnSolve(program, 2, tuple(_groups(program, model.nv)))
 
 
 def _groups(program: Program, n: int) -> list[ColumnGroup]:

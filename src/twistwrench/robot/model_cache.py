@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core import object_cache as disk
+from ..core import object_cache
 from ..core.files import read_bytes
 
 if TYPE_CHECKING:
@@ -55,21 +55,21 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
         return None
     written = _written(options)
     try:
-        if written is None or not Path(source).is_file() or disk.folder() is None:
+        if written is None or not Path(source).is_file() or object_cache.folder() is None:
             return None
         data, version = read_bytes(Path(source)), _version()
     except (OSError, ValueError):  # which loading explains; or the library's own files are in an archive
         return None
     if b"<robot" not in data or b"<mujoco" in data or b"<sdf" in data:
         return None
-    key = disk.digest("robot", version, os.fspath(source), written, data).hex()
-    kept = disk.load(key)
+    key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
+    kept = object_cache.load(key)
     return CacheEntry(data, key, None if kept is None else literal_eval(kept.decode()))
 
 
 def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
     """Note that a file was loaded, and the warnings that came with it."""
-    disk.store(known.key, repr(tuple(remarks)).encode())
+    object_cache.store(known.key, repr(tuple(remarks)).encode())
 
 
 def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
@@ -81,7 +81,7 @@ def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) ->
 
     from ..lowering.target_machine import chosen, compiler
 
-    return disk.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
+    return object_cache.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
 
 
 def kernel(key: str, form: Callable[[], Form]) -> Any:

@@ -133,7 +133,7 @@ class Robot(
         before = vars(self).get(name)
         if method is None or getattr(type(self), name) is not method:
             return True
-        from ..runtime.dispatch import calls_before, is_made_here, make_call, stand_behind
+        from ..runtime.dispatch import attach_fallback, calls_before, is_made_here, make_call
 
         if before is not None and not is_made_here(before):
             return True
@@ -141,7 +141,7 @@ class Robot(
             return False
         direct = make_call(kernel, method.__get__(self), name, asked)
         if direct is not None and before is not None:
-            stand_behind(before, direct)
+            attach_fallback(before, direct)
         elif direct is not None:
             vars(self)[name] = direct
         return True

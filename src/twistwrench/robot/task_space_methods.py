@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments
-from ..core import third_party as lazy
+from ..core import arguments, third_party
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..typing import Array
 from .arguments import brought, states
@@ -31,7 +30,7 @@ def _count(given: Mapping[str, Any]) -> int:
 class TaskSpaceMethods:
     """The methods of a robot that see its dynamics from a frame."""
 
-    @lazy.by_blocks(lambda _, given: [(_count(given),) * 2])
+    @third_party.by_blocks(lambda _, given: [(_count(given),) * 2])
     def task_inertia(
         self: Any, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -79,7 +78,7 @@ class TaskSpaceMethods:
         """
         return _by_kernel(self, "task_inertia", (q,), frame, kind, rows)
 
-    @lazy.by_blocks(lambda _, given: [(_count(given),)])
+    @third_party.by_blocks(lambda _, given: [(_count(given),)])
     def task_bias(
         self: Any, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -273,7 +272,7 @@ class ActuationMethods:
         """q̈ under torques τ, and what friction leaves of them, None where that is still to be found."""
         return self.forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
-    @lazy.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
+    @third_party.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
     def motor_loads(
         self: Any,
         q: ArrayLike,
@@ -340,7 +339,7 @@ class ActuationMethods:
         (dq,) = states(robot.model, "motor_loads", dq=dq)
         return motor_loads(robot.model, dq.astype(float), carried, rotor)
 
-    @lazy.by_blocks(lambda *_: [()] * 4, _of_powers)
+    @third_party.by_blocks(lambda *_: [()] * 4, _of_powers)
     def power_balance(
         self: Any,
         q: ArrayLike,

@@ -25,7 +25,7 @@ from .result_pool import room
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
-    from ..ir.program import Port, Program
+    from ..ir.program import Program, TensorSpec
 
 Arrays = tuple[Array, ...]
 
@@ -61,13 +61,13 @@ class Part(NamedTuple):
     outputs: Arrays
 
 
-def effort(form: Form) -> int:
+def cost_model(form: Form) -> int:
     """Operations of a sample, or of its step; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
-    from ..ir.loops import ColumnGroups, program_of
+    from ..ir.loops import ColumnSolve, program_of
 
     program = program_of(form)
     entries = sum(port.size for port in (*program.inputs, *program.outputs))
-    columns = form.groups if isinstance(form, ColumnGroups) else ()
+    columns = form.groups if isinstance(form, ColumnSolve) else ()
     return _operations(program) + ENTRY * entries + sum(len(g.places) * _operations(g.program) for g in columns)
 
 
@@ -89,7 +89,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if batch is None:
         return None
     single = _is_single(arrays)
-    work = math.prod(batch) * owner.effort / (2 if single else 1)
+    work = math.prod(batch) * owner.cost / (2 if single else 1)
     count = min(int(work / LEAST), PARTS_EACH * threads)
     if count < 2:
         return None
@@ -148,7 +148,7 @@ def _is_single(arrays: Arrays) -> bool:
     return all(a.dtype.char in TO_SINGLE for a in arrays)
 
 
-def _batch(arrays: Arrays, ports: tuple[Port, ...]) -> tuple[int, ...] | None:
+def _batch(arrays: Arrays, ports: tuple[TensorSpec, ...]) -> tuple[int, ...] | None:
     """The batch shape of plain arrays of real numbers that fit the ports; None of all others."""
     batches = []
     for a, port in zip(arrays, ports, strict=True):
@@ -183,7 +183,7 @@ def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arra
     return outputs
 
 
-def _axis(a: Array, port: Port, axis: int) -> tuple[slice, ...] | None:
+def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
     """The index of all axes before the one that is cut, counted from the batch's last; None where it is broadcast."""
     place = a.ndim - len(port.shape) + axis
     return None if place < 0 or a.shape[place] == 1 else (slice(None),) * place
@@ -228,7 +228,7 @@ def set_threads(count: int) -> None:
     2
     >>> tw.set_threads(1)
     """
-    _CREW.resize(_checked(count, "set_threads"))
+    _THREADS.resize(_checked(count, "set_threads"))
 
 
 def get_threads() -> int:
@@ -255,11 +255,11 @@ def get_threads() -> int:
     >>> tw.get_threads()
     1
     """
-    wanted = _CREW.wanted
+    wanted = _THREADS.wanted
     if wanted is None:
         text = os.environ.get(VARIABLE, "").strip() or "1"
-        wanted = _CREW.wanted = _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
-    alone = wanted == 1 or not interpreter.is_main() or (not _CREW.told and _in_worker_process())
+        wanted = _THREADS.wanted = _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
+    alone = wanted == 1 or not interpreter.is_main() or (not _THREADS.told and _in_worker_process())
     return 1 if alone else wanted
 
 
@@ -282,7 +282,7 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
     job = _Job(kernel, parts)
     try:
         if threads > 1 and not _in_worker_thread():
-            _CREW.invite(job, threads - 1)
+            _THREADS.invite(job, threads - 1)
         job.work()
     finally:
         problem = job.finish()
@@ -368,7 +368,7 @@ class _Job:
         return problem
 
 
-class _Crew:
+class _ThreadPool:
     """How many threads this process may use, and all of them but the callers: started when first needed."""
 
     def __init__(self) -> None:
@@ -426,4 +426,4 @@ def _attend(calls: SimpleQueue[_Job | None]) -> None:
 
 
 _HERE = threading.local()
-_CREW = _Crew()
+_THREADS = _ThreadPool()

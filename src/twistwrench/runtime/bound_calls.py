@@ -21,7 +21,7 @@ from ..ir.program import axes_of
 from ..lowering.target_machine import DOUBLE, Machine
 from ..typing import Array
 from .call_signature import BYTES_DATA, FIELDS
-from .dispatch import FASTCALL, MethodDefinition, address_of, builtin, understood
+from .dispatch import FASTCALL, MethodDefinition, abi_matches, address_of, builtin
 from .dispatch_ir import CONTIGUOUS_AND_ALIGNED
 from .gufunc import owner_of
 from .jit import Code, assembled
@@ -117,12 +117,12 @@ class _Kept(str):
     things: tuple[Any, ...]
 
 
-def calls_rows(kernel: Any) -> bool:
+def can_bind_calls(kernel: Any) -> bool:
     """Whether calls row by row can be prepared: of a compiled kernel, by CPython with its lock."""
-    return owner_of(kernel) is not None and understood()
+    return owner_of(kernel) is not None and abi_matches()
 
 
-def row_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> Callable[..., Any]:
+def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> Callable[..., Any]:
     """A function that makes one of n calls of a kernel, each on a row of every operand; of a recurrence, each of one step.
 
     ``call(k, x)`` makes call number k, once x is written where operand number ``taken`` has its row, and gives the first
@@ -130,7 +130,7 @@ def row_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> C
     array of float64 of that size. Nothing looks at k.
     """
     owner = owner_of(kernel)
-    if owner is None or not understood():
+    if owner is None or not abi_matches():
         raise KernelError("calls row by row are prepared for compiled kernels only.")
     sizes: dict[int, int] = {0: 1}
     strides: list[int] = [0] * len(operands)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..ir.program import Port
+from ..ir.program import TensorSpec
 from ..lowering.target_machine import Precision
 
 POINTERS = (
@@ -25,11 +25,11 @@ BYTES_DATA, SIZE, LIST_ITEMS, TUPLE_ITEMS = 32, 16, 24, tuple.__basicsize__
 class Way:
     """One way of calling a method: all that the code knows of it."""
 
-    inputs: tuple[Port, ...]
+    inputs: tuple[TensorSpec, ...]
     """The first parameters."""
-    mapped: tuple[Port, ...]
+    mapped: tuple[TensorSpec, ...]
     """Arrays that come in a dict; the keys are the last pointers."""
-    outputs: tuple[Port, ...]
+    outputs: tuple[TensorSpec, ...]
     precision: Precision
     parameters: int
     """How many there are; their names are the pointers after :data:`POINTERS`."""
@@ -47,7 +47,7 @@ class Way:
     """How many of the first axes of every array, all of length 1, the loop knows nothing of."""
 
 
-def loop_steps(ports: Sequence[Port], precision: Precision, batch: int = 0) -> list[int]:
+def loop_steps(ports: Sequence[TensorSpec], precision: Precision, batch: int = 0) -> list[int]:
     """The distances of contiguous rows in bytes, as a loop wants them; of the first ``batch`` axes it knows nothing."""
     inner: list[int] = []
     for port in ports:

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from ..ir.loops import Form
-from ..ir.program import Port
+from ..ir.program import TensorSpec
 from ..lowering.target_machine import DOUBLE, SINGLE
 from .call_signature import BYTES_DATA, FIELDS, LIST_ITEMS, POINTERS, SIZE, TUPLE_ITEMS, Way
 from .dispatch_ir import CALL, FLOAT_VALUE, call_assembly
 from .gufunc import owner_of
 from .interpreter import runs_machine_code
 from .jit import assembled
-from .kernel_metadata import KernelOutline
+from .kernel_metadata import KernelMetadata
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class CallParameters:
         return f"{name}({', '.join(shown)})\n--\n\n{method.__func__.__doc__ or ''}"
 
 
-def way_of(program: Form | KernelOutline, parameters: CallParameters, asked: CallForm) -> Way | None:
+def way_of(program: Form | KernelMetadata, parameters: CallParameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)
@@ -93,7 +93,8 @@ def way_of(program: Form | KernelOutline, parameters: CallParameters, asked: Cal
         )
 
     inputs, outputs = (
-        tuple(Port(port.name, asked.batch + port.shape) for port in some) for some in (program.inputs, program.outputs)
+        tuple(TensorSpec(port.name, asked.batch + port.shape) for port in some)
+        for some in (program.inputs, program.outputs)
     )
     return Way(
         inputs[:count],
@@ -194,7 +195,7 @@ def make_call(
     interpreter of another build.
     """
     owner = owner_of(ufunc)
-    if owner is None or not understood():
+    if owner is None or not abi_matches():
         return None
     asked, parameters = asked or CallForm(), CallParameters.of(method)
     way = way_of(owner.given, parameters, asked)
@@ -202,7 +203,7 @@ def make_call(
         return None
     code = assembled(call_assembly(way), CALL, owner.machine)
     dtype, place = np.dtype(asked.char), ctypes.c_void_p(id(method))
-    loop = owner.alone(way.precision)
+    loop = owner.scalar_code(way.precision)
     wanted = {**parameters.defaults, **dict(asked.options)}
     addresses = {
         "array_type": id(np.ndarray),
@@ -251,7 +252,7 @@ def is_made_here(function: Any) -> bool:
     return type(getattr(function, "__self__", None)) is kernel
 
 
-def stand_behind(first: Any, other: Any) -> None:
+def attach_fallback(first: Any, other: Any) -> None:
     """Let a builtin ask another before it asks the method, unless there are enough in a row."""
     following, number = first.__self__.kept["fallback"], 1
     while is_made_here(following):
@@ -264,7 +265,7 @@ def stand_behind(first: Any, other: Any) -> None:
 def calls_before(ufunc: Any) -> int:
     """How many calls with one state are a reason for a builtin: two, more where compiling takes long; never: 0."""
     owner = owner_of(ufunc)
-    if owner is None or not understood():
+    if owner is None or not abi_matches():
         return 0
     length = owner.length
     return 2 if length < LONG else length // EACH
@@ -282,7 +283,7 @@ def _numpys(slot: int) -> int:
 
 
 @cache
-def understood() -> bool:
+def abi_matches() -> bool:
     """Whether objects lie in memory as the code expects: looked at, not guessed from versions."""
     if not runs_machine_code() or sys.byteorder != "little":
         return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..ir.program import Port
+from ..ir.program import TensorSpec
 from ..lowering.ir_builder import LlvmWriter
 from ..lowering.target_machine import DOUBLE, Precision
 from .call_signature import BYTES_DATA, FIELDS, LIST_ITEMS, POINTERS, SIZE, TUPLE_ITEMS, Way, loop_steps
@@ -18,9 +18,7 @@ _UNROLLED = 16
 
 def helpers(precision: Precision, list_items: int, tuple_items: int, size: int, kind: int) -> str:
     """``sort``, and for doubles ``numbers``; the arguments are offsets in Python's objects."""
-    return _sort(tuple_items, size) + (
-        _numbers_of_fast_call_checks(list_items, tuple_items, size, kind) if precision is DOUBLE else ""
-    )
+    return _sort(tuple_items, size) + (_number_list(list_items, tuple_items, size, kind) if precision is DOUBLE else "")
 
 
 def _sort(tuple_items: int, size: int) -> str:
@@ -65,7 +63,7 @@ def _place() -> str:
     return _function("i64", "place", "ptr %table, i64 %length, ptr %wanted", w)
 
 
-def _numbers_of_fast_call_checks(list_items: int, tuple_items: int, size: int, kind: int) -> str:
+def _number_list(list_items: int, tuple_items: int, size: int, kind: int) -> str:
     """``numbers`` copies the floats of a list or tuple; false where it is not one of so many, or has other things in it."""
     w = LlvmWriter(DOUBLE, 1)
     found = w.new(f"load ptr, ptr {w.at('%object', kind)}, align 8")
@@ -105,7 +103,7 @@ def _function(kind: str, name: str, arguments: str, w: LlvmWriter, otherwise: st
     return f"define internal {kind} @{name}({arguments}) noinline {{\nentry:\n{body}\n}}\n"
 
 
-def spoiled(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str, str]:
+def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str, str]:
     """Whether numbers in a row are not all finite, an i1; takes and returns the label control is in.
 
     A number times zero is zero, but for infinities and what is not a number: so is the sum of many.
@@ -201,7 +199,7 @@ class CallWriter:
         """A field of an array."""
         return self.w.new(f"load {kind}, ptr {self.w.at(array, FIELDS[name])}, align 4")
 
-    def array(self, array: str, port: Port, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED,) * 2) -> str:
+    def array(self, array: str, port: TensorSpec, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED,) * 2) -> str:
         """The data of an array that is as wanted; dimensions are read only where there are as many."""
         w, (mask, wanted) = self.w, flags
         self.check(f"icmp eq ptr {self.field(array, 'type', 'ptr')}, {self.known('array_type')}")
@@ -243,7 +241,7 @@ class ResultWriter(CallWriter):
         w.do(f"call void {self.known('loop')}(ptr {self.data}, ptr @one, ptr @steps, ptr null)")
         bad = "false"
         for k, port in enumerate(way.outputs, start=len(self.given)):
-            found, self.label = spoiled(w, self.at(self.data, k), port.size, self.label)
+            found, self.label = has_nonfinite(w, self.at(self.data, k), port.size, self.label)
             bad = w.new(f"or i1 {bad}, {found}")
         wrong, fine, drop, hand = (w.label(stem) for stem in ("wrong", "fine", "drop", "hand"))
         w.do(f"br i1 {bad}, label %{wrong}, label %{fine}")
@@ -277,7 +275,7 @@ class ResultWriter(CallWriter):
                 self.check(f"or i1 {self.ends_before(place, port, other)}, {self.ends_before(other, ports[j], place)}")
             self.put(self.data, len(self.given) + k, place)
 
-    def ends_before(self, one: str, port: Port, other: str) -> str:
+    def ends_before(self, one: str, port: TensorSpec, other: str) -> str:
         """Whether the numbers of one array end before those of another begin."""
         end = self.w.at(one, port.size * self.way.precision.bytes)
         return self.w.new(f"icmp ule ptr {end}, {other}")
@@ -418,7 +416,7 @@ class _Call(ResultWriter):
             missing = w.new(f"icmp eq ptr {given}, null")
             self.check(f"or i1 {same}, {missing if optional else 'false'}")
 
-    def input(self, k: int, given: str, port: Port) -> None:
+    def input(self, k: int, given: str, port: TensorSpec) -> None:
         """Find the numbers of an argument: those of an array as it lies, or of a list in a room of our own."""
         w = self.w
         self.check(f"icmp ne ptr {given}, null")

@@ -17,7 +17,7 @@ PAGE = 4096
 """Bytes that sections are aligned to at most."""
 
 
-class Unplaced(Exception):
+class UnsupportedObject(Exception):
     """Code that is not placed here, or a system that runs no code from such pages."""
 
 
@@ -43,7 +43,7 @@ class ObjectFile(NamedTuple):
     sections: dict[int, CodeSection]
     names: list[bytes]
     """Of each symbol; empty for those that are local to the file."""
-    homes: list[int]
+    symbol_sections: list[int]
     """The section of each symbol; 0 where it is undefined."""
     values: Array
     """Where each symbol is in its section."""
@@ -52,7 +52,7 @@ class ObjectFile(NamedTuple):
     def undefined(self) -> set[bytes]:
         """Names that relocations want and the file has not."""
         wanted = {int(k) for r in self.relocations for k in np.unique(r.symbols)}
-        return {self.names[k] for k in wanted if self.names[k] and not self.homes[k]}
+        return {self.names[k] for k in wanted if self.names[k] and not self.symbol_sections[k]}
 
 
 MAGIC = b"\x7fELF\x02\x01"
@@ -85,21 +85,21 @@ _RELATIVE = (2, 4)
 
 
 def read_elf(raw: bytes) -> ObjectFile:
-    """What a file has. Raises :class:`Unplaced` for what kernels do not need."""
+    """What a file has. Raises :class:`UnsupportedObject` for what kernels do not need."""
     _, kind, machine, _, first, _, count, _ = table(raw, _FILE, 0, 1)[0].item()
     if not raw.startswith(MAGIC) or kind != _RELOCATABLE or machine != _X86_64:
-        raise Unplaced
+        raise UnsupportedObject
     headers = table(raw, _SECTION, first, count)
     sections = {}
     for number, (kind, flags, offset, size, _, _, align) in enumerate(headers.tolist()):
         if not flags & _LOADED or kind == _UNWINDING:
             continue
         if kind != _PROGRAM or flags & _WRITTEN or offset + size > len(raw) or align > PAGE:
-            raise Unplaced
+            raise UnsupportedObject
         sections[number] = CodeSection(raw[offset : offset + size], max(align, 1))
     tables = headers[headers["type"] == _SYMBOLS]
     if len(tables) != 1:
-        raise Unplaced
+        raise UnsupportedObject
     (at,) = tables
     symbols = table(raw, _SYMBOL, int(at["offset"]), int(at["size"]) // _SYMBOL.itemsize)
     where = headers[int(at["link"])]
@@ -111,16 +111,16 @@ def read_elf(raw: bytes) -> ObjectFile:
             continue
         entries = table(raw, _RELOCATION, int(header["offset"]), int(header["size"]) // _RELOCATION.itemsize)
         if not np.isin(entries["type"], _RELATIVE).all():
-            raise Unplaced
+            raise UnsupportedObject
         places = entries["place"].astype(np.int64)
         relocations.append(Relocations(int(header["info"]), places, entries["symbol"], entries["addend"]))
     return ObjectFile(sections, names, symbols["section"].tolist(), symbols["value"].astype(np.int64), relocations)
 
 
 def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
-    """Rows of a table in a file; raises :class:`Unplaced` where the file ends before them."""
+    """Rows of a table in a file; raises :class:`UnsupportedObject` where the file ends before them."""
     if offset + count * kind.itemsize > len(raw):
-        raise Unplaced
+        raise UnsupportedObject
     return np.frombuffer(raw, kind, count, offset)
 
 
@@ -136,44 +136,44 @@ _READ_WRITE, _EXECUTE_READ = 0x04, 0x20
 """What VirtualAlloc, VirtualFree and VirtualProtect of Windows take."""
 
 
-class CodePages:
+class ExecutableMemory:
     """Memory that can be read and run; it is given back with this object."""
 
     address: int
 
     @staticmethod
-    def of(image: Array) -> CodePages:
-        """Pages of those bytes. Raises :class:`~.elf_file.Unplaced` where the system runs no code from such pages."""
-        return _WindowsPages(image) if sys.platform == "win32" else _MappedPages(image)
+    def of(image: Array) -> ExecutableMemory:
+        """Pages of those bytes. Raises :class:`~.elf_file.UnsupportedObject` where the system runs no code from such pages."""
+        return _WindowsMemory(image) if sys.platform == "win32" else _MappedMemory(image)
 
 
-class _MappedPages(CodePages):
+class _MappedMemory(ExecutableMemory):
     """Pages of a system with mmap."""
 
     def __init__(self, image: Array) -> None:
         try:
             memory = mmap.mmap(-1, len(image), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         except (OSError, AttributeError):
-            raise Unplaced from None
+            raise UnsupportedObject from None
         memory[:] = image.tobytes()
         self._first = ctypes.c_char.from_buffer(memory)  # holds the memory
         self.address = ctypes.addressof(self._first)
         if _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC):
-            raise Unplaced
+            raise UnsupportedObject
 
 
-class _WindowsPages(CodePages):
+class _WindowsMemory(ExecutableMemory):
     """Pages of Windows."""
 
     def __init__(self, image: Array) -> None:
         self._system = _kernel32()
         self.address = self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
         if not self.address:
-            raise Unplaced
+            raise UnsupportedObject
         ctypes.memmove(self.address, image.ctypes.data, len(image))
         before = ctypes.c_uint32()
         if not self._system.VirtualProtect(self.address, len(image), _EXECUTE_READ, ctypes.byref(before)):
-            raise Unplaced
+            raise UnsupportedObject
 
     def __del__(self) -> None:
         if self.address:
@@ -210,10 +210,10 @@ _JUMP = b"\xff\x25\x02\x00\x00\x00\x90\x90"
 _STUB = 16
 
 
-class Placed:
+class LoadedObject:
     """Functions in memory; the pages are given back with this object."""
 
-    def __init__(self, pages: CodePages, places: dict[bytes, int]) -> None:
+    def __init__(self, pages: ExecutableMemory, places: dict[bytes, int]) -> None:
         self._pages = pages
         self._places = places
 
@@ -221,16 +221,16 @@ class Placed:
         return self._pages.address + self._places[symbol.encode()]
 
 
-def placed(objects: Sequence[bytes]) -> Placed:
+def placed(objects: Sequence[bytes]) -> LoadedObject:
     """The functions of several object files together.
 
-    Raises :class:`Unplaced` for what LLVM's linker is to try, RuntimeError for what it must not see.
+    Raises :class:`UnsupportedObject` for what LLVM's linker is to try, RuntimeError for what it must not see.
     """
     try:
         image, known = linked([read_elf(raw) for raw in objects])
     except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
-        raise Unplaced from None
-    return Placed(CodePages.of(image), known)
+        raise UnsupportedObject from None
+    return LoadedObject(ExecutableMemory.of(image), known)
 
 
 def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
@@ -243,10 +243,10 @@ def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
             where[-1][number] = -(-end // align) * align
             end = where[-1][number] + len(contents)
     known = {
-        name: places[home] + int(value)
+        name: places[section] + int(value)
         for file, places in zip(files, where, strict=True)
-        for name, home, value in zip(file.names, file.homes, file.values, strict=True)
-        if name and home in places
+        for name, section, value in zip(file.names, file.symbol_sections, file.values, strict=True)
+        if name and section in places
     }
     outside = sorted({name for file in files for name in file.undefined()} - {*known})
     first = -(-end // _STUB) * _STUB
@@ -263,8 +263,8 @@ def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
 def _fill(image: Array, file: ObjectFile, mine: dict[int, int], places: dict[bytes, int]) -> None:
     """Copy the sections of a file to their places, and write into them where symbols are."""
     starts = [
-        places.get(name, -1) if name and not home else mine.get(home, -1)
-        for name, home in zip(file.names, file.homes, strict=True)
+        places.get(name, -1) if name and not section else mine.get(section, -1)
+        for name, section in zip(file.names, file.symbol_sections, strict=True)
     ]
     addresses = np.array(starts, np.int64)
     addresses = np.where(addresses < 0, -1, addresses + file.values)
@@ -275,7 +275,7 @@ def _fill(image: Array, file: ObjectFile, mine: dict[int, int], places: dict[byt
         if (at < 0).any() or (at > last).any():  # LLVM's linker would write there
             raise RuntimeError("a relocation lies outside its section")
         if (to < 0).any():
-            raise Unplaced
+            raise UnsupportedObject
         at = mine[number] + at
         distance = (to + addends - at).astype("<i4")
         image[at[:, None] + np.arange(4)] = distance.view(np.uint8).reshape(-1, 4)
@@ -287,7 +287,7 @@ def _library_function(name: str) -> int:
         with_name = getattr(library, name, None)
         if with_name is not None:
             return ctypes.cast(with_name, ctypes.c_void_p).value or 0
-    raise Unplaced
+    raise UnsupportedObject
 
 
 @cache

@@ -21,7 +21,7 @@ from ..ir.program import axes_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter
 from .jit import LOCK, Code, compiled, found
-from .kernel_metadata import KernelOutline, code_of
+from .kernel_metadata import KernelMetadata, code_of
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -34,7 +34,7 @@ _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
 _NONE_IDENTITY = -1
 _MOST_OPERANDS = 32
 
-LONGEST_ALONE = 40_000
+LONGEST_SCALAR = 40_000
 """Instructions of the longest program that is compiled once more for single samples."""
 
 
@@ -80,26 +80,26 @@ def _raise_in_thread() -> Any:
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Form | KernelOutline, name: str, doc: str, *, lone: bool) -> None:
+    def __init__(self, program: Form | KernelMetadata, name: str, doc: str, *, scalar: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
-        self.is_lone = lone
-        self.machine = chosen().narrowed(DOUBLE.bits) if lone else chosen()
-        known = found(program.code, self.machine) if isinstance(program, KernelOutline) else None
-        self.given = program.form() if isinstance(program, KernelOutline) and known is None else program
+        self.is_scalar = scalar
+        self.machine = chosen().narrowed(DOUBLE.bits) if scalar else chosen()
+        known = found(program.code, self.machine) if isinstance(program, KernelMetadata) else None
+        self.given = program.form() if isinstance(program, KernelMetadata) and known is None else program
         self.description = doc
-        self.kept = program.key if isinstance(program, KernelOutline) else ""
+        self.kept = program.key if isinstance(program, KernelMetadata) else ""
         """The key of what is kept of the kernel; empty where nothing is."""
         self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
-        self.lone: dict[str, Code] = {}
-        self.stand_in = _LOOP(self._single)
+        self.scalar: dict[str, Code] = {}
+        self.lazy_stub = _LOOP(self._single)
         self.interrupt: Any = None
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
         self.functions = (ctypes.c_void_p * 2)(
-            ctypes.cast(self.stand_in, ctypes.c_void_p).value, self.code["d"].address
+            ctypes.cast(self.lazy_stub, ctypes.c_void_p).value, self.code["d"].address
         )
         self.data = (ctypes.c_void_p * 2)()
         letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
@@ -111,7 +111,7 @@ class _Owner:
     @cached_property
     def form(self) -> Form:
         """The program, with its loop if it has one."""
-        return self.given.form() if isinstance(self.given, KernelOutline) else self.given
+        return self.given.form() if isinstance(self.given, KernelMetadata) else self.given
 
     @cached_property
     def program(self) -> Program:
@@ -123,14 +123,14 @@ class _Owner:
     @cached_property
     def length(self) -> int:
         """Instructions of the program."""
-        return self.given.length if isinstance(self.given, KernelOutline) else len(self.program.instructions)
+        return self.given.length if isinstance(self.given, KernelMetadata) else len(self.program.instructions)
 
     @cached_property
-    def effort(self) -> int:
+    def cost(self) -> int:
         """Operations that a sample takes, in one step if there are several."""
-        from .batch_threads import effort
+        from .batch_threads import cost_model
 
-        return self.given.effort if isinstance(self.given, KernelOutline) else effort(self.given)
+        return self.given.cost if isinstance(self.given, KernelMetadata) else cost_model(self.given)
 
     @cached_property
     def row(self) -> int:
@@ -146,7 +146,7 @@ class _Owner:
         try:
             address = self.address(SINGLE)
         except BaseException as problem:
-            self._spoil(args, dims, steps)
+            self._fill_nan(args, dims, steps)
             if isinstance(problem, Exception):
                 raise
             returned = _Returned()
@@ -155,7 +155,7 @@ class _Owner:
         _LOOP(address)(args, dims, steps, data)
         return None
 
-    def _spoil(self, args: int, dims: int, steps: int) -> None:
+    def _fill_nan(self, args: int, dims: int, steps: int) -> None:
         """Write NaN into every float32 result of a call of the loop."""
         operands = axes_of(self.given.signature)
         sizes = (ctypes.c_ssize_t * (1 + max((k for axes in operands for k in axes), default=0))).from_address(dims)
@@ -177,35 +177,35 @@ class _Owner:
                 self.functions[0] = code.address
         return code.address
 
-    def alone(self, precision: Precision) -> Code:
+    def scalar_code(self, precision: Precision) -> Code:
         """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
         with LOCK:
-            if self.length > LONGEST_ALONE or self.machine.lanes(precision) == 1:
+            if self.length > LONGEST_SCALAR or self.machine.lanes(precision) == 1:
                 self.address(precision)
                 return self.code[precision.char]
-            if precision.char not in self.lone:
+            if precision.char not in self.scalar:
                 one_lane = self.machine.narrowed(precision.bits)
-                self.lone[precision.char] = self._further(precision, one_lane)
-            return self.lone[precision.char]
+                self.scalar[precision.char] = self._further(precision, one_lane)
+            return self.scalar[precision.char]
 
     def _further(self, precision: Precision, machine: Machine) -> Code:
         return code_of(self.kept, precision, machine, lambda: self.form)
 
 
-def make_ufunc(program: Form | KernelOutline, name: str, doc: str, lone: bool = False) -> np.ufunc:
+def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool = False) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
-    ``lone`` is for one sample at a time, in one lane.
+    ``scalar`` is for one sample at a time, in one lane.
     """
-    owner = _Owner(program, name, doc, lone=lone)
+    owner = _Owner(program, name, doc, scalar=scalar)
     ufunc = _constructor()(
         ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
         2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,
         ctypes.addressof(owner.name), ctypes.addressof(owner.doc), 0, program.signature.encode(),
     )  # fmt: skip
     head = _UFuncObject.from_address(id(ufunc))
-    if not _understood() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
+    if not _abi_matches() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
         _FOREVER.append(owner)  # an unknown layout: better to keep the code forever than to free it too early
     else:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
@@ -218,7 +218,7 @@ _FOREVER: list[_Owner] = []
 
 def owner_of(kernel: Any) -> _Owner | None:
     """What is behind a ufunc made here; None of anything else."""
-    if not isinstance(kernel, np.ufunc) or not _understood():
+    if not isinstance(kernel, np.ufunc) or not _abi_matches():
         return None
     try:
         owner = ctypes.py_object.from_address(id(kernel) + _UFuncObject.owner.offset).value
@@ -239,7 +239,7 @@ class _Recipe:
     def __reduce__(self) -> tuple[Any, ...]:
         owner = owner_of(self.kernel)
         assert owner is not None
-        return make_ufunc, (owner.form, self.kernel.__name__, owner.description, owner.is_lone)
+        return make_ufunc, (owner.form, self.kernel.__name__, owner.description, owner.is_scalar)
 
 
 def _kernel_of(given: Any) -> Any:
@@ -255,7 +255,7 @@ copyreg.pickle(np.ufunc, _reduced)
 
 
 @cache
-def _understood() -> bool:
+def _abi_matches() -> bool:
     """Whether ufuncs lie in memory as :class:`_UFuncObject` says: looked at in one of NumPy's own."""
     head = _UFuncObject.from_address(id(np.add))
     counts = (head.nin, head.nout, head.nargs, head.ntypes)

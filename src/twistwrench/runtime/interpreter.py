@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from ..errors import ValueRangeError
-from .elf_loader import CodePages, Unplaced
+from .elf_loader import ExecutableMemory, UnsupportedObject
 
 VARIABLE = "TWISTWRENCH_JIT"
 
@@ -41,8 +41,8 @@ def runs_machine_code() -> bool:
 def _may_run_pages() -> bool:
     """Whether the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
     try:
-        CodePages.of(np.zeros(mmap.PAGESIZE, np.uint8))
-    except Unplaced:
+        ExecutableMemory.of(np.zeros(mmap.PAGESIZE, np.uint8))
+    except UnsupportedObject:
         warnings.warn(
             "The system forbids executable memory, so programs run on NumPy, which is slower. Allow it to this process "
             f"(MemoryDenyWriteExecute=no in systemd, execmem in SELinux), or set {VARIABLE}=0.",

@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..core import object_cache as cache
+from ..core import object_cache
 from ..errors import KernelError
 from ..lowering.target_machine import LOOP, Machine, Precision, chosen, compiler
-from .elf_loader import Unplaced, placed
+from .elf_loader import UnsupportedObject, placed
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -99,7 +99,7 @@ def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
 
 def found(keys: Sequence[str], machine: Machine) -> Code | None:
     """The code of a kernel by the keys of its entries in the cache; None where one is lost, or they do not link."""
-    objects = [code for key in keys if (code := cache.load(key)) is not None]
+    objects = [code for key in keys if (code := object_cache.load(key)) is not None]
     if len(objects) < len(keys):
         return None
     with _JIT.lock:
@@ -132,7 +132,7 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
             ) from problem
         for key, code, cached in objects:
             if not cached:
-                cache.store(key, code)
+                object_cache.store(key, code)
         return loaded._replace(keys=tuple(key for key, *_ in objects))
 
 
@@ -140,8 +140,8 @@ def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, 
     """The cache's key of a module, its object code, and whether that was in the cache."""
     import llvmlite
 
-    key = cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
-    code = None if afresh else cache.load(key)
+    key = object_cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
+    code = None if afresh else object_cache.load(key)
     if code is not None:
         return key, code, True
     import llvmlite.binding as llvm
@@ -155,6 +155,6 @@ def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, 
 def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
     try:
         library: Any = placed(objects)
-    except Unplaced:
+    except UnsupportedObject:
         library = _JIT.link(objects, symbol, machine)
     return Code(library[symbol], library, sum(map(len, objects)), cached)

@@ -10,8 +10,8 @@ from ast import literal_eval
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..core import object_cache as cache
-from ..ir.program import Port, signature_of
+from ..core import object_cache
+from ..ir.program import TensorSpec, signature_of
 from .jit import Code, compiled, found
 
 if TYPE_CHECKING:
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from ..lowering.target_machine import Machine, Precision
 
 
-class KernelOutline(NamedTuple):
+class KernelMetadata(NamedTuple):
     """What is known of a kernel without its program."""
 
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[TensorSpec, ...]
+    outputs: tuple[TensorSpec, ...]
     length: int
     """Instructions of its program."""
-    effort: int
+    cost: int
     """Operations that a sample takes."""
     code: tuple[str, ...]
     """Keys of its code for float64."""
@@ -41,26 +41,26 @@ class KernelOutline(NamedTuple):
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-def outline(key: str, form: Callable[[], Form]) -> tuple[KernelOutline, str, str] | None:
+def outline(key: str, form: Callable[[], Form]) -> tuple[KernelMetadata, str, str] | None:
     """What was kept of a kernel, its name and its description; None where there is nothing."""
-    kept = cache.load(key)
+    kept = object_cache.load(key)
     if kept is None:
         return None
-    name, doc, inputs, outputs, length, effort, code = literal_eval(kept.decode())
-    ins, outs = (tuple(Port(*port) for port in several) for several in (inputs, outputs))
-    return KernelOutline(ins, outs, length, effort, code, form, key), name, doc
+    name, doc, inputs, outputs, length, cost, code = literal_eval(kept.decode())
+    ins, outs = (tuple(TensorSpec(*port) for port in several) for several in (inputs, outputs))
+    return KernelMetadata(ins, outs, length, cost, code, form, key), name, doc
 
 
 def code_of(key: str, precision: Precision, machine: Machine, form: Callable[[], Form]) -> Code:
     """Further code of a kernel that is kept under a key, if one is: for another type or other vectors."""
     if not key:
         return compiled(form(), precision, machine)
-    mine = cache.digest("code", key, precision.char, str(machine)).hex()
-    if (kept := cache.load(mine)) is not None and (code := found(kept.decode().split(), machine)) is not None:
+    mine = object_cache.digest("code", key, precision.char, str(machine)).hex()
+    if (kept := object_cache.load(mine)) is not None and (code := found(kept.decode().split(), machine)) is not None:
         return code
     code = compiled(form(), precision, machine)
     if code.keys:
-        cache.store(mine, " ".join(code.keys).encode())
+        object_cache.store(mine, " ".join(code.keys).encode())
     return code
 
 
@@ -70,5 +70,5 @@ def keep(key: str, name: str, owner: Any) -> None:
     code = owner.code["d"]
     if code.keys:
         ports = [tuple((p.name, p.shape) for p in several) for several in (owner.given.inputs, owner.given.outputs)]
-        about = (name, owner.description, *ports, owner.length, owner.effort, code.keys)
-        cache.store(key, repr(about).encode())
+        about = (name, owner.description, *ports, owner.length, owner.cost, code.keys)
+        object_cache.store(key, repr(about).encode())

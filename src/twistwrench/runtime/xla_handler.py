@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..ir.program import Port
+from ..ir.program import TensorSpec
 from ..lowering.target_machine import DOUBLE, SINGLE, Precision
 from .call_signature import loop_steps
 from .gufunc import owner_of
@@ -35,7 +35,7 @@ IS_METADATA, EXECUTE = 1, 3
 
 
 def handler_assembly(
-    inputs: Sequence[Port], outputs: Sequence[Port], precision: Precision, version: tuple[int, int]
+    inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
     """The module for contiguous arrays of these shapes behind one batch shape; some array has to have entries."""
     ports = (*inputs, *outputs)
@@ -134,13 +134,13 @@ def is_compiled(kernel: Any) -> bool:
     return owner is not None and any(port.size for port in owner.given.outputs)
 
 
-def make_handler(kernel: Any, char: str, version: tuple[int, int], *, alone: bool) -> XlaHandler:
-    """The handler of a compiled kernel for arrays of type ``char``, of one sample (``alone``) or of any number."""
+def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bool) -> XlaHandler:
+    """The handler of a compiled kernel for arrays of type ``char``, of one sample (``scalar``) or of any number."""
     owner = owner_of(kernel)
     if owner is None:
         raise TypeError("kernel: a compiled one is wanted; is_compiled says which are")
     precision = SINGLE if char == SINGLE.char else DOUBLE
-    loop = owner.alone(precision).address if alone else owner.address(precision)
+    loop = owner.scalar_code(precision).address if scalar else owner.address(precision)
     code = assembled(
         handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
     )

@@ -18,7 +18,7 @@ from ..core import arguments
 from ..core.files import read_text, replacing
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..lie.labelled import TWIST, WRENCH
 from ..motion.array_files import TableFile
@@ -172,7 +172,7 @@ def _uncertainty(known: dict[str, Any]) -> Uncertainty:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    with foreign_errors(lambda reason: ValueRangeError(f"is no sensor file: {reason}. {_ADVICE}")):
+    with third_party_errors(lambda reason: ValueRangeError(f"is no sensor file: {reason}. {_ADVICE}")):
         try:
             content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no number beyond floats
         except FileNotFoundError:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..ir.loops import Recurrence
-from ..runtime.bound_calls import Rows, row_calls
+from ..ir.loops import Scan
+from ..runtime.bound_calls import Rows, bind_calls
 from ..typing import Array
 from .compiled_steps import TABLEAUS, CompiledSteps, SimulatedStep, stages
 from .forces import ControlLaw
@@ -24,7 +24,7 @@ class AskedSteps(CompiledSteps):
     """The steps of one method under torques and wrenches of which some are functions; its kernel takes one stage a call."""
 
     @staticmethod
-    def recurrence(plan: SimulatedStep) -> Recurrence:
+    def recurrence(plan: SimulatedStep) -> Scan:
         """What is compiled: a stage, which of a method of one stage is a step."""
         return plan.one_stage() if plan.stages > 1 else plan.recurrence()
 
@@ -144,7 +144,7 @@ class AskedRows:
         said = [(self.ddq, own), (self.gaps, own)][: 1 + bool(s.contacts)]
         operands = [*states, (self._h, one), *named, *after, *said]
         first = len(states) + 1
-        self.call = row_calls(
+        self.call = bind_calls(
             steps.kernel, operands, first + steps.names.index("tau"), first + len(named) + len(steps.cuts)
         )
         """Makes a call, with torques of its own if they are given, and gives the peak after it."""

@@ -19,7 +19,7 @@ from ..algorithms.kinematics import add, coordinate_rates
 from ..algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
 from ..core.numbers import printed
 from ..errors import SimulationError, ValueRangeError
-from ..ir.loops import Recurrence, Source
+from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..robot.closed import checks as checks
 from ..robot.closed.constraints import CLOSED, gap_units
@@ -75,14 +75,14 @@ class ClosedStep(SimulatedStep):
     def _held(self) -> tuple[Constraint, ...]:
         return independent_constraints(self.loops.constraints, self.loops.independent)
 
-    def recurrence(self) -> Recurrence:
+    def recurrence(self) -> Scan:
         """The program, and where its inputs come from."""
         parts = ["q", "dq", "kept", *["work"] * self.works]
         state: Ports = [(name, (size,)) for name, size in zip(parts, self.state_sizes, strict=True)]
         said = ["ddq"] * self.works + ["tau"] * self.says_torques
         program = trace(self._step, [*state, *self.given], [*parts, *said])
         fed = [Source("state", k) for k in range(len(parts))] + [Source("given")] * len(self.given)
-        return Recurrence(program, tuple(fed), visible=len(parts))
+        return Scan(program, tuple(fed), visible=len(parts))
 
     # ── on symbols ──
 
@@ -183,7 +183,7 @@ class Loops:
     def effort(self, stages: int) -> float:
         """About how many operations a step of so many stages is; inf where nothing is compiled."""
         owners = owner_of(self._project), owner_of(self.dynamics)
-        return sum(n * owner.effort if owner else np.inf for n, owner in zip((1, stages), owners, strict=True))
+        return sum(n * owner.cost if owner else np.inf for n, owner in zip((1, stages), owners, strict=True))
 
     def begin(self, y: Array) -> None:
         """Bring the first state onto the constraints, in place; ConstraintError where it is far from them."""

@@ -20,7 +20,7 @@ from ..algorithms.kinematics import coordinate_rates, wrench_torques
 from ..algorithms.operational_space import clipped
 from ..algorithms.recursion import zeros
 from ..errors import UnknownNameError
-from ..ir.loops import Recurrence, Source
+from ..ir.loops import Scan, Source
 from ..ir.program import Program
 from ..ir.tracer import trace
 from ..model.model import Model
@@ -89,7 +89,7 @@ class Plan:
         ports += [("creep", (nv,))] * self.eases
         return [*ports, *[("parameters", (len(self.parameters),))] * bool(self.parameters)]
 
-    def recurrence(self) -> Recurrence:
+    def recurrence(self) -> Scan:
         """The program, and where its inputs come from."""
         nq, nv, given = self.model.nq, self.model.nv, self.given
         state: Ports = [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,))]
@@ -98,7 +98,7 @@ class Plan:
         said = ["tau"] * self.says_torques
         if self.method == "semi_implicit":
             program = trace(self._semi_implicit, [*state, *given], ["q", "dq", *said])
-            return Recurrence(program, (*fed, *sources), visible=2)
+            return Scan(program, (*fed, *sources), visible=2)
         more: Ports = [
             ("q at start", (nq,)),
             ("dq at start", (nv,)),
@@ -109,7 +109,7 @@ class Plan:
         fed += [Source("start", 0), Source("start", 1), Source("state", 2), Source("state", 3), Source("stage")]
         names = ["q", "dq", "q sum", "dq sum", *said]
         program = trace(self._runge_kutta, [*state, *more, *given], names)
-        return Recurrence(program, (*fed, *sources), visible=2, hidden=2, table=stages(RK4))
+        return Scan(program, (*fed, *sources), visible=2, hidden=2, table=stages(RK4))
 
     # ── on symbols ──
 
@@ -246,7 +246,7 @@ class SimulatedStep(Plan):
         """Evaluations of forward dynamics in a step."""
         return len(TABLEAUS[self.method].b) if self.method in TABLEAUS else 1
 
-    def recurrence(self) -> Recurrence:
+    def recurrence(self) -> Scan:
         """The program, and where its inputs come from: the state is q, dq, W and a peak, of a step its accelerations are said.
 
         The peak is that of :func:`ended`. Nothing takes it; it goes in as any number.
@@ -254,15 +254,15 @@ class SimulatedStep(Plan):
         if self.method == "semi_implicit":
             names = ["q", "dq", "work", "peak", "ddq", *self._gaps]
             program = trace(self._semi_implicit_step, [*self._state(), *self.given], names)
-            return Recurrence(program, (*FED, *[Source("given")] * len(self.given)), visible=4)
+            return Scan(program, (*FED, *[Source("given")] * len(self.given)), visible=4)
         program, fed = self._staged()
-        return Recurrence(program, fed, visible=4, hidden=3, table=stages(TABLEAUS[self.method]))
+        return Scan(program, fed, visible=4, hidden=3, table=stages(TABLEAUS[self.method]))
 
-    def one_stage(self) -> Recurrence:
+    def one_stage(self) -> Scan:
         """The same for each stage of a Runge-Kutta method: sums are states, the beginning of the step and the row are given."""
         program, fed = self._staged()
         sources = [source if source.kind == "state" else Source("given") for source in fed]
-        return Recurrence(program, tuple(sources), visible=7)
+        return Scan(program, tuple(sources), visible=7)
 
     @property
     def _gaps(self) -> list[str]:
@@ -438,11 +438,11 @@ class CompiledSteps:
             "contacts": system.contacts,
         }
         plan = SimulatedStep(model, GivenTorque(), method, **acting)
-        return cls._with_kernel(system, plan, order, h, lone=True)
+        return cls._with_kernel(system, plan, order, h, scalar=True)
 
     @classmethod
     def _with_kernel(
-        cls, system: System, plan: SimulatedStep, order: int, h: float, *, lone: bool
+        cls, system: System, plan: SimulatedStep, order: int, h: float, *, scalar: bool
     ) -> CompiledSteps | None:
         """The same, for one state at a time or for many side by side."""
         robot = system.robot
@@ -450,18 +450,18 @@ class CompiledSteps:
         def made() -> Any:
             robot.engine.require_invertible()
             doc = f"Steps of {robot.name}, compiled: {plan.method}."
-            return compiled(cls.recurrence(plan), "simulated step", doc, lone=lone)
+            return compiled(cls.recurrence(plan), "simulated step", doc, scalar=scalar)
 
-        kernel = robot.engine.cached((*plan.key, cls.__name__, lone), made)
+        kernel = robot.engine.cached((*plan.key, cls.__name__, scalar), made)
         owner = owner_of(kernel)
-        return None if owner is None else cls(system, plan, order, h, kernel, owner.effort)
+        return None if owner is None else cls(system, plan, order, h, kernel, owner.cost)
 
     def side_by_side(self) -> CompiledSteps:
         """The same steps compiled for many states at once: the numbers of a state do not depend on its neighbours."""
-        return self._with_kernel(self.system, self.plan, self.order, self.h, lone=False) or self
+        return self._with_kernel(self.system, self.plan, self.order, self.h, scalar=False) or self
 
     @staticmethod
-    def recurrence(plan: SimulatedStep) -> Recurrence:
+    def recurrence(plan: SimulatedStep) -> Scan:
         """What is compiled: whole steps."""
         return plan.recurrence()
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes, replacing
 from ..core.tables import CsvWriter, meant_text
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
@@ -121,7 +121,7 @@ def read(path: str | Path) -> SimulationResult:
     path = as_path(path)
     advice = "Give a .npz or .csv that SimulationResult wrote, whole."
     try:
-        with foreign_errors(lambda reason: TrajectoryError(f"cannot be read as a simulation: {reason}. {advice}")):
+        with third_party_errors(lambda reason: TrajectoryError(f"cannot be read as a simulation: {reason}. {advice}")):
             return _read(path)
     except TrajectoryError as problem:
         raise TrajectoryError(f"{path}: {problem}") from None

@@ -16,12 +16,12 @@ from ..core import arguments
 from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..ir import autodiff
-from ..ir.loops import Recurrence, Source
+from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..lowering.target_machine import SINGLE
 from ..robot.engine import compiled
 from ..robot.programs import Chart
-from ..runtime import batch_threads as threads
+from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.gufunc import owner_of
 from ..runtime.result_pool import room
@@ -61,7 +61,7 @@ def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tu
     """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs counts the samples."""
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
         for some, places, count in _slices(kernel, arrays, ranks, outputs, steps):
-            threads.share(kernel, _parts(kernel, some, ranks, places, count))
+            batch_threads.share(kernel, _parts(kernel, some, ranks, places, count))
 
 
 def _slices(
@@ -71,12 +71,12 @@ def _slices(
     owner = owner_of(kernel)
     made = owner.given if owner is not None else None
     samples, kept = outputs[0].shape[:2]
-    if not (owner is not None and isinstance(made, Recurrence) and samples and kept) or (
+    if not (owner is not None and isinstance(made, Scan) and samples and kept) or (
         made.hidden and len(made.table) == 1
     ):
         yield arrays, outputs, steps
         return
-    most = max(1, int(IN_ONE_CALL / (owner.effort * len(made.table) * LANES * ALONE)))
+    most = max(1, int(IN_ONE_CALL / (owner.cost * len(made.table) * LANES * ALONE)))
     every, states, rest = steps // kept, list(arrays[: made.visible]), arrays[made.visible :]
     rows = max(1, most // every)  # kept ones in a slice; a long way from one to the next is cut itself
     for row in range(0, kept, rows):
@@ -103,8 +103,8 @@ def _parts(
     if owner is not None:
         if outputs[0].dtype == np.float32:
             owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
-        stages = len(owner.given.table) if isinstance(owner.given, Recurrence) else 1
-        rows = min(int(IN_ONE_CALL / (owner.effort * stages * steps)), -(-samples // threads.get_threads()))
+        stages = len(owner.given.table) if isinstance(owner.given, Scan) else 1
+        rows = min(int(IN_ONE_CALL / (owner.cost * stages * steps)), -(-samples // batch_threads.get_threads()))
         rows = max(LANES, rows // LANES * LANES)
     for first in range(0, samples, rows):
         some = slice(first, first + rows)
@@ -195,7 +195,7 @@ class StepAdjoint:
         ]
 
     @property
-    def recurrence(self) -> Recurrence:
+    def recurrence(self) -> Scan:
         """(1) and (2), from the last step to the first: the states are λ, by q and by dq, and (2) is said of each step.
 
         Given for each step: q twice (as angles and as coordinates), dq, all that the step was given, l by q and by dq, and
@@ -207,7 +207,7 @@ class StepAdjoint:
         given += [("cost by q", (nv,)), ("cost by dq", (nv,)), *[("cost by tau", (nv,))] * self.plan.says_torques]
         said = [f"slope by {name}" for name, _ in self.by]
         program = trace(self._on_symbols, [*states, *given], [*(name for name, _ in states), *said])
-        return Recurrence(program, (Source("state", 0), Source("state", 1), *[Source("given")] * len(given)), visible=2)
+        return Scan(program, (Source("state", 0), Source("state", 1), *[Source("given")] * len(given)), visible=2)
 
     def _on_symbols(
         self, by_q1: Array, by_dq1: Array, angles: Array, q: Array, dq: Array, *given: Any

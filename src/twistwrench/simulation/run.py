@@ -11,7 +11,7 @@ import numpy as np
 from ..core.numbers import printed
 from ..core.quadrature import probe_spacing
 from ..errors import SimulationError
-from ..runtime.bound_calls import calls_rows
+from ..runtime.bound_calls import can_bind_calls
 from ..typing import Array
 from .accuracy import Accuracy, Extent, Flow, ForceProbes, StepDoubling, UnseenForces
 from .adaptive import Stepper
@@ -98,7 +98,7 @@ class Run:
         if self.compiled is not None:
             if self.asks_nobody:
                 take_blocks(self, self.compiled)
-            elif calls_rows(self.compiled.kernel):
+            elif can_bind_calls(self.compiled.kernel):
                 take_asked(self, self.compiled)
             if self.stopped or self.steps == self.n:
                 return

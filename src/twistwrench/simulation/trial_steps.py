@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..algorithms.recursion import zeros
-from ..ir.loops import Recurrence, Source
+from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..robot.engine import compiled
-from ..runtime.bound_calls import Rows, calls_rows, row_calls
+from ..runtime.bound_calls import Rows, bind_calls, can_bind_calls
 from ..runtime.gufunc import owner_of
 from ..typing import Array
 from .compiled_steps import Ports, SimulatedStep, acts_by_itself, constants, rubs
@@ -36,7 +36,7 @@ class AttemptedStep(SimulatedStep):
         """Evaluations of forward dynamics, those at the beginning left out: its rates are given."""
         return STAGES - 1
 
-    def recurrence(self) -> Recurrence:
+    def recurrence(self) -> Scan:
         """The program, whose states are q, dq, W, the rates (7, size) of the stages, error (size,) and judgement (4,).
 
         Of the rates the first are given; error and judgement go in as any numbers, and nothing takes them. After the step's
@@ -53,7 +53,7 @@ class AttemptedStep(SimulatedStep):
         fed += [Source("state", 3), Source("stage")]
         names = ["q", "dq", "work", "rates", "error", "judgement"]
         program = trace(self._attempt, [*state, *rest, *given], names)
-        return Recurrence(program, (*fed, *[Source("given")] * len(given)), visible=6, table=_rows())
+        return Scan(program, (*fed, *[Source("given")] * len(given)), visible=6, table=_rows())
 
     def _attempt(
         self, angles: Array, _q: Array, dq: Array, q0: Array, dq0: Array, work0: Array, K: Array, row: Array, h: Any,
@@ -151,7 +151,7 @@ class CompiledAttempts:
         def made() -> Any:
             robot.engine.require_invertible()
             doc = f"Steps of {robot.name}, compiled: dopri5."
-            return compiled(plan.recurrence(), "attempted step", doc, lone=True)
+            return compiled(plan.recurrence(), "attempted step", doc, scalar=True)
 
         kernel = robot.engine.cached(plan.key, made)
         return None if owner_of(kernel) is None else cls(system, plan, kernel, tolerances)
@@ -187,8 +187,8 @@ class CompiledAttempts:
 
 def _calls(kernel: Any, inputs: list[Rows], outputs: list[Rows], taken: int) -> Callable[[int], Any]:
     """A function that makes call k of a kernel, from and to rows of arrays."""
-    if calls_rows(kernel):
-        return row_calls(kernel, [*inputs, *outputs], taken, len(inputs) + len(outputs) - 1)
+    if can_bind_calls(kernel):
+        return bind_calls(kernel, [*inputs, *outputs], taken, len(inputs) + len(outputs) - 1)
 
     def call(k: int) -> None:
         *states, lengths = (x[which[k]] for x, which in inputs[:7])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.third_party import foreign_errors
+from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError
 from ..typing import Array
 
@@ -165,7 +165,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
         import trimesh
     except ImportError:
         raise MissingExtraError.of("trimesh", "viz", "Showing meshes") from None
-    with foreign_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
+    with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
         scene: Any = trimesh.load_scene(path)
         parts: dict[tuple[float, float, float] | None, list[Surface]] = {}
         for node in scene.graph.nodes_geometry:

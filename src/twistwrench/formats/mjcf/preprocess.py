@@ -14,7 +14,7 @@ from ...bodies.inertia import SpatialInertia
 from ...bodies.mesh import hull_faces
 from ...core.files import read_bytes
 from ...core.gravity import GRAVITY
-from ...core.third_party import foreign_errors
+from ...core.third_party import third_party_errors
 from ...errors import RobotFileError, TwistWrenchError
 from ...lie import quaternion
 from ...typing import Array
@@ -406,7 +406,7 @@ def _triples(element: Element, attribute: str) -> Array:
 
 def _msh(path: Path) -> tuple[Array, Array]:
     """MuJoCo's own binary format: four counts, then vertices, normals and texture coordinates as float32, and faces."""
-    with foreign_errors(lambda reason: RobotFileError(f"{path.name} cannot be read as a mesh: {reason}.")):
+    with third_party_errors(lambda reason: RobotFileError(f"{path.name} cannot be read as a mesh: {reason}.")):
         data = read_bytes(path)
     counts = np.frombuffer(data[:16], "<i4").astype(int)
     vertices, normals, textures, faces = counts if counts.size == 4 else (0, 0, 0, 0)

@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike
 
 from ...algorithms.constraints import Closure, Constraint, independent_constraints, row_names, with_gaps
 from ...algorithms.loop_closure import closure_gaps, independent_rows, settled
-from ...core import arguments
-from ...core import third_party as lazy
+from ...core import arguments, third_party
 from ...core.numbers import printed
 from ...errors import ValueRangeError
 from ...lie.labelled import TWIST
@@ -133,7 +132,7 @@ class ClosedRobot(
 
     # ── positions ──
 
-    @lazy.by_blocks(lambda closed, _: [(sum(with_gaps(closed.constraints)),)])
+    @third_party.by_blocks(lambda closed, _: [(sum(with_gaps(closed.constraints)),)])
     def constraint_error(self, q: ArrayLike) -> Array:
         """Constraint error: by how much loops are open, in the rows that have a position.
 
@@ -162,7 +161,7 @@ class ClosedRobot(
         (q,) = finite_states(self.robot.model, "constraint_error", q=q)
         return self.gaps(q).astype(q.dtype, copy=False)
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nq,)])
+    @third_party.by_blocks(lambda closed, _: [(closed.nq,)])
     def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = checks.NEAR) -> Array:
         """Configuration near q at which the loops are closed, to ``tolerance``.
 

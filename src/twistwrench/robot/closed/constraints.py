@@ -12,8 +12,7 @@ from ...algorithms.constraints import Closure, Constraint, MotionForceSplit, Rol
 from ...algorithms.kinematics import KINDS
 from ...algorithms.loop_closure import ConstraintProjector, usual_sizes
 from ...algorithms.operational_space import row_numbers
-from ...core import arguments
-from ...core import third_party as lazy
+from ...core import arguments, third_party
 from ...errors import ConstraintError, UnknownNameError
 from ...model.model import BASE, Model
 from ...typing import Array
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 class ConstraintMethods:
     """The methods of a closed robot about its constraints: A, its rank, and projections."""
 
-    @lazy.by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
+    @third_party.by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
     def constraint_jacobian(self: Any, q: ArrayLike) -> Array:
         """Constraint Jacobian A, with A dq = 0.
 
@@ -64,7 +63,7 @@ class ConstraintMethods:
             return np.zeros((*q.shape[:-1], 0, self.nv))
         return np.asarray(self.robot.engine.call("constraint_jacobian", q, constraints=self.constraints))
 
-    @lazy.by_blocks(lambda closed, _: [(len(closed.sizes),)])
+    @third_party.by_blocks(lambda closed, _: [(len(closed.sizes),)])
     def constraint_bias(self: Any, q: ArrayLike, dq: ArrayLike) -> Array:
         """Constraint bias (dA/dt) dq, so that A q̈ + (dA/dt) dq = 0.
 
@@ -96,7 +95,7 @@ class ConstraintMethods:
             return np.zeros((*np.broadcast_shapes(q.shape[:-1], dq.shape[:-1]), 0))
         return np.asarray(self.robot.engine.call("constraint_bias", q, dq, constraints=self.constraints))
 
-    @lazy.by_blocks(lambda *_: [()], dtype=int)
+    @third_party.by_blocks(lambda *_: [()], dtype=int)
     def rank(self: Any, q: ArrayLike) -> Array:
         """Rank of A at q: how many of its rows are independent; fewer than usual where the configuration is singular.
 
@@ -124,7 +123,7 @@ class ConstraintMethods:
         """
         return reach_of(self, *finite_states(self.robot.model, "rank", q=q))[1].rank
 
-    @lazy.by_blocks(lambda *_: [()], dtype=int)
+    @third_party.by_blocks(lambda *_: [()], dtype=int)
     def degrees_of_freedom(self: Any, q: ArrayLike) -> Array:
         """Degrees of freedom at q: nv less the rank of A.
 
@@ -152,7 +151,7 @@ class ConstraintMethods:
         """
         return self.nv - self.rank(q)
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
+    @third_party.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
     def projector(self: Any, q: ArrayLike) -> Array:
         """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints.
 
@@ -188,7 +187,7 @@ class ConstraintMethods:
         (q,) = finite_states(self.robot.model, "projector", q=q)
         return reach_of(self, q)[1].projector.astype(q.dtype, copy=False)
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,)] * 2, MotionForceSplit)
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,)] * 2, MotionForceSplit)
     def split(self: Any, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques split into those that move the robot, Pτ, and those that the constraints bear.
 
@@ -222,7 +221,7 @@ class ConstraintMethods:
         motion = (reach_of(self, q)[1].projector @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
         return MotionForceSplit(motion, tau - motion)
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
     def project_velocity(self: Any, q: ArrayLike, dq: ArrayLike) -> Array:
         """Velocity nearest in the kinetic metric that meets A dq = 0: P'dq.
 
@@ -254,7 +253,7 @@ class ConstraintMethods:
         q, dq = finite_states(self.robot.model, "project_velocity", q=q, dq=dq)
         return self._nearest(q, dq, 0.0)
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
     def project_acceleration(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Acceleration nearest in the kinetic metric that meets A q̈ + (dA/dt) dq = 0.
 

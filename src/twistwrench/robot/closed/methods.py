@@ -18,8 +18,7 @@ from ...algorithms.constraints import (
     constrained_derivatives,
 )
 from ...algorithms.loop_closure import doubtful
-from ...core import arguments
-from ...core import third_party as lazy
+from ...core import arguments, third_party
 from ...typing import Array
 from ..arguments import Wrenches, finite_states
 from ..ik_methods import IKMethods
@@ -230,7 +229,7 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
 class ClosedDynamicsMethods:
     """The methods of a closed robot about its dynamics."""
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
     def forward_dynamics(
         self: Any,
         q: ArrayLike,
@@ -320,7 +319,7 @@ class ClosedDynamicsMethods:
         checks.warn_of_singular(reach.rank, len(self.independent))
         return reach.constrained(force, self.constraint_bias(q, dq))
 
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
     def inverse_dynamics(
         self: Any,
         q: ArrayLike,
