@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 import twistwrench as tw
-from twistwrench.formats.known_elements import KNOWN, NO_MECHANICS, OTHERS, READ, LeftOut
+from twistwrench.formats.known_elements import KNOWN, NO_MECHANICS, OTHERS, READ, LeftOut, Unread
 
 URDF = """<robot name="r">
 <link name="base"/>
@@ -220,3 +220,62 @@ def test_names_in_no_row_are_remarked_wherever_something_is_read(form, whole):
             assert new.startswith("line ") and name in new, new
             foreign = name.replace("qqqq", "drake:qqqq")
             assert not [text for text in answer(switched_on(form, tag, foreign, "3"))[1] if "is not an" in text]
+
+
+# ── MJCF: its table has what MuJoCo's own schema has, and every other name is remarked ──
+
+MJCF = """<mujoco><compiler/><option><flag/></option><default><joint/><tendon/><equality/><motor/></default>
+<asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>
+<worldbody><body name="b"><inertial pos="1 0 0" mass="1" diaginertia="1 1 1"/><joint name="j" axis="0 1 0"/>
+<frame><geom size="1"/><site name="s"/></frame></body></worldbody>
+<equality><joint joint1="j"/></equality><tendon><fixed><joint joint="j" coef="1"/></fixed></tendon>
+<actuator><motor joint="j"/></actuator></mujoco>"""
+
+
+def _schema():
+    """(parents and tag, attributes) of MuJoCo's own schema."""
+    mujoco = pytest.importorskip("mujoco")
+    path: list[str] = []
+    found: dict[tuple[str, ...], set[str]] = {}
+    for line in mujoco.mj_printSchema(False, False).splitlines():
+        indent = len(line) - len(line.lstrip())
+        words = line.split()
+        if indent < 20 and words:
+            path = [*path[: indent // 3], words[0].replace("(world)", "")]
+            words = words[2:]
+        found.setdefault(tuple(path), set()).update(words)
+    return found
+
+
+def test_the_table_of_mjcf_has_every_name_that_mujoco_reads():
+    unread = Unread("MJCF")
+    looked = 0
+    for path, attributes in _schema().items():
+        row = unread.row(path[-1], path[-2] if len(path) > 1 else "")
+        if row and "spatial" not in path:  # whose contents are passed over
+            looked += 1
+            assert not [name for name in attributes if unread.entry(row, name) is None], path
+    assert looked > 40
+
+
+@pytest.mark.parametrize("tag", sorted({one.tag for one in ET.fromstring(MJCF).iter()}))
+def test_names_of_mjcf_in_no_table_are_remarked(tag):
+    before = loaded(MJCF).defects
+    for name in ("<strnge>",) if OTHERS in KNOWN["MJCF"].get(tag, {}) else ("strnge", "<strnge>"):
+        root = ET.fromstring(MJCF)
+        one = next(root.iter(tag))
+        if name == "strnge":
+            one.set(name, "1")
+        else:
+            ET.SubElement(one, "strnge")
+        new = [text for text in loaded(ET.tostring(root, encoding="unicode")).defects if text not in before]
+        assert [text for text in new if "strnge" in text], (tag, name)
+
+
+def test_the_pose_of_a_model_in_another_frame_is_remarked():
+    text = """<sdf version="1.9"><world name="w"><frame name="f"><pose>1 0 0 0 0 0</pose></frame>
+    <model name="r"><static>true</static><pose{}>0 0 1 0 0 0</pose><link name="l"/></model></world></sdf>"""
+    before, after = (loaded(text.format(at)) for at in ("", ' relative_to="f"'))
+    assert meaning(before) == meaning(after)
+    (new,) = [one for one in after.defects if one not in before.defects]
+    assert "relative to 'f', which is not read" in new

@@ -114,7 +114,6 @@ REFUSED = {
     "composite": ("<composite/>", ["<composite>", "line 4", "from_mujoco"]),
     "replicate": ("<replicate count='3'/>", ["<replicate>", "line 4", "from_mujoco"]),
     "attach": ("<attach model='hand'/>", ["<attach>", "line 4", "from_mujoco"]),
-    "unknown element": ("<goem size='1'/>", ["<goem>", "line 4", "geom"]),
     "unknown class": ("<geom class='soft' size='1'/>", ["'soft'", "line 4", "'main'"]),
     "unknown childclass": ("<body childclass='soft'/>", ["'soft'", "line 4", "'main'"]),
     "size": ("<geom type='box' size='1 2'/>", ["<geom>", "line 4", "1 2 0", "above zero"]),
@@ -150,7 +149,6 @@ SECTIONS = {
     "joint of an equality": ("<equality><joint joint1='k'/></equality>", ["line 2", "'k'"]),
     "body of an equality": ("<equality><weld body1='z'/></equality>", ["line 2", "'z'"]),
     "keyframe": ("<keyframe><key qpos='1 2'/></keyframe>", ["line 2", "2 numbers", "1 coordinates"]),
-    "deformable": ("<deformable><flex name='f'/></deformable>", ["<flex name='f'> (line 2)"]),
     "global": ("<compiler coordinate='global'/>", ["<compiler>", "line 2", "global"]),
     "eulerseq": ("<compiler eulerseq='xyw'/>", ["<compiler>", "line 2", "xyw"]),
     "class twice": ("<default><default class='a'/><default class='a'/></default>", ["line 2", "second"]),
@@ -346,8 +344,19 @@ def test_the_viewer_places_bodies_between_the_joints_of_one_body():
     assert "two links" in page_text(robot.with_payload(tw.SpatialInertia.sphere(0.1, mass=1.0), frame="lower"))
 
 
-@pytest.mark.parametrize("text", ["<worldbdy><body/></worldbdy>", "<worldbody/>\n<actuators/>"])
-def test_sections_that_are_misspelt_are_refused_with_their_line(text):
-    """MuJoCo refuses them too; passed over, the robot would have no bodies, or no drives."""
-    with pytest.raises(tw.RobotFileError, match=rf"line {1 + text.count(chr(10))}\) is no section of an MJCF file"):
-        tw.load(f"<mujoco>{text}</mujoco>")
+@pytest.mark.parametrize(
+    ("text", "line", "name"),
+    [("<worldbdy><body/></worldbdy>", 1, "worldbody"), ("<worldbody/>\n<actuators/>", 2, "actuator")],
+)
+def test_sections_that_are_misspelt_are_remarked_with_their_line(text, line, name):
+    (said,) = load_quietly(f"<mujoco>{text}</mujoco>").defects
+    assert said.startswith(f"line {line}: ") and said.endswith(f"is not an element of MJCF; did you mean <{name}>?")
+
+
+def test_flexes_and_unknown_elements_of_bodies_are_remarked():
+    text = (
+        "<mujoco><deformable><flex name='f'/></deformable><worldbody><body><goem size='1'/></body></worldbody></mujoco>"
+    )
+    flex, unknown = load_quietly(text).defects
+    assert flex == "<flex name='f'> (line 1) is a deformable body, whose elastic forces are left out"
+    assert unknown == "line 1: <goem> is not an element of MJCF; did you mean <geom>?"

@@ -242,7 +242,106 @@ _USD: Rows = {  # rows of kinds of prims; schemas that are applied to them stand
     "scene": _all(READ, "physics:gravityDirection physics:gravityMagnitude"),
 }
 
-KNOWN: Mapping[str, Rows] = {"URDF": _URDF, "SDF": _SDF, "USD": _USD}
+ACTUATORS = (
+    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
+    "orientation", "plugin",
+)  # fmt: skip
+"""The elements of ``<actuator>`` in MJCF; they share their defaults."""
+_TURNS = "quat axisangle xyaxes zaxis euler"
+_MJCF_BODY: Mapping[str, Entry] = {
+    **_all(READ, f"name pos {_TURNS} childclass gravcomp"),
+    **_all(READ, "<body> <frame> <inertial> <joint> <freejoint> <geom> <site>"),
+    **_all(NO_MECHANICS, "fuse simple sleep mocap user <camera> <light> <plugin>"),  # the reader remarks plugins
+}
+_MJCF_TENDON: Mapping[str, Entry] = {
+    **_all(READ, "name class stiffness springlength springyield damping frictionloss armature <joint>"),
+    **_all(NO_MECHANICS, "limited range margin group material rgba width user actuatorfrclimited actuatorfrcrange"),
+    **_all(NO_MECHANICS, "solimpfriction solimplimit solreffriction solreflimit"),
+}
+_MJCF_ACTUATOR: Mapping[str, Entry] = {
+    **_all(READ, "name class joint jointinparent gear armature damping forcelimited forcerange ctrllimited ctrlrange"),
+    **_all(READ, "gaintype gainprm biastype dyntype saturation motorconst nominal"),
+    **_all(NO_MECHANICS, "biasprm dynprm body site tendon refsite slidersite cranksite cranklength lengthrange"),
+    **_all(NO_MECHANICS, "actdim actearly actlimited actrange area bias cogging controller dampratio delay diameter"),
+    **_all(NO_MECHANICS, "ffrange force fpmax fvmax gain group imax inductance inheritrange input instance interp"),
+    **_all(NO_MECHANICS, "ki kp kv lmax lmin lugre nsample plugin posrange range resistance scale slewmax tausmooth"),
+    **_all(NO_MECHANICS, "thermal timeconst user velrange vmax <config>"),
+}
+_MJCF_EQUALITY: Mapping[str, Entry] = {
+    **_all(READ, "name class active anchor relpose body1 body2 site1 site2 joint1 joint2 polycoef"),
+    **_all(NO_MECHANICS, "solimp solref torquescale"),
+}
+_MJCF: Rows = {  # what depends on several attributes is READ here, and remarked by the reader
+    "mujoco": {
+        **_all(READ, "model <compiler> <option> <default> <asset> <worldbody> <equality> <tendon> <actuator>"),
+        **_all(NO_MECHANICS, "<size> <visual> <statistic> <extension> <custom> <contact> <sensor>"),
+        **_all(NO_MECHANICS, "<keyframe> <deformable>"),
+    },
+    "compiler": {
+        **_all(READ, "angle eulerseq coordinate autolimits alignfree meshdir assetdir strippath settotalmass"),
+        **_all(READ, "inertiafromgeom inertiagrouprange boundmass boundinertia balanceinertia"),
+        **_all(NO_MECHANICS, "conflict convexhull discardvisual fitaabb fusestatic passthrough texturedir usethread"),
+        **_all(NO_MECHANICS, "savecanonical savecompiled saveinertial <lengthrange>"),
+        "exactmeshinertia": LeftOut("meshes are weighed as by the attribute inertia of <mesh>"),
+    },
+    "option": {
+        **_all(READ, "gravity density viscosity wind <flag>"),
+        **_all(NO_MECHANICS, "actuatorgroupdisable apirate ccd_iterations ccd_tolerance collision cone impratio"),
+        **_all(NO_MECHANICS, "integrator iterations jacobian ls_iterations ls_tolerance magnetic mpr_iterations"),
+        **_all(NO_MECHANICS, "mpr_tolerance noslip_iterations noslip_tolerance o_friction o_margin o_solimp o_solref"),
+        **_all(NO_MECHANICS, "sdf_initpoints sdf_iterations sleep_tolerance solver timestep tolerance"),
+    },
+    "flag": {
+        **_all(READ, "gravity spring damper passive equality frictionloss constraint"),
+        **_all(NO_MECHANICS, "actuation autoreset clampctrl contact diagexact energy eulerdamp filterparent fwdinv"),
+        **_all(NO_MECHANICS, "invdiscrete ipc island limit midphase multiccd nativeccd override refsafe sensor"),
+        **_all(NO_MECHANICS, "sensornoise sleep speculative warmstart"),
+    },
+    "default": {
+        **_all(READ, "class <default> <joint> <geom> <site> <mesh> <equality> <tendon>"),
+        **_all(READ, " ".join(f"<{tag}>" for tag in ACTUATORS)),
+        **_all(NO_MECHANICS, "<camera> <light> <pair> <texture> <material> <skin>"),
+    },
+    "asset": {**_all(READ, "<mesh> <hfield>"), **_all(NO_MECHANICS, "<skin> <texture> <material> <model>")},
+    "mesh": {
+        **_all(READ, "name class file vertex face inertia refpos refquat scale"),
+        **_all(NO_MECHANICS, "builtin params content_type material maxhullvert normal smoothnormal texcoord <plugin>"),
+    },
+    "hfield": {**_all(READ, "name file size"), **_all(NO_MECHANICS, "content_type elevation ncol nrow")},
+    "worldbody": _MJCF_BODY,
+    "body": _MJCF_BODY,
+    "frame": _MJCF_BODY,
+    "inertial": _all(READ, f"pos {_TURNS} mass diaginertia fullinertia"),
+    "joint": {
+        **_all(READ, "name class type pos axis ref range limited stiffness springref springdamper springyield damping"),
+        **_all(READ, "frictionloss armature actuatorfrcrange actuatorfrclimited"),
+        **_all(NO_MECHANICS, "group margin user actuatorgravcomp"),
+        **_all(NO_MECHANICS, "solimpfriction solimplimit solreffriction solreflimit"),
+    },
+    "freejoint": {**_all(READ, "name align"), **_all(NO_MECHANICS, "class group user")},
+    "geom": {
+        **_all(READ, f"name class type pos {_TURNS} size fromto mass density mesh hfield group shellinertia fitscale"),
+        **_all(NO_MECHANICS, "adhesion castshadow conaffinity condim contype fluidcoef fluidshape friction gap margin"),
+        **_all(NO_MECHANICS, "material priority rgba solimp solmix solref surfacevel user <plugin>"),
+    },
+    "site": {
+        **_all(READ, f"name class type pos {_TURNS} size fromto"),
+        **_all(NO_MECHANICS, "group material mesh rgba user"),
+    },
+    "equality": {  # others than these three are remarked by the reader
+        **_all(READ, "<connect> <weld> <joint>"),
+        OTHERS: NO_MECHANICS,
+    },
+    **dict.fromkeys(("default/equality", "connect", "weld", "equality/joint"), _MJCF_EQUALITY),
+    "tendon": {"<fixed>": READ, "<spatial>": NO_MECHANICS},  # the reader remarks spatial tendons with forces
+    "default/tendon": _MJCF_TENDON,
+    "fixed": _MJCF_TENDON,
+    "fixed/joint": _all(READ, "joint coef"),
+    "actuator": {**_all(READ, " ".join(f"<{tag}>" for tag in ACTUATORS)), OTHERS: NO_MECHANICS},
+    **{f"{parent}/{tag}": _MJCF_ACTUATOR for parent in ("actuator", "default") for tag in ACTUATORS},
+}
+
+KNOWN: Mapping[str, Rows] = {"URDF": _URDF, "SDF": _SDF, "USD": _USD, "MJCF": _MJCF}
 
 LEFT_OUT: Mapping[str, str] = {
     "option/density": "fills the world with a fluid, whose forces are left out",

@@ -259,7 +259,15 @@ class _SdfReader:
         gravity = world.child("gravity") if world is not None else None
         if gravity is not None:
             self.builder.gravity = vector(gravity).tolist()
-        self.place = pose(model.child("pose"))
+        own = model.child("pose")
+        self.place = pose(own)
+        reference = own.attributes.get("relative_to", "").strip() if own is not None else ""
+        if reference not in ("", WORLD):
+            self.builder.remark(
+                Remark(
+                    str(own), f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
+                )
+            )
         self.parts: SdfModel = unpacked(model)
 
     def read(self) -> ModelBuilder:

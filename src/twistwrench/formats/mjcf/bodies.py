@@ -105,8 +105,6 @@ REFUSED = {
     "replicate": "it makes bodies by a recipe of MuJoCo's",
     "attach": "it copies a body of another model",
 }
-_IGNORED = ("camera", "light", "plugin")
-_IN_BODIES = ("body", "frame", "joint", "freejoint", "geom", "site", "inertial", *_IGNORED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +144,7 @@ class MjcfBody:
 def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBody]:
     """All bodies, depth first in the file's order, as MuJoCo numbers them.
 
-    Raises :class:`~twistwrench.RobotFileError` for elements that are not read, and for those that are no elements of a body.
+    Raises :class:`~twistwrench.RobotFileError` for elements that make bodies by a recipe.
     """
     found = [MjcfBody(root, WORLD, 0, IDENTITY)]
     worlds = root.all("worldbody")
@@ -194,8 +192,6 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
             raise RobotFileError(f"{child} is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
         elif child.tag == "plugin":
             body.plugins.append(child)
-        elif child.tag not in _IGNORED:
-            raise RobotFileError(f"{child} is no element of a body. Known: {', '.join(_IN_BODIES)}.")
     return found
 
 

@@ -17,9 +17,9 @@ from ...model.model import OfferedClosure
 from ...model.notes import Remark
 from ...typing import Array
 from ..element import Element
-from ..known_elements import LEFT_OUT
+from ..known_elements import ACTUATORS, LEFT_OUT
 from .bodies import WORLD, MjcfBody, MjcfJoint, limited
-from .preprocess import ACTUATORS, SHORTCUT, Defaults, Settings
+from .preprocess import SHORTCUT, Defaults, Settings
 
 
 @dataclass(frozen=True)
@@ -290,8 +290,6 @@ def add_tendons(
                     builder.remark(Remark(str(child), "is a spatial tendon, whose forces and inertia are left out"))
             elif child.tag == "fixed":
                 _add_fixed(builder, one, joints, kept)
-            else:
-                raise RobotFileError(f"{child} is no tendon. Known: fixed, spatial.")
 
 
 def _add_fixed(builder: ModelBuilder, one: Element, joints: Mapping[str, MjcfJoint], kept: set[str]) -> None:

@@ -19,6 +19,7 @@ from ...errors import RobotFileError, TwistWrenchError
 from ...lie import quaternion
 from ...typing import Array
 from ..element import Element
+from ..known_elements import ACTUATORS
 from ..source import MAX_BYTES, read_robot_text
 from ..xml import parse
 
@@ -215,12 +216,6 @@ def _part(path: Path, asked: Element, max_bodies: int) -> Element:
 
 # A class begins as a copy of the class it stands in, whatever the order in the file. An element takes the class it names, else
 # the ``childclass`` of the nearest body or frame around it, else the outermost class, ``main``.
-
-ACTUATORS = (
-    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
-    "orientation", "plugin",
-)  # fmt: skip
-"""The elements of ``<actuator>``; they share their defaults."""
 
 SHORTCUT = "the shortcut"
 """Beside the attributes of an actuator: the element whose meaning they have."""

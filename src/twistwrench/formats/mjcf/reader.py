@@ -17,7 +17,7 @@ from ...model.description import Mimic
 from ...model.notes import Remark
 from ...typing import Array
 from ..element import Element
-from ..known_elements import LEFT_OUT
+from ..known_elements import LEFT_OUT, Unread
 from .bodies import (
     COORDINATES,
     WORLD,
@@ -127,12 +127,6 @@ def _add(builder: ModelBuilder, name: str, q: Array, joints: Sequence[tuple[Mjcf
 
 # ── From the elements of an MJCF file to the builder's links and joints
 
-SECTIONS = (
-    "compiler", "option", "size", "visual", "statistic", "default", "extension", "custom", "asset", "worldbody", "deformable",
-    "contact", "equality", "tendon", "actuator", "sensor", "keyframe", "include",
-)  # fmt: skip
-"""What MuJoCo reads below ``<mujoco>``."""
-
 
 def read_mjcf(
     root: Element,
@@ -162,9 +156,6 @@ class _Reader:
     def __init__(
         self, root: Element, source: str, folders: Folders, floating_base: bool | None, keep: str | None
     ) -> None:
-        for section in root.children:
-            if section.tag not in SECTIONS:
-                raise RobotFileError(f"{section} is no section of an MJCF file. Known: {', '.join(SECTIONS)}.")
         self.root = root
         self.floating_base = floating_base
         self.settings, self.defaults = Settings.from_root(root), Defaults(root)
@@ -181,7 +172,6 @@ class _Reader:
 
     def read(self) -> tuple[ModelBuilder, bool]:
         """The builder, and whether its root is to float."""
-        self._refuse_deformable()
         by_name = self._by_name()
         floats = [j for mine in self.joints for j in mine if j.kind == "floating"]
         kept = {
@@ -208,12 +198,13 @@ class _Reader:
         fluid = fluid_of(self.root)
         if fluid is not None:
             self.builder.remark(Remark(str(fluid), LEFT_OUT["option/density"]))
+        for flex in (one for section in self.root.all("deformable") for one in section.all("flex")):
+            self.builder.remark(Remark(str(flex), LEFT_OUT["deformable/flex"]))
+        unread = Unread("MJCF")
+        unread.walk(self.root)
+        for text in unread.remarks:
+            self.builder.remark(text)
         return self.builder, bool(self.floating_base) and not any(j.name in kept for j in floats)
-
-    def _refuse_deformable(self) -> None:
-        for section in self.root.all("deformable"):
-            for flex in section.all("flex"):
-                raise RobotFileError(f"{flex} is a deformable body, which is not read. Remove it, or use a rigid body.")
 
     def _by_name(self) -> dict[str, MjcfJoint]:
         found: dict[str, MjcfJoint] = {}
