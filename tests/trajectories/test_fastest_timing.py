@@ -26,7 +26,7 @@ def assert_extreme(motion: trajectories.Fastest) -> None:
     shares = motion.shares(instants(motion))
     assert shares.max() <= 1 + WITHIN
     assert shares.min() >= 1 - WITHIN
-    touches = motion.touches
+    touches = motion.limit_contacts
     assert touches[0].begin == 0
     assert touches[-1].end == pytest.approx(motion.duration, rel=1e-12)
     assert all(a.end == b.begin for a, b in itertools.pairwise(touches))
@@ -81,7 +81,7 @@ def test_a_mass_is_driven_bang_bang(d, a):
     assert_allclose(
         motion([0.3 * motion.duration, 0.7 * motion.duration])[2][:, 0], [np.sign(d) * a, -np.sign(d) * a], rtol=1e-7
     )
-    assert [t.side for t in motion.touches] == [np.sign(d), -np.sign(d)]
+    assert [t.side for t in motion.limit_contacts] == [np.sign(d), -np.sign(d)]
     assert_extreme(motion)
 
 
@@ -90,14 +90,14 @@ def test_a_mass_with_a_velocity_limit_coasts():
     mass = tw.robots.pendulum().with_gravity([0, 0, 0])
     motion = fastest(mass, joint_line(mass, [0], [2.0]), effort=8.0, velocity=2.5)
     assert motion.duration == pytest.approx(2 / 2.5 + 2.5 / 8, rel=1e-7)
-    assert [t.kind for t in motion.touches] == ["torque", "velocity", "torque"]
+    assert [t.kind for t in motion.limit_contacts] == ["torque", "velocity", "torque"]
 
 
 def test_a_pendulum_agrees_with_its_energy():
     """Forward all torque is used until the switch, where ½ v² = T q - g (1 - cos q); then back, likewise."""
     pendulum, limit, end = tw.robots.pendulum(), 14.0, 2.0
     motion = fastest(pendulum, joint_line(pendulum, [0], [end]), effort=limit)
-    switch = motion(motion.touches[1].begin)[0][0]
+    switch = motion(motion.limit_contacts[1].begin)[0][0]
     assert limit * switch == pytest.approx(limit * (end - switch) + 9.81 * (np.cos(0) - np.cos(end)), rel=1e-6)
     assert_extreme(motion)
 
@@ -204,7 +204,7 @@ def test_the_phase_plane_has_the_motion_below_its_limit_curves(bundled):
     s, rate = curves.path
     bound = motion.rows.cap(s).x
     assert (rate**2 <= bound * (1 + 1e-6)).all()
-    assert len(curves.switches[0]) == len(motion.touches) - 1
+    assert len(curves.switches[0]) == len(motion.limit_contacts) - 1
 
 
 def test_a_robot_that_cannot_hold_itself_says_where_which_joint_and_how_much(bundled):

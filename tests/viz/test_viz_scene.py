@@ -277,10 +277,10 @@ def test_sharp_edges_stay_sharp_and_round_ones_round():
 def test_thinned_surfaces_keep_their_shape():
     many = ellipsoid((1.0, 0.5, 0.3))
     for most in (600, 300):
-        few = many.thinned(most)
+        few = many.decimated(most)
         assert len(few.faces) <= most
         assert abs(np.ptp(few.vertices, axis=0) - [2.0, 1.0, 0.6]).max() < 0.25
-    assert many.thinned(10_000) is many
+    assert many.decimated(10_000) is many
 
 
 def test_turned_z_is_a_rotation_onto_the_direction():
@@ -328,6 +328,6 @@ def test_real_robots_are_dressed_and_thin_down(path):
     origins = scene.body_poses(robot.neutral)[:, :3, 3]
     assert (origins > bounds[0] - 0.05).all()
     assert (origins < bounds[1] + 0.05).all()
-    thin = scene.thinned(20_000)
+    thin = scene.decimated(20_000)
     assert sum(len(s.surface.faces) for s in thin.shapes if s.layer == "looks") <= 24_000
     np.testing.assert_allclose(thin.bounds(robot.neutral), bounds, atol=0.03)

@@ -177,9 +177,9 @@ def _open_browser(url: str) -> bool:
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:
     """Raise unless there is a page of the section, and a page without a motion is asked for."""
-    from ..viz.section_pages import book_section
+    from ..viz.section_pages import section_panel
 
-    book_section(section)
+    section_panel(section)
     if html is None:
         raise ValueRangeError("--section writes a page. Add --html OUT.html.")
     if path is not None:

@@ -207,7 +207,7 @@ def plot_trajectory(
 
 
 def _bar(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
-    for touch in fast.touches:
+    for touch in fast.limit_contacts:
         k = names.index(touch.joint)
         axis.barh(
             0,
@@ -255,7 +255,7 @@ def _phase_plane(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
             label="largest joint velocity",
         )
     axis.plot(s, rate, color=LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
-    for touch, end in zip(fast.touches, [*(x.s for x in fast.touches[1:]), 1.0], strict=True):
+    for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
         colour = COLOURS[names.index(touch.joint) % len(COLOURS)]
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=":" if touch.kind == "velocity" else "-")

@@ -113,12 +113,12 @@ _LEAST = 32
 """Steps probed of a run, if it has so many."""
 _SPACING = 50
 """Steps between two that are probed, in a long run. A probe is the work of 2.5 steps, of 6 for a method of one evaluation."""
-MOST_PROBED = 2000
+MOST_SAMPLED = 2000
 """Steps probed of a run, and as many again in which a contact begins or ends."""
 
 
 @dataclass(frozen=True, eq=False)
-class ProbedSteps:
+class SampledSteps:
     """Steps of a run: number, time, state before and after, torques held by the controller; of one, or of m with an axis."""
 
     numbers: Any
@@ -130,14 +130,14 @@ class ProbedSteps:
     begun: Array
     """(m, nv), the accelerations that they begin with."""
 
-    def __getitem__(self, which: Any) -> ProbedSteps:
+    def __getitem__(self, which: Any) -> SampledSteps:
         held = self.held if self.held.ndim == 1 else self.held[which]
-        return ProbedSteps(
+        return SampledSteps(
             self.numbers[which], self.t[which], self.y[which], self.after[which], held, self.begun[which]
         )
 
     @classmethod
-    def of_all(cls, parts: list[ProbedSteps]) -> ProbedSteps:
+    def of_all(cls, parts: list[SampledSteps]) -> SampledSteps:
         """All steps of several."""
         if len(parts) == 1:
             return parts[0]
@@ -151,13 +151,13 @@ class ProbedSteps:
 
 
 @lru_cache(maxsize=16)
-def probed_steps(n: int) -> tuple[int, ...]:
+def sampled_steps(n: int) -> tuple[int, ...]:
     """Which of n steps are probed: the first ones closely, then one of each block, at places that have no period.
 
-    >>> probed_steps(3000)[:9]
+    >>> sampled_steps(3000)[:9]
     (0, 1, 2, 4, 8, 16, 32, 80, 111)
     """
-    spacing = max(min(n // _LEAST, _SPACING), n // MOST_PROBED, 1)
+    spacing = max(min(n // _LEAST, _SPACING), n // MOST_SAMPLED, 1)
     found, k = [], 0
     while k < min(spacing, n):
         found.append(k)
@@ -214,10 +214,10 @@ class StepDoubling:
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
         self.h, self.lagging = h, lagging
         """Whether velocities are those of half a step before: see :meth:`_lagging`."""
-        self._ordered = probed_steps(n)
+        self._ordered = sampled_steps(n)
         self._due = frozenset(self._ordered)
-        self._spread: list[ProbedSteps] = []
-        self._changed: list[ProbedSteps] = []
+        self._spread: list[SampledSteps] = []
+        self._changed: list[SampledSteps] = []
         self.steps = self._changes = 0
         self._last: tuple[float, Array, Array, Array, Array] | None = None
         """The last step, unless it is among those that changed: time, state before and after, torques, accelerations."""
@@ -240,9 +240,9 @@ class StepDoubling:
         """
         first, m = self.steps, len(times)
 
-        def those(which: Any) -> ProbedSteps:
+        def those(which: Any) -> SampledSteps:
             mine = held if held.ndim == 1 else held[which]
-            return ProbedSteps(which + first, times[which], states[which], states[which + 1], mine, begun[which])
+            return SampledSteps(which + first, times[which], states[which], states[which + 1], mine, begun[which])
 
         k = bisect_left(self._ordered, first)
         due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
@@ -252,7 +252,7 @@ class StepDoubling:
         if changed.any():
             if changed[0] and self._last is not None:
                 t, y, after, mine, ddq = self._last
-                self._mark(ProbedSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine, ddq[None]))
+                self._mark(SampledSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine, ddq[None]))
             both = changed.copy()
             both[:-1] |= changed[1:]
             marked = bool(both[-1])
@@ -262,9 +262,9 @@ class StepDoubling:
         self._last = None if marked else last
         self.steps = first + m
 
-    def _mark(self, steps: ProbedSteps) -> None:
+    def _mark(self, steps: SampledSteps) -> None:
         """Count steps as such in which something changes, and keep them to be probed while they are not too many."""
-        left = MOST_PROBED - min(self._changes, MOST_PROBED)
+        left = MOST_SAMPLED - min(self._changes, MOST_SAMPLED)
         self._changes += len(steps.numbers)
         if left:
             self._changed.append(steps[:left])
@@ -278,7 +278,7 @@ class StepDoubling:
         try:
             every = self._spread
             if self._changed:
-                special = ProbedSteps.of_all(self._changed).numbers
+                special = SampledSteps.of_all(self._changed).numbers
                 every = [some[~np.isin(some.numbers, special)] for some in every]
             spread = self._probe(system, flow, every, spans)
             changed = self._probe(system, flow, self._changed, spans)
@@ -293,12 +293,12 @@ class StepDoubling:
             total += self._changes * changed[1].mean(axis=0)
         return total
 
-    def _probe(self, system: System, flow: Flow, parts: list[ProbedSteps], spans: Array) -> tuple[Array, Array] | None:
+    def _probe(self, system: System, flow: Flow, parts: list[SampledSteps], spans: Array) -> tuple[Array, Array] | None:
         """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
         found, parts = [], [some for some in parts if len(some.numbers)]
         if not parts:
             return None
-        steps = ProbedSteps.of_all(parts)
+        steps = SampledSteps.of_all(parts)
         left = [steps] if flow.takes_many else [steps[k] for k in range(len(steps.numbers))]
         for step in left:
             system.held = step.held
@@ -336,12 +336,12 @@ class StepDoubling:
         late = 0.5 * self.h * first.begun
         return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
 
-    def _halves(self, _system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
+    def _halves(self, _system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array | None]:
         """The state after two steps of half the length; the accelerations after the whole step are not known."""
         half = 0.5 * self.h
         return flow.after(step.t + half, flow.after(step.t, step.y, half), half), None
 
-    def _lagging(self, system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
+    def _lagging(self, system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array | None]:
         """The same for a method whose velocities are those of h/2 before, and with half the step those of h/4 before.
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
@@ -397,7 +397,7 @@ _AT_ONCE = 256
 """Steps that are looked at together."""
 
 
-class ForceProbes:
+class ForceQuadrature:
     """The functions of a run, and the times at which they are asked: see :class:`~twistwrench.core.quadrature.ProbeRule`."""
 
     def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
@@ -445,10 +445,10 @@ class ForceProbes:
         return found[1:]
 
 
-class UnseenForces:
+class ForceCheck:
     """What all steps of one length ``h`` leave out, added up; found out when the run is over, as by step doubling."""
 
-    def __init__(self, probes: ForceProbes, h: float) -> None:
+    def __init__(self, probes: ForceQuadrature, h: float) -> None:
         self.probes, self.h = probes, h
         self._sum = np.zeros(probes.system.nv)
         self._steps: list[_Step] = []

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from ..core.numbers import printed, residual
 from ..errors import SimulationError
 from ..typing import Array
-from .accuracy import ForceProbes
+from .accuracy import ForceQuadrature
 from .callback_steps import FASTEST
 from .forces import WORKS, System
 from .schemes import DORMAND_PRINCE, RungeKutta
-from .trial_steps import ROWS, CompiledAttempts
+from .trial_steps import ROWS, TrialSteps
 
 _EDGE = 3.25
 """h λ above which a step is as long as stability allows."""
@@ -91,18 +91,18 @@ class Stepper:
 
     def __init__(
         self, system: System, rtol: float, atol: float, longest: float, spacing: float, duration: float,
-        *, attempts: CompiledAttempts | None = None,
+        *, trials: TrialSteps | None = None,
     ) -> None:  # fmt: skip
         self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
-        self.probes = ForceProbes(system, *self.scheme.asked, spacing)
+        self.probes = ForceQuadrature(system, *self.scheme.asked, spacing)
         self.rtol, self.atol, self.longest = rtol, atol, longest
         self.stiffness = Stiffness(system, self.scheme, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
-        self.attempts = attempts
+        self.trials = trials
         """Its steps in machine code, where no force is a function in Python."""
-        if attempts is not None:
-            self.stiffness.stages = lambda: attempts.rates[attempts.count]
+        if trials is not None:
+            self.stiffness.stages = lambda: trials.rates[trials.count]
         self.speed = 0.0
         """The square of all velocities after the last of these."""
         self.rate_after = np.zeros(0)
@@ -113,28 +113,28 @@ class Stepper:
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
         """Time and state after one step that is accepted, not beyond ``until``."""
-        scheme, attempts = self.scheme, self.attempts
+        scheme, trials = self.scheme, self.trials
         h = min(self.h or self._first(y, rate, until - t), self.longest)
         grow = _GROW
         while True:
             t1 = until if t + 1.01 * h >= until else t + h
             step = t1 - t
-            if attempts is None:
+            if trials is None:
                 y1, error, size = self._tried(t, y, rate, step)
             else:
-                square, steep, away, self.speed = attempts.take(y, rate, step)
+                square, steep, away, self.speed = trials.take(y, rate, step)
                 self.stiffness.note(t, step, math.sqrt(steep), math.sqrt(away))
                 size = math.sqrt(square)
             if size <= 1.0:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
                     self.h = step * factor
-                if attempts is None:
+                if trials is None:
                     self.errors += np.abs(error)
                     K = scheme.K.copy()
                 else:
-                    y1, K = attempts.states[attempts.count], attempts.rates[attempts.count]
-                    attempts.accept()
+                    y1, K = trials.states[trials.count], trials.rates[trials.count]
+                    trials.accept()
                 self.rate_after = K[-1]
                 self.last = (t, step, y, K)
                 return t1, y1
@@ -142,8 +142,8 @@ class Stepper:
             grow = 1.0
             h = step * (max(_SHRINK, _SAFETY * size**self.power) if np.isfinite(size) else 0.1)
             if h < 1e-14 * max(t, 1e-3):
-                if attempts is not None:
-                    y1, error = attempts.states[attempts.count], attempts.errors[attempts.count]
+                if trials is not None:
+                    y1, error = trials.states[trials.count], trials.errors[trials.count]
                 bad = np.abs(error / self._allowed(y, y1))[self.system.moving]
                 worst = int(np.argmax(np.where(np.isfinite(bad), bad, np.inf)))
                 raise SimulationError(
@@ -180,7 +180,7 @@ class Stepper:
 
         They are judged by a method of order 4, so it is more than they are off by.
         """
-        off = self.errors if self.attempts is None else self.attempts.total
+        off = self.errors if self.trials is None else self.trials.total
         return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
 
     def _unseen(self, t: float, h: float, y: Array, allowed: Array) -> float:
@@ -210,17 +210,17 @@ def _dense(share: Any, Q: Array) -> Array:
 
 if TYPE_CHECKING:
     from .run import Run
-    from .trial_steps import CompiledAttempts
+    from .trial_steps import TrialSteps
 
 _NUMBERS = 2_000_000
 """Numbers that the states made at once may be."""
 
 
-def take_freely(run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
+def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
     """Take the steps of a run from its first state, which is kept, to its end, to a limit, or to where it fails."""
     system, end = run.system, run.end
     (t, y), rate = run.last, run.rate.copy()
-    waiting = _Waiting(run, stepper, attempts)
+    waiting = _Waiting(run, stepper, trials)
     checks, flat = bool(system.robot.model.quaternions), system.manifold.flat
     try:
         while t < end:
@@ -236,10 +236,10 @@ def take_freely(run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
                 rate = rate.copy()
                 system.manifold.rates(*system.split(y), out=rate[: system.nq])
             run.advance(t, y)
-            if attempts.count == ROWS or waiting.many:
+            if trials.count == ROWS or waiting.many:
                 if waiting.keep():
                     return
-                attempts.restart()
+                trials.restart()
     except (SimulationError, KeyboardInterrupt) as problem:
         if waiting.keep() and isinstance(problem, SimulationError):  # the run had ended before it failed
             return
@@ -249,10 +249,10 @@ def take_freely(run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
 
 
 class _Waiting:
-    """Steps whose states between are still to be kept, and looked at: their rows are the attempts'."""
+    """Steps whose states between are still to be kept, and looked at: their rows are the trials'."""
 
-    def __init__(self, run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
-        self.run, self.attempts, self.dense, self.kept = run, attempts, stepper.scheme.dense, 1
+    def __init__(self, run: Run, stepper: Stepper, trials: TrialSteps) -> None:
+        self.run, self.trials, self.dense, self.kept = run, trials, stepper.scheme.dense, 1
         """How many states are kept."""
         self.steps: list[tuple[float, float, int, int]] = []
         """When each begins and how long it is [s]; evaluations and steps rejected up to its end."""
@@ -278,13 +278,13 @@ class _Waiting:
         spacing, near = run.h * run.every, 1e-12 * run.end
         t0, lengths = np.array([step[:2] for step in self.steps]).T
         t1 = np.append(t0[1:], run.last[0])
-        before = np.concatenate([self.first[None], self.attempts.states[: n - 1]])
-        Q = np.tensordot(self.dense.T, self.attempts.rates[:n], axes=(1, 1))
-        most = self._most if run.watch is None else run.n  # nothing is kept before all is looked at
+        before = np.concatenate([self.first[None], self.trials.states[: n - 1]])
+        Q = np.tensordot(self.dense.T, self.trials.rates[:n], axes=(1, 1))
+        most = self._most if run.detector is None else run.n  # nothing is kept before all is looked at
         while True:
             due = np.arange(self.kept, min(self.kept + most, int(t1[-1] / spacing) + 2)) * spacing
             due = due[(due < t1[-1] - near) & (due < run.end)]
-            if not len(due) and run.watch is None:
+            if not len(due) and run.detector is None:
                 break
             k = np.searchsorted(t1 - near, due, side="right")
             since = due - t0[k]
@@ -292,11 +292,11 @@ class _Waiting:
             states = dense_states(before[k], lengths[k], since / lengths[k], (weights[k] for weights in Q[::-1]))
             for mine in system.robot.model.quaternions:
                 states[:, mine] /= np.linalg.norm(states[:, mine], axis=1, keepdims=True)
-            if run.watch is not None and self._ends(before, k, since, states):
+            if run.detector is not None and self._ends(before, k, since, states):
                 return True
             run.keep_all(t0[k] + since, states)
             self.kept += len(due)
-            if run.watch is not None:
+            if run.detector is not None:
                 break
         self.steps, self.first = [], run.last[1].copy()
         return False
@@ -306,32 +306,32 @@ class _Waiting:
 
         ``between`` (m, size) are the states kept in steps k (m,), so long after these begin.
         """
-        run, attempts, n = self.run, self.attempts, len(self.steps)
-        assert run.watch is not None
+        run, trials, n = self.run, self.trials, len(self.steps)
+        assert run.detector is not None
         first = np.searchsorted(k, np.arange(n + 1)).tolist()
         owners = np.concatenate([k, np.arange(n)])
         order = np.argsort(owners, kind="stable")  # those in a step, then the one after it
-        passed, gaps, margins = run.watch.passed(np.concatenate([between, attempts.states[:n]])[order])
+        passed, gaps, margins = run.detector.passed(np.concatenate([between, trials.states[:n]])[order])
         evaluations = run.system.evaluations
         for j in np.unique(owners[order][passed]).tolist():
-            (t, h, _, _), mine, after = self.steps[j], slice(first[j], first[j + 1]), attempts.states[j]
-            run.watch.stand(gaps[first[j] + j], margins[first[j] + j])
+            (t, h, _, _), mine, after = self.steps[j], slice(first[j], first[j + 1]), trials.states[j]
+            run.detector.stand(gaps[first[j] + j], margins[first[j] + j])
             points = list(zip(since[mine].tolist(), between[mine], strict=True))
-            run.rate[:] = attempts.rates[j, 0]
+            run.rate[:] = trials.rates[j, 0]
             at = run.along(t, before[j])
-            end = run.looked(t, [*points, (h, after)], at)
+            end = run.locate_event(t, [*points, (h, after)], at)
             if end is None:
                 continue
             looked = run.system.evaluations - evaluations
             run.system.evaluations, run.rejected = self.steps[j][2] + looked, self.steps[j][3]
-            run.steps, run.last, attempts.count = run.steps - (n - j), (t, before[j].copy()), j + 1
+            run.steps, run.last, trials.count = run.steps - (n - j), (t, before[j].copy()), j + 1
             kept = int(np.searchsorted(since[mine], end)) + first[j]
             some = slice(0, kept)
             times = np.array([step[0] for step in self.steps])[k[some]] + since[some]
             run.keep_all(times, between[some])
             run.finish(t, end, at)
             return True
-        run.watch.stand(gaps[-1], margins[-1])
+        run.detector.stand(gaps[-1], margins[-1])
         return False
 
 
@@ -355,7 +355,7 @@ if TYPE_CHECKING:
     from .run import Run
 
 
-def take_adaptively(run: Run, stepper: Stepper) -> None:
+def run_adaptive(run: Run, stepper: Stepper) -> None:
     """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
     run.stepper = stepper
     y = run.begin()
@@ -364,8 +364,8 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
-    if stepper.attempts is not None and run.asks_nobody:
-        take_freely(run, stepper, stepper.attempts)
+    if stepper.trials is not None and run.asks_nobody:
+        run_dense(run, stepper, stepper.trials)
         return
     kept = 1
     while t < end:
@@ -381,7 +381,7 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
         times = np.arange(begin, kept) * spacing
         between = stepper.between(times) if len(times) else np.zeros((0, len(y)))
         points = list(zip((times - t).tolist(), between, strict=True))
-        if run.watch is not None and run.ended(t, y, [*points, (t1 - t, y1)], points):
+        if run.detector is not None and run.ended(t, y, [*points, (t1 - t, y1)], points):
             return
         run.keep_all(t + (times - t), between)
         t, y = t1, y1

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .run import Run
 
 
-class AskedSteps(CompiledSteps):
+class CallbackSteps(CompiledSteps):
     """The steps of one method under torques and wrenches of which some are functions; its kernel takes one stage a call."""
 
     @staticmethod
@@ -52,7 +52,7 @@ class AskedSteps(CompiledSteps):
 
     def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
         """The same, and the accelerations (..., nv) at these states."""
-        if self.system.braked is not None:
+        if self.system.dry_friction is not None:
             return self.after(t, y, h), self.accelerations(t, y)
         return self._stepped(t, y, h, len(self.shares))
 
@@ -105,13 +105,13 @@ SHORT, LONG = 128, 512
 """Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
 
 
-class AskedRows:
+class CallbackRows:
     """A block of m steps: their states, the torques given, and what is to be done for each of them."""
 
     def __init__(self, steps: CompiledSteps, m: int) -> None:
         s = steps.system
         laws = _laws(steps)
-        shares = steps.shares if isinstance(steps, AskedSteps) else [0.0]
+        shares = steps.shares if isinstance(steps, CallbackSteps) else [0.0]
         self.every = n = len(shares)
         """Calls that make a step."""
         own = np.arange(m * n)
@@ -133,7 +133,7 @@ class AskedRows:
         self.peaks = np.zeros(m * n + 1)
         """Of the same states: see :func:`.simulated_step.ended`."""
         states, after = ([*self._parts(steps, which), (self.peaks, which)] for which in (own, own + 1))
-        if isinstance(steps, AskedSteps) and n > 1:
+        if isinstance(steps, CallbackSteps) and n > 1:
             sums = np.zeros_like(self.states)
             states += [(sums[:, cut], own) for cut in steps.cuts]
             after += [(sums[:, cut], own + 1) for cut in steps.cuts]
@@ -160,11 +160,13 @@ class AskedRows:
 
     @classmethod
     @contextmanager
-    def lent(cls, steps: CompiledSteps, controller: ControlLaw | None, constant: Array, n: int) -> Iterator[AskedRows]:
+    def lent(
+        cls, steps: CompiledSteps, controller: ControlLaw | None, constant: Array, n: int
+    ) -> Iterator[CallbackRows]:
         """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
         m = SHORT if n <= 2 * SHORT else LONG
         key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in _laws(steps))
-        free: list[AskedRows] = steps.system.robot.engine.cached(key, list)
+        free: list[CallbackRows] = steps.system.robot.engine.cached(key, list)
         try:
             rows = free.pop()
         except (
@@ -206,7 +208,7 @@ class AskedRows:
 
 
 def _laws(steps: CompiledSteps) -> list[tuple[str, ControlLaw]]:
-    return list(steps.laws()) if isinstance(steps, AskedSteps) else []
+    return list(steps.laws()) if isinstance(steps, CallbackSteps) else []
 
 
 def _sole(controller: ControlLaw | None, constant: Array, laws: list[tuple[str, ControlLaw]]) -> ControlLaw | None:
@@ -224,7 +226,7 @@ _LOOKS = 100
 """Blocks of a run of which progress is told, at least."""
 
 
-def take_blocks(run: Run, steps: CompiledSteps) -> None:
+def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
     """Take the steps of a run as long as they are stable: from the first one that is not they are to be taken one by one."""
     system = run.system
     most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
@@ -247,10 +249,10 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
     states, stable = states[: m + 1], m == len(ddq)
     gaps = _all_gaps(run, gaps[:m], states[-1])
     first, end, used = run.steps, None, m
-    if run.watch is not None and m:
+    if run.detector is not None and m:
         at_once = first == 0 and run.leaves_at_once(states[0], states[1], run.h)
-        for k in (0,) if at_once else run.watch.passings(states, gaps):
-            end = 0.0 if at_once else look_in_step(run, steps, (first + k) * run.h, states[k], states[k + 1])
+        for k in (0,) if at_once else run.detector.passings(states, gaps):
+            end = 0.0 if at_once else locate_event(run, steps, (first + k) * run.h, states[k], states[k + 1])
             if end is not None:
                 used = k
                 break
@@ -265,11 +267,11 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
 
 def _all_gaps(run: Run, begun: Array, last: Array) -> Array:
     """How far each contact is from touching at the beginnings of m steps and after them, (m + 1, contacts)."""
-    if not (contacts := run.system.contacts) or run.watch is None:
+    if not (contacts := run.system.contacts) or run.detector is None:
         return np.zeros((len(begun) + 1, 0))
     q = run.system.split(last)[0]
     found = np.concatenate([begun, [[contact.gap(q) for contact in contacts]]])
-    found[0] = run.watch.gaps  # as they were looked at last: rounding is no contact
+    found[0] = run.detector.gaps  # as they were looked at last: rounding is no contact
     return found
 
 
@@ -280,11 +282,11 @@ def _stable_steps(Y: Array, moving: slice) -> int:
     return int((np.isfinite(Y).all(axis=1) & (np.abs(Y[:, moving]).max(axis=1) < FASTEST)).argmin())
 
 
-def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
+def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
     """Look for events in a step from y at t; how long after t one ends the run, if one does."""
     if t == 0.0 and run.leaves_at_once(y, after, run.h):
         return 0.0
-    return run.looked(t, [(run.h, after)], partial(steps.after, t, y))
+    return run.locate_event(t, [(run.h, after)], partial(steps.after, t, y))
 
 
 def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
@@ -311,22 +313,22 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gap
         times[-1] = run.end
     kept = slice(-first % run.every, m, run.every)
     run.record.keep_block(times[kept], states[kept], ddq[kept], tau if tau.ndim == 1 else tau[kept])
-    changed = run.touches.block(times[1:], gaps[1:], states[1:, -1] != states[:-1, -1])
-    if system.braked is not None:
+    changed = run.contact_durations.block(times[1:], gaps[1:], states[1:, -1] != states[:-1, -1])
+    if system.dry_friction is not None:
         signs = np.sign(states[:, system.moving])
-        changed |= (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
+        changed |= (signs[1:] != signs[:-1])[:, system.dry_friction.dry].any(axis=1)
     run.doubling.note_block(times[:-1], states, held, ddq, changed)
-    run.unseen.note_block(times[:-1], states, held)
+    run.force_check.note_block(times[:-1], states, held)
     run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())
 
 
 # ── Compiled steps between callbacks: controllers, torques, wrenches, events
 
 
-def take_asked(run: Run, steps: CompiledSteps) -> None:
+def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
     """Take all steps of a run, to its end or to an event that ends it. Raises SimulationError where a function fails."""
     system = run.system
-    with AskedRows.lent(steps, run.controller, run.constant, run.n) as rows:
+    with CallbackRows.lent(steps, run.controller, run.constant, run.n) as rows:
         while run.steps < run.n:
             if _take_block(run, steps, rows):
                 return
@@ -335,10 +337,10 @@ def take_asked(run: Run, steps: CompiledSteps) -> None:
     run.keep(t, y)
 
 
-def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
+def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
     """As many steps as there are rows, or are left; whether an event ended the run."""
     first, h, system = run.steps, run.h, run.system
-    watched, tick = run.watch is not None, run.tick
+    watched, tick = run.detector is not None, run.tick
     states = rows.states[:: rows.every]
     states[0] = run.last[1]
     call, sole, bound = rows.call, rows.sole, FASTEST**2
@@ -369,7 +371,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
                 run.require_stable(begin, run.time(first + done + 1), states[done + 1])
             if watched:
                 sampled, system.held = done + 1, rows.held[done].copy()
-                end = look_in_step(run, steps, begin, states[done], states[done + 1])
+                end = locate_event(run, steps, begin, states[done], states[done + 1])
                 if end is not None:
                     break
             done += 1
@@ -388,7 +390,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
     return end is not None
 
 
-def _gaps(run: Run, rows: AskedRows, last: Array, done: int) -> Array:
+def _gaps(run: Run, rows: CallbackRows, last: Array, done: int) -> Array:
     """How far each contact is from touching as each step begins and after the last one, (done + 1, contacts)."""
     q = run.system.split(last)[0]
     return np.concatenate([rows.gaps[:: rows.every][:done], [[contact.gap(q) for contact in run.system.contacts]]])

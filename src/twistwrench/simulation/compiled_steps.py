@@ -386,14 +386,14 @@ _NUMBERS = 2_000_000
 
 def acts_by_itself(system: System) -> bool:
     """Whether what acts on a robot follows from its state by laws of its own but for functions, and steps can be compiled."""
-    gained = system.braked is not None and system.braked.gained
+    gained = system.dry_friction is not None and system.dry_friction.gained
     touching = sum(contact.size for contact in system.contacts)
     return not gained and touching <= _TOUCHING and compiles()
 
 
 def rubs(system: System) -> bool:
     """Whether there is friction."""
-    return system.friction is not None or (system.braked is not None and system.braked.friction)
+    return system.friction is not None or (system.dry_friction is not None and system.dry_friction.friction)
 
 
 def constants(system: System, plan: SimulatedStep) -> dict[str, Array]:
@@ -500,7 +500,7 @@ class CompiledSteps:
 
     def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
         """The same, and the accelerations (..., nv) at these states."""
-        if self.system.braked is not None:  # whose accelerations are those of a step of the usual length
+        if self.system.dry_friction is not None:  # whose accelerations are those of a step of the usual length
             return self.after(t, y, h), self.accelerations(t, y)
         Y, ddq, _ = self.take(y, 1, h)
         return Y[..., 1, :], ddq[..., 0, :]

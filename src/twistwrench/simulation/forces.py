@@ -292,7 +292,7 @@ def easing_remark(model: Model, creep: Array) -> str | None:
 # ── Velocity step of rollouts as a kernel for simulations with callbacks
 
 
-class BrakedStep:
+class DryFrictionStep:
     """:func:`~twistwrench.algorithms.contact.velocity_step` of one robot, compiled."""
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
@@ -374,7 +374,7 @@ class System:
         self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
         self.functions = self._functions()
         """What is given as a function: its name, and its generalised forces (m, nv) at times (m,) and states (m, size)."""
-        self.braked: BrakedStep | None = None
+        self.dry_friction: DryFrictionStep | None = None
         """Steps that take friction and gains of the rates at their end; rates are then those of such a step."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
         self.held = np.zeros(robot.nv)
@@ -406,16 +406,16 @@ class System:
 
     def braked_step(self, t: float, y: Array, h: float, powers: Array) -> Array:
         """The velocities after a step of length ``h`` from a state; powers as by :meth:`forces`, their means over the step."""
-        assert self.braked is not None
+        assert self.dry_friction is not None
         last = self._last
         if last is not None and last[:2] == (t, h) and last[2] is self.held and np.array_equal(last[3], y):
             v, self.applied, powers[:] = last[4:]
             return v
         q, dq = self.split(y)
-        middle = self.braked.middle(self.manifold, q, dq, h)
+        middle = self.dry_friction.middle(self.manifold, q, dq, h)
         pushes = list(self._pushes(t, q, dq, middle))
         push = sum((x for _, x in pushes), np.zeros(self.nv))
-        v, self.applied, lost = self.braked(middle, dq, h, self._torques(t, q, dq), push)
+        v, self.applied, lost = self.dry_friction(middle, dq, h, self._torques(t, q, dq), push)
         mean = 0.5 * (dq + v)
         powers[:] = self.applied @ mean, lost @ mean, 0.0, 0.0
         for k, x in pushes:
@@ -455,8 +455,8 @@ class System:
         q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
         powers[:] = 0.0
         self.manifold.rates(q, dq, out[: self.nq])
-        if self.braked is not None:
-            h = self.braked.usual
+        if self.dry_friction is not None:
+            h = self.dry_friction.usual
             out[self.moving] = (self.braked_step(t, y, h, powers) - dq) / h
             return
         force = self.forces(t, q, dq, powers)

@@ -18,15 +18,15 @@ from ..core.quadrature import probe_spacing
 from ..errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
 from ..model.friction import NONE_GIVEN
 from ..typing import Array
-from .adaptive import Stepper, take_adaptively
-from .callback_steps import AskedSteps, use_block
+from .adaptive import Stepper, run_adaptive
+from .callback_steps import CallbackSteps, use_block
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSteps, ClosedSystem, Loops
 from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .events import Event, EventDetector, PositionLimits
 from .forces import (
-    BrakedStep,
     ControlLaw,
+    DryFrictionStep,
     EasedFriction,
     Function,
     System,
@@ -39,7 +39,7 @@ from .forces import (
 from .result import SimulationResult
 from .run import Run
 from .schemes import ADAPTIVE, SemiImplicit, scheme_of
-from .trial_steps import CompiledAttempts
+from .trial_steps import TrialSteps
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _MOST = 10**8
 
 
-def prepare(
+def build_run(
     robot: Robot,
     q0: ArrayLike | None,
     dq0: ArrayLike | None,
@@ -104,7 +104,7 @@ def prepare(
                 "Leave creep out."
             )
         if rubs or gains is not None:
-            system.braked = BrakedStep(robot, h, friction=bool(rubs), gains=gains)
+            system.dry_friction = DryFrictionStep(robot, h, friction=bool(rubs), gains=gains)
     elif rubs:
         system.friction = EasedFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
         if eased := easing_remark(robot.model, system.friction.creep):
@@ -112,7 +112,7 @@ def prepare(
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
-        run.watch = EventDetector(watched, system.split, stops, surfaces)
+        run.detector = EventDetector(watched, system.split, stops, surfaces)
     if controller is not None:
         run.controller = ControlLaw.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
         run.constant = held
@@ -133,14 +133,14 @@ def prepare(
         if adapts:
             asked = (*tolerances, longest, probe_spacing(h, end), end)
             if loops is None:
-                take_adaptively(run, Stepper(system, *asked, attempts=CompiledAttempts.of(system, tolerances)))
+                run_adaptive(run, Stepper(system, *asked, trials=TrialSteps.of(system, tolerances)))
             else:
-                take_adaptively(run, ClosedStepper(loops, *asked))
+                run_adaptive(run, ClosedStepper(loops, *asked))
         elif loops is None:
-            run.compiled = (AskedSteps if system.functions else CompiledSteps).of(system, method, scheme.order, h)
+            run.compiled = (CallbackSteps if system.functions else CompiledSteps).of(system, method, scheme.order, h)
             run.fixed()
         else:
-            alone = run.watch is None and controller is None
+            alone = run.detector is None and controller is None
             run.compiled = ClosedSteps.of(system, method, scheme.order, h) if alone else None
             run.fixed()
 
@@ -250,10 +250,10 @@ def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None
 
 def simulated(robot: Robot, *start: Any, loops: Loops | None = None, **given: Any) -> SimulationResult:
     """The result of :meth:`twistwrench.Robot.simulate`; ``loops`` are constraints to keep to."""
-    return carried_out(prepare(robot, *start, **given, loops=loops))
+    return run_to_end(build_run(robot, *start, **given, loops=loops))
 
 
-def carried_out(run: Run) -> SimulationResult:
+def run_to_end(run: Run) -> SimulationResult:
     """The result of a run that is prepared. What ends it early has all up to there in its ``.result``."""
     try:
         with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
@@ -331,7 +331,7 @@ def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch
     runs = []
     for place, one, rates in zip(np.ndindex(shape), q, dq, strict=True):
         try:
-            runs.append(prepare(robot, one, rates, **given, progress=None, loops=None))
+            runs.append(build_run(robot, one, rates, **given, progress=None, loops=None))
         except TwistWrenchError as problem:
             if place == (0,) * len(shape) or "q0" not in str(problem):
                 raise
@@ -341,7 +341,7 @@ def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch
     results: list[SimulationResult] = []
     for run in runs:
         try:
-            results.append(carried_out(run))
+            results.append(run_to_end(run))
         except SimulationError as problem:  # its result says so, and the others go on
             results.append(cast("SimulationResult", problem.result))
         if progress is not None:

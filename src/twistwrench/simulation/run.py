@@ -13,9 +13,9 @@ from ..core.quadrature import probe_spacing
 from ..errors import SimulationError
 from ..runtime.bound_calls import can_bind_calls
 from ..typing import Array
-from .accuracy import Accuracy, Extent, Flow, ForceProbes, StepDoubling, UnseenForces
+from .accuracy import Accuracy, Extent, Flow, ForceCheck, ForceQuadrature, StepDoubling
 from .adaptive import Stepper
-from .callback_steps import FASTEST, take_asked, take_blocks
+from .callback_steps import FASTEST, run_callback_blocks, run_compiled_blocks
 from .compiled_steps import CompiledSteps
 from .contact import ContactDurations
 from .events import EventDetector
@@ -71,7 +71,7 @@ class Run:
         self.h = end / n
         self.remarks, self.method = remarks, method
         self.record = Record(n // every + 2, system.size, system.nv)
-        self.watch: EventDetector | None = None
+        self.detector: EventDetector | None = None
         self.controller: ControlLaw | None = None
         self.constant = system.held
         self.tick: Callable[[float], None] | None = None
@@ -83,8 +83,8 @@ class Run:
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
         self.doubling = StepDoubling(n, self.h, lagging=scheme.lagging)
-        self.unseen = UnseenForces(ForceProbes(system, *scheme.asked, probe_spacing(self.h, end)), self.h)
-        self.touches = ContactDurations([contact.name for contact in system.contacts])
+        self.force_check = ForceCheck(ForceQuadrature(system, *scheme.asked, probe_spacing(self.h, end)), self.h)
+        self.contact_durations = ContactDurations([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
         self.accuracy = Accuracy.unknown(robot.nv)
         self.last: tuple[float, Array] = (0.0, start.copy())
@@ -97,9 +97,9 @@ class Run:
             return
         if self.compiled is not None:
             if self.asks_nobody:
-                take_blocks(self, self.compiled)
+                run_compiled_blocks(self, self.compiled)
             elif can_bind_calls(self.compiled.kernel):
-                take_asked(self, self.compiled)
+                run_callback_blocks(self, self.compiled)
             if self.stopped or self.steps == self.n:
                 return
             y = self.last[1].copy()
@@ -115,7 +115,7 @@ class Run:
                 return
             changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
             self.doubling.note(t, y, y1, self.system.held, self.rate[self.system.moving], changed=changed)
-            self.unseen.note(t, y, y1)
+            self.force_check.note(t, y, y1)
             y = y1
             self.advance(t1, y)
         self.system.rates(self.end, y, self.rate)
@@ -128,9 +128,9 @@ class Run:
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
         errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
-        remarks = (*self.remarks, *filter(None, [self.touches.remark(self.h)]))
-        if self.watch is not None:
-            remarks = (*remarks, *self.watch.several.values())
+        remarks = (*self.remarks, *filter(None, [self.contact_durations.remark(self.h)]))
+        if self.detector is not None:
+            remarks = (*remarks, *self.detector.several.values())
         found = self.record.result(self.robot, WORKS, **said, **counts, **errors, remarks=remarks)
         more = self.accuracy.remarks(self.method, found.relative_drift)
         return replace(found, remarks=(*remarks, *more)) if more else found
@@ -146,9 +146,9 @@ class Run:
             error = self.doubling.errors(self.system, self.flow, extent.spans) if self.doubling.steps else None
         if error is not None:
             self.accuracy = Accuracy.of(extent, error)
-        left_out = self.unseen.error(extent, self.last[0])
+        left_out = self.force_check.error(extent, self.last[0])
         if left_out is not None and Accuracy.of(extent, left_out).remarkable:
-            self.remarks.append(self.unseen.remark())
+            self.remarks.append(self.force_check.remark())
             self.accuracy = Accuracy.of(extent, np.fmax(self.accuracy.error, left_out))
 
     # ── parts of a step ──
@@ -156,7 +156,7 @@ class Run:
     @property
     def asks_nobody(self) -> bool:
         """Whether no function in Python gives torques or looks at steps; contacts and limits of position may be looked at."""
-        looks = self.watch is not None and not self.watch.asks_nobody
+        looks = self.detector is not None and not self.detector.asks_nobody
         return not looks and self.controller is None and not self.system.functions
 
     @property
@@ -171,13 +171,13 @@ class Run:
     def begin(self) -> Array:
         """The first state, seen by what looks for events."""
         y = self.last[1].copy()
-        if self.watch is not None:
-            self.watch.begin(0.0, y)
+        if self.detector is not None:
+            self.detector.begin(0.0, y)
         return y
 
     def leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
         """Whether a joint begins at a limit and moves beyond it; the first state is kept already, and is the last one too."""
-        happened = None if self.watch is None else self.watch.leaves_at_once(y, y1, h)
+        happened = None if self.detector is None else self.detector.leaves_at_once(y, y1, h)
         if happened is None:
             return False
         self.record.events.append(happened)
@@ -191,13 +191,13 @@ class Run:
 
     def _touched(self, t: float, y: Array, y1: Array) -> bool:
         """Whether a contact begins or ends in the step to y1 at t."""
-        if self.watch is None or not self.touches.names:
+        if self.detector is None or not self.contact_durations.names:
             return False
-        return self.touches.step(t, self.watch.gaps, worked=bool(y1[-1] != y[-1]))
+        return self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
 
     def _stuck_or_slid(self, y: Array, y1: Array) -> bool:
         """Whether dry friction stops a joint, lets one go, or changes sides in the step."""
-        braked, moving = self.system.braked, self.system.moving
+        braked, moving = self.system.dry_friction, self.system.moving
         return braked is not None and bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
 
     def advance(self, t: float, y: Array) -> None:
@@ -250,7 +250,7 @@ class Run:
     ) -> bool:
         """Look for events in a step from t; one that ends all has its state kept, and those before it."""
         at = self.along(t, y)
-        end = self.looked(t, points, at)
+        end = self.locate_event(t, points, at)
         if end is None:
             return False
         before = [(t + s, between) for s, between in kept if s < end]
@@ -271,11 +271,13 @@ class Run:
 
         return at
 
-    def looked(self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]) -> float | None:
+    def locate_event(
+        self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]
+    ) -> float | None:
         """Look for events in a step from t; how long after t one ends all, if one does. ``at``: the state a time after t."""
-        if self.watch is None:
+        if self.detector is None:
             return None
-        happened, end = self.watch.look(t, points, at)
+        happened, end = self.detector.look(t, points, at)
         self.record.events += happened
         return end
 

@@ -458,19 +458,19 @@ class SemiImplicit:
     @property
     def lagging(self) -> bool:
         """They do unless friction makes them change halfway along the step."""
-        return self.system.braked is None or not self.system.braked.friction
+        return self.system.dry_friction is None or not self.system.dry_friction.friction
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
         """dq1 = dq + h ddq, or what brakes at the end of the step leaves of it; then q1 = q ⊕ h dq1, or halves of both."""
         s = self.system
-        if s.braked is None:
+        if s.dry_friction is None:
             y1 = y + h * rate
             y1[: s.nq] = s.manifold.move(y[: s.nq], h * y1[s.moving])
             return y1
         y1, powers = y.copy(), np.zeros(len(WORKS))
         v = s.braked_step(t, y, h, powers)
-        middle = s.braked.middle(s.manifold, y[: s.nq], y[s.moving], h)
-        y1[: s.nq], y1[s.moving] = s.braked.end(s.manifold, middle, v, h), v
+        middle = s.dry_friction.middle(s.manifold, y[: s.nq], y[s.moving], h)
+        y1[: s.nq], y1[s.moving] = s.dry_friction.end(s.manifold, middle, v, h), v
         y1[-len(WORKS) :] += h * powers
         return y1
 

@@ -28,7 +28,7 @@ STAGES = len(DORMAND_PRINCE.b)
 
 
 @dataclass(frozen=True)
-class AttemptedStep(SimulatedStep):
+class TrialStep(SimulatedStep):
     """What a step of Dormand and Prince's method is made of, quaternions as they come."""
 
     @property
@@ -109,13 +109,13 @@ ROWS = 256
 """Steps that there is room for; those accepted wait there for the states between them to be made."""
 
 
-class CompiledAttempts:
+class TrialSteps:
     """Steps of any length under the constant torques and wrenches of a system, and room for what comes of them.
 
     The rows before :attr:`count` are the steps accepted, the next one is the last that was tried.
     """
 
-    def __init__(self, system: System, plan: AttemptedStep, kernel: Any, tolerances: tuple[float, float]) -> None:
+    def __init__(self, system: System, plan: TrialStep, kernel: Any, tolerances: tuple[float, float]) -> None:
         self.system, self.plan, self.count = system, plan, 0
         self._total = np.zeros(system.size)
         m, size = ROWS, system.size
@@ -136,7 +136,7 @@ class CompiledAttempts:
         self._call = _calls(kernel, inputs, outputs, [name for name, _ in plan.given].index("tau") + 6)
 
     @classmethod
-    def of(cls, system: System, tolerances: tuple[float, float]) -> CompiledAttempts | None:
+    def of(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
         """None where something is a function, a contact, or cannot be compiled."""
         if system.functions or not acts_by_itself(system):
             return None
@@ -146,7 +146,7 @@ class CompiledAttempts:
             "friction": rubs(system),
             "contacts": system.contacts,
         }
-        plan = AttemptedStep(robot.model, GivenTorque(), "dopri5", **acting)
+        plan = TrialStep(robot.model, GivenTorque(), "dopri5", **acting)
 
         def made() -> Any:
             robot.engine.require_invertible()

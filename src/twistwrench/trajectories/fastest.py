@@ -236,8 +236,8 @@ _ROOM = 4e-8
 
 
 @dataclass(frozen=True)
-class Touch:
-    """Part of a fastest motion, and the limit it touches."""
+class LimitContact:
+    """Part of a fastest motion, and the limit it limit_contacts."""
 
     begin: float
     """s."""
@@ -281,20 +281,20 @@ class Fastest(Trajectory):
     """The phase plane's arcs that make up the timing."""
 
     @property
-    def touches(self) -> tuple[Touch, ...]:
+    def limit_contacts(self) -> tuple[LimitContact, ...]:
         """What limits the motion, part by part; together they are all of it."""
         names = self.robot.model.velocity_names
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
-        found: list[Touch] = []
+        found: list[LimitContact] = []
         for k, c in enumerate(cells):
             name = names[c.active.joint]
             side = c.side
             if c.active.kind == "velocity":
                 side = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, c.active.joint]))
-            new = Touch(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
+            new = LimitContact(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
             same = found and (found[-1].joint, found[-1].kind, found[-1].side) == (new.joint, new.kind, new.side)
             if same:
-                found[-1] = Touch(found[-1].begin, new.end, name, new.kind, side, found[-1].s)
+                found[-1] = LimitContact(found[-1].begin, new.end, name, new.kind, side, found[-1].s)
             else:
                 found.append(new)
         return tuple(found)
@@ -358,13 +358,13 @@ class Fastest(Trajectory):
         z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # closer at the ends, where it rises as a root does
         place = np.concatenate([c.low + (c.high - c.low) * z for c in cells])
         rate = np.sqrt(np.maximum(np.concatenate([c.at(c.low + (c.high - c.low) * z) for c in cells]), 0.0))
-        at = np.array([touch.s for touch in self.touches[1:]])
+        at = np.array([touch.s for touch in self.limit_contacts[1:]])
         now = np.interp(at, place, rate)
         return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (place, rate), (at, now))
 
     def __str__(self) -> str:
-        joints = dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.touches)
-        return f"{number(self.duration, 6)} s, limited by {', '.join(joints)} in {len(self.touches)} parts"
+        joints = dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.limit_contacts)
+        return f"{number(self.duration, 6)} s, limited by {', '.join(joints)} in {len(self.limit_contacts)} parts"
 
 
 def fastest(

@@ -21,7 +21,7 @@ from ..motion.noise import Extreme
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
 from ..reports.load_case import LoadedRobot
 from ..typing import Array
-from .surface import Thinned
+from .surface import Decimation
 
 if TYPE_CHECKING:
     from ..motion.motion_log import MotionLog
@@ -232,7 +232,7 @@ def read_motion(
 def _gathered(load: LoadedRobot, every: Iterator[States]) -> DrawnMotion:
     """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
     nq, nv = load.bare.nq, load.bare.nv
-    kept = Thinned(4 * _MOST, slice(1, 2 + 2 * nv))
+    kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
     peaks = Extreme(nv)
     check = LimitCheck(load.bare.model, bounds_of(load.bare))
     for s in every:

@@ -105,7 +105,7 @@ class Painter:
         self.scene, self.camera, self.floor = scene, camera, floor
         shown = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
         self.parts = [(s, s.surface.placed(s.pose)) for s in scene.shapes if s.layer in shown]
-        self.shades = [(s, s.surface.placed(s.pose)) for s in scene.thinned(_SHADOWS).shapes if s.layer == "looks"]
+        self.shades = [(s, s.surface.placed(s.pose)) for s in scene.decimated(_SHADOWS).shapes if s.layer == "looks"]
 
     def paint(self, q: Array) -> tuple[Array, Array]:
         """Triangles (k, 3, 2) with their colours (k, 4), far ones first, shadows before all; q (nq,)."""
@@ -256,7 +256,7 @@ def film(
     target = Path(movie_path(path))
     moments = _moments(motion, fps, speed)
     robot = motion.load.loaded
-    scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
+    scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
     painter = _painter(scene, motion, moments)
     with replacing(target) as scratch, figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(100)

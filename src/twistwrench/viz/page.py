@@ -27,7 +27,7 @@ from ..typing import Array
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, default_view_pose, robot_data, starting_pose, wrench_data
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
-from .section_pages import BookSection, book_data, book_section
+from .section_pages import SectionPanel, section_data, section_panel
 from .visuals import Colour
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def page_text(
 ) -> str:
     """The page as text; see :func:`write_page`."""
     require_robot(robot, "page")
-    book = None if section is None else book_section(section)
+    book = None if section is None else section_panel(section)
     if book is not None:
         if motion is not None or wrench_on_robot:
             raise ValueRangeError(
@@ -139,7 +139,7 @@ def page_text(
         robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
     start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else default_view_pose(robot)
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
-    scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
+    scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
     box = _Box()
     wrenches = wrench_on_robot or {}
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
@@ -151,7 +151,7 @@ def page_text(
         data["torques"], [0.0] * robot.nv if motion is None else motion.peaks.tolist(), strict=True
     ):
         torque["peak"] = peak
-    data["book"] = None if book is None else book_data(book, robot, start)
+    data["book"] = None if book is None else section_data(book, robot, start)
     data["motion"] = None if motion is None else _motion_data(robot, motion, box)
     # A section of the book is about mechanics, and its arms are examples: what their inertias look like is no part of it.
     of_scene = scene.notes if book is None else scene.remarks
@@ -291,7 +291,7 @@ def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
 
 
 def _switches(
-    data: Mapping[str, Any], scene: Scene, book: BookSection | None
+    data: Mapping[str, Any], scene: Scene, book: SectionPanel | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """What is on at first, and the buttons: only those that have something to show."""
     has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0

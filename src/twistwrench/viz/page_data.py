@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..joints import Slider
     from ..model.model import Body, Model
     from ..robot import Robot
-    from .section_pages import BookSection
+    from .section_pages import SectionPanel
 
 LARGEST = 10_000
 """Instructions of the longest mass matrix and forward dynamics that a page carries: an arm of 24 joints.
@@ -48,7 +48,7 @@ class PagePrograms:
     payload are inputs behind the state.
     """
 
-    def __init__(self, robot: Robot, wrenches: Sequence[str], section: BookSection | None = None) -> None:
+    def __init__(self, robot: Robot, wrenches: Sequence[str], section: SectionPanel | None = None) -> None:
         self.section = section
         model = robot.model
         self.tip = model.tip if model.tip is not None and model.frame(model.tip).body != BASE else None

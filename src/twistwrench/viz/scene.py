@@ -179,7 +179,7 @@ def turned_z(direction: Array) -> Array:
 # ── Shapes and scenes
 
 _LEAST = 60
-"""Triangles left to the smallest shape when a scene is thinned."""
+"""Triangles left to the smallest shape when a scene is decimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +304,7 @@ class Scene:
         every = np.concatenate(corners)
         return np.stack([every.min(axis=0), every.max(axis=0)])
 
-    def thinned(self, most: int) -> Scene:
+    def decimated(self, most: int) -> Scene:
         """Scene with at most about so many triangles that show the looks, shared out as they are now.
 
         Parameters
@@ -319,7 +319,7 @@ class Scene:
         --------
         >>> import twistwrench as tw
         >>> scene = scene_of(tw.robots.planar_2r())
-        >>> len(scene.thinned(100).shapes) == len(scene.shapes)
+        >>> len(scene.decimated(100).shapes) == len(scene.shapes)
         True
         """
         total = sum(len(s.surface.faces) for s in self.shapes if s.layer == "looks")
@@ -328,7 +328,7 @@ class Scene:
         lighter: dict[int, Surface] = {}
         for shape in self.shapes:
             share = math.floor(most * len(shape.surface.faces) / total)
-            lighter.setdefault(id(shape.surface), shape.surface.thinned(max(_LEAST, share)))
+            lighter.setdefault(id(shape.surface), shape.surface.decimated(max(_LEAST, share)))
         return replace(self, shapes=tuple(replace(s, surface=lighter[id(s.surface)]) for s in self.shapes))
 
 

@@ -29,7 +29,7 @@ MOST_JOINTS = 9
 
 
 @dataclass(frozen=True)
-class BookSection:
+class SectionPanel:
     """What one page shows; its readout is the function of the same number in ``player/*readouts.js``."""
 
     number: str
@@ -101,11 +101,11 @@ AXES = ("vx", "vy", "vz")
 _POSES = 16
 
 
-def task_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
+def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
     """Names of velocities of a frame, its tip if None, that are independent at most configurations: as many as there are.
 
     >>> import twistwrench as tw
-    >>> task_rows(tw.robots.planar_2r()), task_rows(tw.robots.ur5())
+    >>> ik_rows(tw.robots.planar_2r()), ik_rows(tw.robots.ur5())
     (('vx', 'vz'), ('vx', 'vy', 'vz'))
     """
     J = np.asarray(robot.jacobian(robot.random_configuration(0, _POSES), frame, kind="world_aligned"))[:, 3:]
@@ -139,7 +139,7 @@ _MOTOR = (
 _COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
 
 
-def book_data(section: BookSection, robot: Robot, start: Array) -> dict[str, Any]:
+def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str, Any]:
     """The section for one robot, which starts at a configuration."""
     model = robot.model
     sliders = _sliders(robot, start, section)
@@ -156,7 +156,7 @@ def book_data(section: BookSection, robot: Robot, start: Array) -> dict[str, Any
         "load": section.load,
         "gravity": model.gravity.tolist(),
         "ranks": _ranks(robot),
-        "rows": [AXES.index(row) for row in task_rows(robot)],
+        "rows": [AXES.index(row) for row in ik_rows(robot)],
         "links": [
             {
                 "name": body.link,
@@ -175,7 +175,7 @@ def _ranks(robot: Robot) -> dict[str, int]:
     return {key: int(np.linalg.matrix_rank(J[:, mine], tol=1e-9).max()) for key, mine in rows.items()}
 
 
-def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list[dict[str, Any]]]:
+def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, list[dict[str, Any]]]:
     """Rows of name, unit, ends and beginning, by input."""
     coordinates, limits = Coordinates.of(robot.model), robot.limits
     turns = coordinates.angular_velocity
@@ -183,7 +183,7 @@ def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list
     weight = sum(float(b.inertia.mass) for b in robot.model.bodies) * float(np.linalg.norm(robot.model.gravity))
     push = round_above(weight / 2 or 10.0)
     if section.presses:
-        J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(task_rows(robot)[0])]
+        J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
         holding = holding + push / 4 * J  # with gravity, tau = g + J' F
     torque = [
         e if 0 < e < np.inf else round_above(max(2 * float(np.abs(holding).max()), 1.0)) for e in limits.effort.tolist()
@@ -203,7 +203,7 @@ def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list
         row["unit"] = unit
     most = 3 * [round_above(push / 5)] + 3 * [push]
     begin = [0.0, 0.0, 0.0, push / 4, 0.0, -push / 2]
-    accelerations = [f"along {row[1]}" for row in task_rows(robot)]
+    accelerations = [f"along {row[1]}" for row in ik_rows(robot)]
     return {
         "dV": [{"name": n, "unit": "m/s²", "most": 10.0, "start": 1.0 - k} for k, n in enumerate(accelerations)],
         "dq": joints("s", rates, first),
@@ -278,7 +278,7 @@ def with_friction(programs: PagePrograms) -> Asked:
 
 def _rows(programs: PagePrograms) -> tuple[str, ...]:
     """Those in which the tip can be moved; raises ValueRangeError where there are none."""
-    found = task_rows(programs.robot, programs.tip)
+    found = ik_rows(programs.robot, programs.tip)
     if not found or programs.tip is None:
         raise ValueRangeError(
             f"robot {programs.robot.name!r}: no joint moves the origin of its tip {programs.robot.tip!r}, so the page of this "
@@ -290,13 +290,13 @@ def _rows(programs: PagePrograms) -> tuple[str, ...]:
 # ── The sections, in the order of the book
 
 
-def book_section(number: str) -> BookSection:
+def section_panel(number: str) -> SectionPanel:
     """The section of a number; raises ValueRangeError, which lists them."""
     return SECTIONS[arguments.choice(number, "section", tuple(SECTIONS))]
 
 
 _SECTIONS = (
-    BookSection(
+    SectionPanel(
         "3.4",
         "Twists and wrenches at the tip",
         "The same motion and the same load, written in two frames: {b} at the tip and {s} at the base. The six numbers change "
@@ -310,7 +310,7 @@ _SECTIONS = (
         lambda p: {"twist_b": twist(p, "body"), "twist_s": twist(p, "space")},
         shown=("looks",),
     ),
-    BookSection(
+    SectionPanel(
         "5.1",
         "The Jacobian, column by column",
         "Column i is the twist of the tip when joint i alone moves at 1 rad/s (sliding joints: 1 m/s). Where columns depend on "
@@ -324,7 +324,7 @@ _SECTIONS = (
         },
         shown=("looks",),
     ),
-    BookSection(
+    SectionPanel(
         "5.2",
         "Statics: torques of a wrench at the tip",
         "The joints hold a wrench that the tip applies to the world. Each torque is the product of a column of the Jacobian "
@@ -333,7 +333,7 @@ _SECTIONS = (
         ("wrench",),
         lambda p: {"jacobian_b": jacobian(p, "body"), "statics": ("wrench_torques", {"frame": p.tip})},
     ),
-    BookSection(
+    SectionPanel(
         "5.3",
         "Singularities: a direction is lost",
         "Where the Jacobian loses rank, the tip cannot move in some way, however fast the joints turn. Stretch the "
@@ -344,7 +344,7 @@ _SECTIONS = (
         lambda p: {"jacobian_b": jacobian(p, "body")},
         shown=("looks",),
     ),
-    BookSection(
+    SectionPanel(
         "5.4",
         "Manipulability: what moves fast pushes weakly",
         "Joint velocities of norm 1 move the tip within one ellipsoid; joint torques of norm 1 hold the forces within another. "
@@ -354,7 +354,7 @@ _SECTIONS = (
         lambda _: {},
         shown=("looks",),
     ),
-    BookSection(
+    SectionPanel(
         "8.1.2",
         "Coriolis and centripetal torques, term by term",
         "Without gravity and at constant joint velocities a robot still needs torques. Each is a sum of products of two "
@@ -368,7 +368,7 @@ _SECTIONS = (
         chooses="joint",
         load="payload",
     ),
-    BookSection(
+    SectionPanel(
         "8.1.3",
         "The mass matrix, and how heavy the tip is",
         "The ellipsoid holds the forces that accelerate the tip by 1 m/s² in each direction, at rest and without gravity: it "
@@ -380,7 +380,7 @@ _SECTIONS = (
         load="payload",
         shown=("looks", "mass"),
     ),
-    BookSection(
+    SectionPanel(
         "8.2",
         "One rigid body",
         "One link, as a body of its own: its twist, its momentum, and the sum of all wrenches on it, its weight included, in "
@@ -391,7 +391,7 @@ _SECTIONS = (
         chooses="link",
         shown=("looks",),
     ),
-    BookSection(
+    SectionPanel(
         "8.3",
         "Newton–Euler inverse dynamics",
         "Outward, twists and accelerations from link to link, gravity as a base that accelerates upward; inward, the wrenches "
@@ -410,7 +410,7 @@ _SECTIONS = (
         },
         chooses="link",
     ),
-    BookSection(
+    SectionPanel(
         "8.4",
         "The equations in closed form: a sum over the links",
         "Twists of all links stacked in one column V, joint axes in A, transforms in L: then there is no recursion, only "
@@ -425,7 +425,7 @@ _SECTIONS = (
         link_jacobians,
         chooses="link",
     ),
-    BookSection(
+    SectionPanel(
         "8.5",
         "Forward dynamics",
         "Given torques, how does the robot accelerate? At first the torques hold it still. Change one, or give it a velocity, "
@@ -436,7 +436,7 @@ _SECTIONS = (
         load="all",
         at_rest=True,
     ),
-    BookSection(
+    SectionPanel(
         "8.6",
         "Dynamics in the task space",
         "The equation of motion as the tip feels it: the force at the tip, without moment, that gives it an acceleration, "
@@ -456,7 +456,7 @@ _SECTIONS = (
         load="payload",
         shown=("looks", "torques", "mass"),
     ),
-    BookSection(
+    SectionPanel(
         "8.7",
         "Constrained dynamics: the tip on a wall",
         "The tip can slide along a wall without friction, and cannot leave it. At first the torques hold the robot and press "
@@ -472,7 +472,7 @@ _SECTIONS = (
         load="all",
         presses=True,
     ),
-    BookSection(
+    SectionPanel(
         "8.9",
         "Gears, rotors and friction",
         "Every joint has the same motor behind a gear, which turns G times as fast as the joint. Its rotor feels as heavy as "
@@ -488,4 +488,4 @@ _SECTIONS = (
         load="payload",
     ),
 )
-SECTIONS: Mapping[str, BookSection] = {section.number: section for section in _SECTIONS}
+SECTIONS: Mapping[str, SectionPanel] = {section.number: section for section in _SECTIONS}

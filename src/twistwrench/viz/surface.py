@@ -41,7 +41,7 @@ class Surface:
         scale = np.asarray(scale, float)
         return Surface(self.vertices * scale, self.faces if np.prod(scale) > 0 else self.faces[:, ::-1])
 
-    def thinned(self, most: int) -> Surface:
+    def decimated(self, most: int) -> Surface:
         """The same shape with at most about ``most`` triangles, vertices within a cell of a grid being merged."""
         if len(self.faces) <= most:
             return self
@@ -208,7 +208,7 @@ def _merged(surface: Surface) -> Surface:
 # ── Decimated rows of a motion: evenly spaced, with every extreme
 
 
-class Thinned:
+class Decimation:
     """Rows (n, k) come in any portions; ``most`` of many are kept.
 
     A quarter of them at most is evenly spaced. The others are, for every bin of equally many consecutive rows and every watched
@@ -230,18 +230,18 @@ class Thinned:
         self._rows = rows.copy() if self._rows is None else np.concatenate([self._rows, rows])
         self.count += len(rows)
         if self._bin > 1:
-            self._thin()
+            self._decimate()
         while len(self._rows) > self._most and self._bin < 2 * self.count:
             self._bin *= 2
             while self.count > self._most // 4 * self._step:
                 self._step *= 2
-            self._thin()
+            self._decimate()
 
     def result(self) -> Array:
         """The rows kept, in order; the first and the last among them."""
         return np.zeros((0, 0)) if self._rows is None else self._rows
 
-    def _thin(self) -> None:
+    def _decimate(self) -> None:
         if self._rows is None or not len(self._rows):
             return
         bins = self._index // self._bin

@@ -163,7 +163,7 @@ def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> lis
     way, units = robot.subtract(q[-1], q[0]), Coordinates.of(robot.model).torque_units
     at_limit = dict.fromkeys(robot.model.velocity_names, 0.0)
     if isinstance(trajectory, Fastest):
-        for touch in trajectory.touches:
+        for touch in trajectory.limit_contacts:
             at_limit[touch.joint] += (touch.end - touch.begin) / trajectory.duration
     found = []
     for k, name in enumerate(robot.model.velocity_names):
@@ -234,7 +234,7 @@ def _timeline(trajectory: Fastest) -> list[RenderableType]:
     table = PlainTable("What limits it when")
     table.numbers("from [s]", "to [s]")
     table.words("joint", "limit", "", fold=False)
-    T, touches = trajectory.duration, trajectory.touches
+    T, touches = trajectory.duration, trajectory.limit_contacts
     shown = sorted(sorted(touches, key=lambda t: t.begin - t.end)[:_LISTED], key=lambda t: t.begin)
     for t in shown:
         a, b = round(24 * t.begin / T), max(round(24 * t.end / T), round(24 * t.begin / T) + 1)
