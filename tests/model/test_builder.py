@@ -21,7 +21,7 @@ from twistwrench.lie.se3 import Ad
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.edit import lock
 from twistwrench.model.model import BASE
-from twistwrench.model.parts import assembled, outline
+from twistwrench.model.parts import disassemble, reassemble
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
 
@@ -194,7 +194,7 @@ def test_limits_of_a_follower_that_no_place_of_its_leader_suits_are_left_out_and
 
 def test_edits_keep_the_limits_of_leaders(rng):
     model = limited_followers(rng, j1={"lower": -1.0, "upper": 1.0}, j2={"lower": -0.7, "upper": 0.7}).build()
-    again = assembled(outline(model)).limits
+    again = reassemble(disassemble(model)).limits
     assert (again.lower.tolist(), again.upper.tolist()) == (model.limits.lower.tolist(), model.limits.upper.tolist())
 
 

@@ -9,7 +9,7 @@ import pytest
 from random_trees import ROUNDING, tree
 
 import twistwrench as tw
-from twistwrench.model.parameters import nominal, varied
+from twistwrench.model.parameters import nominal, with_symbolic_parameters
 from twistwrench.testing import assert_close, random_state
 
 QUANTITIES = (
@@ -47,7 +47,7 @@ def test_other_numbers_make_another_robot(patterns):
     found = robot.kernel("inverse_dynamics", parameters=patterns)(q, dq, ddq, values)
     lost = robot.kernel("friction_forces", parameters=patterns)(dq, values)
     for k in range(5):
-        other = tw.Robot(varied(robot.model, tuple(names), values[k].tolist()))
+        other = tw.Robot(with_symbolic_parameters(robot.model, tuple(names), values[k].tolist()))
         floats = replace(other.model, bodies=tuple(_as_floats(b) for b in other.model.bodies))
         expected = tw.Robot(floats).reference("inverse_dynamics", q[k], dq[k], ddq[k])
         assert_close(found[k], expected, ROUNDING, "τ with other numbers")

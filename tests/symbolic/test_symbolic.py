@@ -237,7 +237,7 @@ def test_centripetal_and_coriolis_terms_add_up_to_c():
         assert j < k
         c[i] += b * equations.dq[j] * equations.dq[k]
     states = np.random.default_rng(6).uniform(-2, 2, (3, 10, 3))
-    values = Evaluator.at(equations, *states)
+    values = Evaluator.from_state(equations, *states)
     assert_close(values.array(sympy.Matrix(c), (10,)), values.array(equations.coriolis_forces, (10,)), CLOSE)
 
 
@@ -259,7 +259,7 @@ def test_lagrangian_differentiated_by_sympy_gives_the_same_equations(name):
     for q, v, _ in moving:
         p = L.diff(v)
         tau.append(sum(p.diff(a) * b + p.diff(b) * c for a, b, c in moving) - L.diff(q))
-    values = Evaluator.at(equations, *np.random.default_rng(7).uniform(-2, 2, (3, 10, 3)))
+    values = Evaluator.from_state(equations, *np.random.default_rng(7).uniform(-2, 2, (3, 10, 3)))
     assert_close(values.array(sympy.Matrix(tau), (10,)), values.array(equations.tau, (10,)), CLOSE)
 
 

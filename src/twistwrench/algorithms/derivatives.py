@@ -81,7 +81,7 @@ def carried(
     model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
 ) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
     """2 B and F of all that each body carries, and the columns of its joint."""
-    B, columns = [BodyCoriolis.of(body.inertia, 2.0 * V[i]) for i, body in enumerate(model.bodies)], []
+    B, columns = [BodyCoriolis.from_twist(body.inertia, 2.0 * V[i]) for i, body in enumerate(model.bodies)], []
     Adq, Addq = spread(model, dq), spread(model, ddq)
     F: list[Array] = []
     for i, motion in body_motions(model, T, dq, ddq):

@@ -153,7 +153,7 @@ class ConstraintProjector:
     """(..., m)."""
 
     @classmethod
-    def of(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> ConstraintProjector:
+    def from_rows(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> ConstraintProjector:
         """A (..., k, nv), M (..., nv, nv), sizes (k,); ``most`` directions where more are known to be rounding."""
         L = _factor(M)
         B = _through(A, L) / sizes[:, None]
@@ -360,6 +360,6 @@ def settled(
 
 def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
     """The dv, least in the kinetic metric, that closes the gaps as far as damping lets it; (n, nv)."""
-    reach = ConstraintProjector.of(A, M, sizes)
-    damped = 1.0 / (1.0 + damping[:, None] * reach.inverse_sigma**2)  # σ²/(σ² + damping)
-    return reach.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)
+    projector = ConstraintProjector.from_rows(A, M, sizes)
+    damped = 1.0 / (1.0 + damping[:, None] * projector.inverse_sigma**2)  # σ²/(σ² + damping)
+    return projector.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)

@@ -225,7 +225,7 @@ class BodyCoriolis:
         self.K, self.p = K, p
 
     @classmethod
-    def of(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
+    def from_twist(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
         """That of a body with inertia G and twist V."""
         w, v, h = V[:3], V[3:], G.first_moment
         return cls(so3.hat(w) @ G.second_moment + np.outer(v, h), so3.cross(w, h) + G.mass * v)
@@ -253,7 +253,7 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     """C with C dq = c and dM/dt - 2C skew; the Christoffel one on one-degree joints; (nv, nv)."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
-    B = [BodyCoriolis.of(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
+    B = [BodyCoriolis.from_twist(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
     for i, p in inward(model):
         if p != BASE:
             B[p] = B[p] + B[i].in_frame(T[i])

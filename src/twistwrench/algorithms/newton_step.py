@@ -23,7 +23,7 @@ from ..lie import se3
 from ..lie.se3 import pose_log, rotation_log
 from ..model.model import Model
 from ..typing import Array
-from . import kinematics as integration
+from . import kinematics
 from .friction import either, largest, positive
 from .kinematics import forward_kinematics, jacobian
 from .loop_closure import LoopRows
@@ -114,7 +114,7 @@ class NewtonStep:
             goes = goes * (1.0 - some)
         said = np.array([either(odd, -1.0, either(nearer, there, arrived)), either(nearer, now, cost)])
         parts = either(nearer, q, best), said, either(nearer, e, least), either(goes, held_now, held)
-        moved = integration.moved(self.model, q, goes * dq, angles)
+        moved = kinematics.moved(self.model, q, goes * dq, angles)
         return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
 
     def are_poses(self, targets: Array) -> Any:
@@ -164,7 +164,7 @@ class NewtonStep:
         each = [most] * len(poses) + [0.5 * (gaps @ gaps) + _STIFFER * most] * len(gaps)
         damping = np.diag(np.array(each) + _LEAST_DAMPING)
         bounds = self.at_limits(q)
-        z = integration.subtract(self.model, wanted, q) / slower if self.posture else None
+        z = kinematics.subtract(self.model, wanted, q) / slower if self.posture else None
         dq = _damped(J, damping, V, z)
         out = _leaving(dq, *bounds)
         free, some = 1.0 - out, 1.0 - np.prod(1.0 - out)

@@ -176,7 +176,7 @@ def torque_free(
 ) -> Rows:
     """Steps of rotation alone, by the composition of split rotors whose fractions are given."""
     q0, p, l, f = start
-    rotor = SplitRotor.of(_vec(body.moments))
+    rotor = SplitRotor.from_moments(_vec(body.moments))
     turns, last = rotor.schedule(h, fractions)
     _countable(l, 0.0)
     q = _quat(q0)
@@ -211,7 +211,7 @@ def pushed(
 ) -> Rows:
     """Each fraction of a step: half of it free, the impulse of all of it, the other half free."""
     q, p, l, f = start
-    rotor = SplitRotor.of(_vec(body.moments))
+    rotor = SplitRotor.from_moments(_vec(body.moments))
     halves = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
     impulse, work = np.zeros(6), 0.0
     record = [(q, p, l, f, impulse, work)]

@@ -16,9 +16,7 @@ from ..errors import FrameError, InertiaError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import Labelled
 from ..typing import Array
-from . import consistency, solids
-from . import consistency as forms
-from . import mesh as meshes
+from . import consistency, mesh, solids
 from .solids import moment_matrix, second_moments
 
 
@@ -170,14 +168,14 @@ class SpatialInertia:
     capsule = classmethod(solids.capsule)
     cone = classmethod(solids.cone)
     ellipsoid = classmethod(solids.ellipsoid)
-    mesh = classmethod(meshes.mesh)
-    from_matrix = classmethod(forms.from_matrix)
-    from_pseudo_inertia = classmethod(forms.from_pseudo_inertia)
-    from_log_cholesky = classmethod(forms.from_log_cholesky)
+    mesh = classmethod(mesh.mesh)
+    from_matrix = classmethod(consistency.from_matrix)
+    from_pseudo_inertia = classmethod(consistency.from_pseudo_inertia)
+    from_log_cholesky = classmethod(consistency.from_log_cholesky)
 
     # ── ways out ──
 
-    log_cholesky = forms.log_cholesky
+    log_cholesky = consistency.log_cholesky
 
     @property
     def mass(self) -> Any:
@@ -248,7 +246,7 @@ class SpatialInertia:
         if not np.isfinite(self.parameters).all():
             raise InertiaError(f"an inertia that has no principal axes: it {self.defects()[0]}.")
         moments, axes = np.linalg.eigh(self.moment_about_com)
-        return moments, forms.aligned_axes(moments, axes)
+        return moments, consistency.aligned_axes(moments, axes)
 
     # ── change of frame, sums ──
 
@@ -424,7 +422,7 @@ class SplitRotor:
     third: float
 
     @classmethod
-    def of(cls, moments: Vec) -> SplitRotor:
+    def from_moments(cls, moments: Vec) -> SplitRotor:
         """From principal moments, ascending."""
         a, b, c = (1.0 / x for x in moments)
         return cls(b, a - b, c - b)

@@ -15,7 +15,7 @@ from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.model import OfferedClosure
-from ..model.notes import Remark
+from ..model.notes import ModelNote
 from ..typing import Array
 from .element import Element
 from .known_elements import LEFT_OUT
@@ -46,7 +46,7 @@ def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, flo
     for k in range(len(model.actuator_trntype)):
         j = int(model.actuator_trnid[k, 0])
         if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
-            remarks.append(Remark(_actuator(model, k), LEFT_OUT["actuator/joint"]))
+            remarks.append(ModelNote(_actuator(model, k), LEFT_OUT["actuator/joint"]))
             continue
         gear = _gear(model, k)
         forces[j] = forces.get(j, np.zeros(2)) + at_joint(_forces(model, k), gear)
@@ -55,7 +55,7 @@ def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, flo
             values = getattr(model, f"actuator_{what}", None)  # older versions have none
             mine[what] += 0.0 if values is None else gear**2 * polynomial(model, f"actuator_{what}", k)[0]
         if polynomial(model, "actuator_damping", k)[1:].any():
-            remarks.append(Remark(_actuator(model, k), LEFT_OUT["actuator/damping"]))
+            remarks.append(ModelNote(_actuator(model, k), LEFT_OUT["actuator/damping"]))
     bounded = getattr(model, "jnt_actfrclimited", np.zeros(model.njnt))
     for j in range(model.njnt):
         given = forces.get(j, ANY)
@@ -63,7 +63,7 @@ def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, flo
             given = np.clip(given, *model.jnt_actfrcrange[j])
         effort, remark = effort_of(given)
         if remark and (j in forces or effort is not None):
-            remarks.append(Remark(f"joint {names[j]!r}", remark))
+            remarks.append(ModelNote(f"joint {names[j]!r}", remark))
         if effort is not None:
             found.setdefault(names[j], {})["effort"] = effort
     return found, remarks
@@ -173,13 +173,13 @@ def add_tendons(builder: ModelBuilder, model: Any, names: Sequence[str]) -> None
                 terms[joint] = terms.get(joint, 0.0) + float(model.wrap_prm[i])
             builder.add_spring(terms, stiffness, first)
         elif any(more):
-            builder.remark(Remark(who, LEFT_OUT["tendon/stiffness"]))
+            builder.remark(ModelNote(who, LEFT_OUT["tendon/stiffness"]))
         elif stiffness:
-            builder.remark(Remark(who, "has a spring that is left out"))
+            builder.remark(ModelNote(who, "has a spring that is left out"))
         if stiffness and np.any(getattr(model, "tendon_springyield", np.zeros(model.ntendon))[t]):
-            builder.remark(Remark(who, LEFT_OUT["tendon/springyield"]))
+            builder.remark(ModelNote(who, LEFT_OUT["tendon/springyield"]))
         if lossy:
-            builder.remark(Remark(who, "has damping, friction or armature, which is left out"))
+            builder.remark(ModelNote(who, "has damping, friction or armature, which is left out"))
 
 
 # ── Reader of compiled models
@@ -255,18 +255,18 @@ def _filled(model: Any) -> ModelBuilder:
     return builder
 
 
-def _left_out(model: Any, names: list[str]) -> Iterator[Remark]:
+def _left_out(model: Any, names: list[str]) -> Iterator[ModelNote]:
     """Mechanics of bodies and of the whole that a robot leaves out."""
     if model.opt.density or model.opt.viscosity:
-        yield Remark("<option> of MuJoCo's model", LEFT_OUT["option/density"])
+        yield ModelNote("<option> of MuJoCo's model", LEFT_OUT["option/density"])
     for i in range(1, model.nbody):
         if model.body_gravcomp[i]:
-            yield Remark(f"body {names[i]!r}", LEFT_OUT["body/gravcomp"])
+            yield ModelNote(f"body {names[i]!r}", LEFT_OUT["body/gravcomp"])
         if model.body_plugin[i] >= 0:
-            yield Remark(f"the plugin of body {names[i]!r}", LEFT_OUT["body/plugin"])
+            yield ModelNote(f"the plugin of body {names[i]!r}", LEFT_OUT["body/plugin"])
     for f in range(getattr(model, "nflex", 0)):
         if not model.flex_rigid[f]:
-            yield Remark(f"flex {f} of MuJoCo's model", LEFT_OUT["deformable/flex"])
+            yield ModelNote(f"flex {f} of MuJoCo's model", LEFT_OUT["deformable/flex"])
 
 
 def _joints_of(model: Any, i: int) -> range:
@@ -338,11 +338,11 @@ def _add(
         options[what] += drive.get(what, 0.0)
     builder.add_joint(joint.name, joint.kind, parent, child, placement=T, axis=axis, mimic=mimic, **options)
     for said in joint.remarks:
-        builder.remark(Remark(f"joint {joint.name!r}", said))
+        builder.remark(ModelNote(f"joint {joint.name!r}", said))
     if joint.stiffness and joint.single:
         builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest)
     elif joint.stiffness:
-        builder.remark(Remark(f"joint {joint.name!r}", LEFT_OUT["ball/stiffness"]))
+        builder.remark(ModelNote(f"joint {joint.name!r}", LEFT_OUT["ball/stiffness"]))
 
 
 def _add_configurations(builder: ModelBuilder, model: Any, names: list[str]) -> None:

@@ -13,7 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import ModelError
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
-from ..model.notes import Remark
+from ..model.notes import ModelNote
 from ..typing import Array
 from .urdf import ENDLESS
 
@@ -116,7 +116,7 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         )
         if step.kind in ("floating", "planar") and options.get("armature"):
             said = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
-            builder.remark(Remark(f"joint {name!r}", said))
+            builder.remark(ModelNote(f"joint {name!r}", said))
         parent, T = child, np.eye(4)
         q_at, v_at = q_at + step.nq, v_at + step.nv
 

@@ -17,7 +17,7 @@ from ..errors import RobotFileError, UnknownNameError
 from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
-from ..model.notes import Remark
+from ..model.notes import ModelNote
 from ..typing import Array
 from .element import Element
 from .known_elements import Unread
@@ -264,7 +264,7 @@ class _SdfReader:
         reference = own.attributes.get("relative_to", "").strip() if own is not None else ""
         if reference not in ("", WORLD):
             self.builder.remark(
-                Remark(
+                ModelNote(
                     str(own), f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
                 )
             )
@@ -308,7 +308,7 @@ class _SdfReader:
                 self.builder.add_joint(joint, "fixed", WORLD, name, placement=T, where=link.place)
                 if self.floating_base is None and not is_true(self.model, "static"):
                     self.builder.remark(
-                        Remark(str(link), "is held by no joint, so it is fixed; floating_base=True lets it float")
+                        ModelNote(str(link), "is held by no joint, so it is fixed; floating_base=True lets it float")
                     )
 
     def _inertia(self, link: Element) -> SpatialInertia:
@@ -323,7 +323,7 @@ class _SdfReader:
         if missing:
             means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
             text = " and ".join(f"no {what}, which means {means[what]}" for what in missing)
-            self.builder.remark(Remark(str(link), f"has {text}, in this format"))
+            self.builder.remark(ModelNote(str(link), f"has {text}, in this format"))
         T = pose(inertial.child("pose") if inertial is not None else None)
         R, I = T[:3, :3], moments(tensor)
         return SpatialInertia.from_com(number(inertial, "mass", 1.0), T[:3, 3], R @ I @ R.T)

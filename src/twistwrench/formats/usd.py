@@ -22,7 +22,7 @@ from ..lie.labelled import TWIST
 from ..model.assembly import ROOT_JOINT
 from ..model.builder import ModelBuilder
 from ..model.model import OfferedClosure
-from ..model.notes import Remark
+from ..model.notes import ModelNote
 from ..typing import Array
 from .known_elements import LeftOut, Unread
 from .usd_stage import (
@@ -255,7 +255,7 @@ class _Reader:
             "PhysicsPrismaticJoint": "vx",
         }
         if kind not in free:
-            self.builder.remark(Remark(who(joint), f"is a {kind} outside the articulation, which is left out"))
+            self.builder.remark(ModelNote(who(joint), f"is a {kind} outside the articulation, which is left out"))
             return
         letter = "xyz"[axis_of(joint)] if kind in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint") else ""
         moving = free[kind].replace("x", letter)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core import arguments as rotation_checks
 from ..errors import ValueRangeError
 from ..typing import Array
 from . import series
@@ -104,7 +103,7 @@ def from_matrix(R: ArrayLike) -> Array:
     A matrix that is no rotation is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
-    R = np.asarray(rotation_checks.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
+    R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
     # Row k is 4 q_k q: the outer product of the quaternion with itself, and the row of the largest q_k is the safest.

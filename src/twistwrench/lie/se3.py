@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core import arguments as rotation_checks
 from ..core.arguments import gaps
 from ..errors import MissingExtraError
 from ..typing import Array
@@ -309,7 +308,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     True
     """
     M, within = arguments.real(M, "se3.project: M", 4, 4), arguments.number(within, "se3.project: within")
-    rotation_checks.last_row(M, "se3.project: M", within)
+    arguments.last_row(M, "se3.project: M", within)
     return pose(so3.project(M[..., :3, :3], within), M[..., :3, 3])
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core import arguments as rotation_checks
 from ..errors import ShapeError
 from ..typing import Array
 from . import compiled, quaternion, series
@@ -184,7 +183,7 @@ def log(R: ArrayLike) -> Array:
 
 
 def _rotation(R: Array) -> Array:
-    return rotation_checks.rotation(R, "so3.log: R")
+    return arguments.rotation(R, "so3.log: R")
 
 
 def _log(R: Array) -> Array:
@@ -272,7 +271,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     U, _, Vt = np.linalg.svd(np.where(solvable, M, np.eye(3, dtype=M.dtype)))
     U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]
     R = np.where(solvable, U @ Vt, np.nan)
-    rotation_checks.refuse(
+    arguments.refuse(
         np.where(np.isinf(M), np.inf, np.abs(R - M)),
         within,
         "so3.project: not a rotation with rounding: the nearest one is {gap} away, allowed {allowed}",
@@ -305,7 +304,7 @@ def as_scipy(R: ArrayLike) -> Rotation:
     """
     from scipy.spatial.transform import Rotation
 
-    M = rotation_checks.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R")
+    M = arguments.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R")
     try:
         return Rotation.from_matrix(np.require(M, requirements="W"))  # SciPy 1.13 takes no arrays that are read-only
     except ValueError:

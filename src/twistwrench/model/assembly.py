@@ -65,7 +65,7 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
         frames=carried(model.frames),
         sites=carried(model.sites),
         base_inertia=inertias[BASE],
-        **columns.kept(model),
+        **columns.fields(model),
     )
 
 
@@ -105,7 +105,7 @@ class _Columns:
             self._q_order.extend(range(body.q_index, body.q_index + body.joint.nq))
             nq += body.joint.nq
 
-    def kept(self, model: Model) -> dict[str, Any]:
+    def fields(self, model: Model) -> dict[str, Any]:
         """The per-velocity data of the model, without the columns that went."""
         pick, old = np.array(self._order, int), model.limits
         limits = Limits(old.lower[pick], old.upper[pick], old.velocity[pick], old.effort[pick])
@@ -113,7 +113,7 @@ class _Columns:
         configurations = {name: q[q_pick] for name, q in model.configurations.items()}
         return {
             "limits": limits,
-            "friction": model.friction.at(pick),
+            "friction": model.friction.select(pick),
             "armature": model.armature[pick],
             "configurations": configurations,
         }

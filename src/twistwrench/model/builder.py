@@ -31,7 +31,7 @@ from .description import (
 from .edit import gravity_vector, lock
 from .inertia_checks import INERTIA_POLICIES, judge, massless_links
 from .model import Model, OfferedClosure, Spring, Tree, find_tree
-from .notes import Remark, issue, sentences
+from .notes import ModelNote, issue, sentences
 from .rounding import DEFAULT_SNAP
 
 
@@ -199,7 +199,7 @@ class ModelBuilder:
             loss[what] = number(value, f"the {what} of {who}")
             if loss[what] < 0:
                 remarks.append(
-                    Remark(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
+                    ModelNote(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
                 )
         self._joints[name] = JointEntry(
             joint=joint,

@@ -19,7 +19,7 @@ from ..joints.screw_joint import number, numbers
 from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
 from .limits import Limits
-from .notes import Remark
+from .notes import ModelNote
 
 Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""
@@ -153,7 +153,7 @@ def limits_of(
     remarks: list[str] = []
     if joint.nv != 1:
         if joint.nv and any(x is not None for x in (lower, upper, velocity, effort)):
-            remarks.append(Remark(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
+            remarks.append(ModelNote(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
         none = np.full(joint.nv, np.inf)
         return Limits(-none, none, none, none), remarks
     low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
@@ -170,7 +170,7 @@ def _bounds(
     if endless:  # turns without end, whatever the file says
         return -np.inf, np.inf
     if low == high == 0:
-        remarks.append(Remark(who, "has lower = upper = 0, taken to mean that no limits are given"))
+        remarks.append(ModelNote(who, "has lower = upper = 0, taken to mean that no limits are given"))
         return -np.inf, np.inf
     if low > high or low == np.inf or high == -np.inf:
         raise ModelError(
@@ -201,6 +201,6 @@ def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> 
             f"{who} has {what}={printed(value)} as its limit; a limit is a positive number. Leave it out where there is none."
         )
     if value == 0:
-        remarks.append(Remark(who, f"has a limit {what}=0, taken to mean that none is given"))
+        remarks.append(ModelNote(who, f"has a limit {what}=0, taken to mean that none is given"))
         return float(np.inf)
     return value

@@ -231,7 +231,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
             if body.v_index == moving[name].v_index:
                 held[i] = body.joint.pose(body.ratio * q + body.offset)
     fused = fuse(model, held)
-    springs = tuple(s for s in (spring.held(at) for spring in model.springs) if s.terms)
+    springs = tuple(s for s in (spring.with_fixed(at) for spring in model.springs) if s.terms)
     actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in at}
     fused = replace(fused, springs=springs, actuators=actuators)
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))

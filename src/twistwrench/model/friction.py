@@ -47,7 +47,7 @@ class Friction:
         viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
         return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
 
-    def at(self, places: Sequence[int] | Array) -> Friction:
+    def select(self, places: Sequence[int] | Array) -> Friction:
         """That of some of the velocities, in the order asked for."""
         return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
 

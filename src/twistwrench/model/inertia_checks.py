@@ -12,7 +12,7 @@ from ..core.numbers import printed
 from ..errors import InertiaError
 from ..typing import Array
 from .model import BASE, Body, Model
-from .notes import Remark
+from .notes import ModelNote
 
 _LISTED = 3
 """Bodies that cannot exist that an error describes; a file with many has one cause most often."""
@@ -111,13 +111,13 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
         body = model.frames[name].body
         moments = inertia.parameters[4:]
         if inertia.mass == 0 and moments.any():
-            remarks.append(Remark(link(name), "has rotational inertia but no mass"))
+            remarks.append(ModelNote(link(name), "has rotational inertia but no mass"))
         # Through the parallel-axis theorem a zero comes back as rounding of the moments about the origin.
         elif inertia.mass and not fine and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
-            remarks.append(Remark(link(name), "has mass but zero inertia, as a point mass has"))
+            remarks.append(ModelNote(link(name), "has mass but zero inertia, as a point mass has"))
         if body not in bad and not fine and (found := reasons(inertia)):
             effect = "is fused into a body that can exist" if body >= 0 else "does not move"
-            remarks.append(Remark(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
+            remarks.append(ModelNote(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
     return remarks
 
 

@@ -17,7 +17,7 @@ from .assembly import ROOT_JOINT
 from .description import JointEntry, SiteEntry
 from .limits import Limits
 from .model import BASE, Model, OfferedClosure
-from .parts import Outline, assembled, outline
+from .parts import ModelParts, disassemble, reassemble
 
 _LISTED = 6
 _Value = TypeVar("_Value")
@@ -31,7 +31,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     """
     model.frame(frame)
     at = model.tip if frame is None else frame
-    whole, part = outline(model, extra=False), _renamed(outline(other, extra=False), prefix)
+    whole, part = disassemble(model, extra=False), _renamed(disassemble(other, extra=False), prefix)
     link, T = str(at), pose
     if link in whole.additions.sites:
         site = whole.additions.sites[link]
@@ -55,7 +55,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     for label, positions in theirs.configurations.items():
         ours = {joint: q for joint, q in positions.items() if joint != ROOT_JOINT or not part.floating}
         mine.configurations[label] = mine.configurations.get(label, {}) | ours
-    found = assembled(whole)
+    found = reassemble(whole)
     return replace(found, defects=(*model.defects, *other.defects))
 
 
@@ -67,7 +67,7 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
     Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, :class:`~twistwrench.FrameError` for a tip that
     the base does not carry, and :class:`~twistwrench.ModelError` where the part depends on joints outside it.
     """
-    found = outline(model, extra=False)
+    found = disassemble(model, extra=False)
     root = found.root if base is None else base
     if root not in found.links or found.links[root].hidden:
         raise UnknownNameError.of("link", root, model.frames)
@@ -79,7 +79,7 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
         found.floating = False
     part = _restricted(found, kept)
     part.root = root
-    cut = assembled(part)
+    cut = reassemble(part)
     return replace(cut, tip=tip if tip in cut.all_frames else cut.tip, defects=model.defects)
 
 
@@ -89,7 +89,7 @@ def _fixed(name: str, parent: str, child: str, T: Array) -> JointEntry:
     return JointEntry(joint, parent, child, T, Limits(none, none, none, none), 0.0, 0.0, None, "")
 
 
-def _check_names(whole: Outline, part: Outline, prefix: str) -> None:
+def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
     for what, ours, theirs in (
         ("link", {*whole.links, *whole.additions.sites}, (*part.links, *part.additions.sites)),
         ("joint", {joint.name for joint in whole.joints}, [joint.name for joint in part.joints]),
@@ -103,7 +103,7 @@ def _check_names(whole: Outline, part: Outline, prefix: str) -> None:
             raise ModelError(f"both robots have a {what} called {listed(map(repr, both), _LISTED)}. Give {advice}.")
 
 
-def _renamed(part: Outline, prefix: str) -> Outline:
+def _renamed(part: ModelParts, prefix: str) -> ModelParts:
     """The outline with a prefix before every name of it."""
     if not prefix:
         return part
@@ -124,7 +124,7 @@ def _renamed(part: Outline, prefix: str) -> Outline:
     def frame(name: str) -> str:
         return again.get(name, called(name))
 
-    return Outline(
+    return ModelParts(
         name=part.name,
         gravity=part.gravity,
         snap=part.snap,
@@ -164,11 +164,11 @@ def _renamed_actuator(actuator: Actuator, prefix: str) -> Actuator:
     return replace(actuator, joint=prefix + actuator.joint, rotor=rotor)
 
 
-def _link_of(found: Outline, frame: str) -> str:
+def _link_of(found: ModelParts, frame: str) -> str:
     return found.additions.sites[frame].link if frame in found.additions.sites else frame
 
 
-def _below(found: Outline, root: str, tip: str | None, said: str | None) -> set[str]:
+def _below(found: ModelParts, root: str, tip: str | None, said: str | None) -> set[str]:
     """The links to keep: all that the root carries, or those on the way to a tip and what is fixed to them."""
     carried = {joint.child: joint for joint in found.joints}
     way = {root}
@@ -198,7 +198,7 @@ def _rotation(model: Model, link: str) -> Array:
     return np.asarray(T[:3, :3], float)
 
 
-def _restricted(found: Outline, kept: set[str]) -> Outline:
+def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
     """The outline with some links only, and all that concerns nothing else."""
     joints = [joint for joint in found.joints if {joint.parent, joint.child} <= kept]
     names = {joint.name for joint in joints} | ({ROOT_JOINT} if found.floating else set())

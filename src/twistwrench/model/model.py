@@ -116,7 +116,7 @@ class Spring:
     rest: float = 0.0
     """rad or m."""
 
-    def held(self, positions: dict[str, float]) -> Spring:
+    def with_fixed(self, positions: dict[str, float]) -> Spring:
         """The same spring once some joints are locked: their part of its stretch is constant."""
         fixed = sum(weight * positions[joint] for joint, weight in self.terms if joint in positions)
         return Spring(tuple(t for t in self.terms if t[0] not in positions), self.stiffness, self.rest - fixed)

@@ -13,41 +13,41 @@ _NAMED = 4
 """Subjects that a grouped sentence names; the rest are counted, and stand in ``robot.defects``."""
 
 
-class Remark(str):
-    """A sentence whose subject is known: ``Remark("link 'a'", "has no mass") == "link 'a' has no mass"``."""
+class ModelNote(str):
+    """A sentence whose subject is known: ``ModelNote("link 'a'", "has no mass") == "link 'a' has no mass"``."""
 
     subject: str
     said: str
 
-    def __new__(cls, subject: str, said: str) -> Remark:
+    def __new__(cls, subject: str, said: str) -> ModelNote:
         """The sentence ``subject said``."""
         text = super().__new__(cls, f"{subject} {said}")
         text.subject, text.said = subject, said
         return text
 
-    def __reduce__(self) -> tuple[type[Remark], tuple[str, str]]:
-        return Remark, (self.subject, self.said)
+    def __reduce__(self) -> tuple[type[ModelNote], tuple[str, str]]:
+        return ModelNote, (self.subject, self.said)
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:
     """The remarks in their order, those that say the same of other subjects together in one sentence.
 
-    >>> grouped([Remark("joint 'a'", "has no limit"), "x", Remark("joint 'b'", "has no limit")])
+    >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
     ["joint 'a' has no limit; the same of joint 'b'", 'x']
     """
     others: dict[str, list[str]] = {}
     first: list[str] = []
     for remark in remarks:
-        key = remark.said if isinstance(remark, Remark) else remark
-        if key in others and isinstance(remark, Remark):
+        key = remark.said if isinstance(remark, ModelNote) else remark
+        if key in others and isinstance(remark, ModelNote):
             others[key].append(remark.subject)
         else:
             others.setdefault(key, [])
             first.append(remark)
-    return [_together(r, others[r.said]) if isinstance(r, Remark) else r for r in first]
+    return [_together(r, others[r.said]) if isinstance(r, ModelNote) else r for r in first]
 
 
-def _together(remark: Remark, others: list[str]) -> str:
+def _together(remark: ModelNote, others: list[str]) -> str:
     if not others:
         return remark
     return f"{remark}; the same of {listed(others, _NAMED)}"

@@ -125,7 +125,7 @@ def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def varied(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
+def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
     """The model with these numbers, or symbols, in place of its own."""
     new = dict(zip(names, values, strict=True))
     bodies = [_body_moved(body, new) for body in model.bodies]
@@ -234,7 +234,7 @@ def _refuse_tensor(model: Model, link: str, given: Mapping[str, Array]) -> None:
     for sample in map(tuple, np.argwhere(np.broadcast_to(bad, whole))):
         values = [float(np.broadcast_to(x, whole)[sample]) for x in mine.values()]
         with np.errstate(all="ignore"):
-            numbers = varied(model, list(mine), values).bodies[body].inertia.parameters.astype(float)
+            numbers = with_symbolic_parameters(model, list(mine), values).bodies[body].inertia.parameters.astype(float)
         G = SpatialInertia.from_parameters(numbers)
         if np.isfinite(numbers).all() and (found := reasons(G, moved_moments(model, body))):
             place = f" in sample {_index(sample)}" if sample else ""

@@ -23,7 +23,7 @@ _ROUNDING = 1e-13
 
 
 @dataclass(eq=False)
-class Outline:
+class ModelParts:
     """The links of a model with an inertia each, the joints between them, fixed ones too, and what is beside them.
 
     Rotors are no bodies of it: they stay with the actuators.
@@ -53,20 +53,20 @@ class Outline:
     """Sites, springs, configurations, closures."""
 
 
-def outline(model: Model, *, extra: bool = True) -> Outline:
+def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
     """The links and joints of a model. Links have the inertia of rotors that they were weighed with, of extra ones if asked.
 
     Links that are fixed together and were described one by one are so again; what a link got since, as a payload at a site or
     by a repair, is counted with the link whose joint moves it.
 
     >>> import twistwrench as tw
-    >>> [(joint.name, joint.fixed) for joint in outline(tw.robots.planar_2r().model).joints]
+    >>> [(joint.name, joint.fixed) for joint in disassemble(tw.robots.planar_2r().model).joints]
     [('joint1', False), ('joint2', False), ('tip_joint', True)]
     """
-    return _Outliner(model, extra).outline()
+    return _Disassembly(model, extra).parts()
 
 
-class _Outliner:
+class _Disassembly:
     """One model on its way into links and joints."""
 
     def __init__(self, model: Model, extra: bool) -> None:
@@ -87,13 +87,13 @@ class _Outliner:
             parent = self.model.mounts[parent][0]
         return parent
 
-    def outline(self) -> Outline:
+    def parts(self) -> ModelParts:
         """The whole."""
         model = self.model
         top = next((link for link in self.names if not self.parents.get(link, "")), "world")
         floating = top in self.bodies
         still = top if floating or top not in self.parents else _unused("world", self.names)
-        found = Outline(
+        found = ModelParts(
             name=model.name,
             gravity=model.gravity,
             snap=model.snap,
@@ -117,10 +117,10 @@ class _Outliner:
         self._add_others(found)
         return found
 
-    def _moving(self, found: Outline) -> Iterator[str]:
+    def _moving(self, found: ModelParts) -> Iterator[str]:
         return (joint.child for joint in found.joints if not joint.fixed and joint.mimic is None)
 
-    def _add_links(self, found: Outline) -> None:
+    def _add_links(self, found: ModelParts) -> None:
         model = self.model
         whole = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
         whole[BASE] = model.base_inertia
@@ -196,14 +196,14 @@ class _Outliner:
         reach = Limits(ends[0], ends[1], free, effort) if body.ratio else Limits(-free, free, free, effort)
         return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
 
-    def _note(self, found: Outline, body: Body) -> None:
+    def _note(self, found: ModelParts, body: Body) -> None:
         """Friction and armature of a joint, and of the motor behind its elastic gear."""
         for one in filter(None, (body, self.motors.get(body.joint.name))):
             at = one.places[1]
-            found.friction[one.joint.name] = self.model.friction.at(np.arange(at.start, at.stop))
+            found.friction[one.joint.name] = self.model.friction.select(np.arange(at.start, at.stop))
             found.armature[one.joint.name] = self.model.armature[at]
 
-    def _add_others(self, found: Outline) -> None:
+    def _add_others(self, found: ModelParts) -> None:
         model, more = self.model, found.additions
         for name, frame in model.sites.items():
             link = found.root if frame.body == BASE else model.bodies[frame.body].link
@@ -244,13 +244,13 @@ def _unused(name: str, taken: list[str]) -> str:
 # ── Model from its parts
 
 
-def assembled(found: Outline) -> Model:
+def reassemble(found: ModelParts) -> Model:
     """The model of an outline: the way back. Nothing is judged again, and nothing is said of it.
 
     >>> import twistwrench as tw
-    >>> from twistwrench.model.parts import outline
+    >>> from twistwrench.model.parts import disassemble
     >>> arm = tw.robots.ur5().model
-    >>> assembled(outline(arm)).joint_names == arm.joint_names
+    >>> reassemble(disassemble(arm)).joint_names == arm.joint_names
     True
     """
     tree = find_tree(found.links, found.joints)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core import arguments as rotation_checks
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3, so3
 from ..typing import Array
@@ -24,7 +23,7 @@ def array(x: ArrayLike, name: str, *core: int) -> Array:
 
 def rotation(R: ArrayLike, name: str) -> Array:
     """R (..., 3, 3) as it is where it is a rotation to 1e-6, and the nearest one where it was rounded more than that."""
-    return _nearest(array(R, name, 3, 3), name, rotation_checks.rotation, so3.project)
+    return _nearest(array(R, name, 3, 3), name, arguments.rotation, so3.project)
 
 
 def pose(T: ArrayLike, name: str) -> Array:
@@ -54,8 +53,8 @@ def skew(W: ArrayLike, name: str) -> Array:
             return W
     with np.errstate(all="ignore"):
         off = np.abs(W + np.swapaxes(W, -1, -2))
-        largest = np.maximum(rotation_checks.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
-    rotation_checks.refuse(
+        largest = np.maximum(arguments.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
+    arguments.refuse(
         off / largest,
         ROUNDED,
         f"{name} is not skew-symmetric: with its transpose added it is {{gap}} of its largest entry, allowed "
@@ -71,7 +70,7 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
     skew(X[..., :3, :3], name)
     if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:
         complaint = f"{name} has no last row of zeros: an entry is {{gap}} off, allowed {{allowed}}"
-        rotation_checks.refuse(np.abs(X[..., 3:, :]), rotation_checks.TOLERANCE, complaint)
+        arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, complaint)
     return X
 
 

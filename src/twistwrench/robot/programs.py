@@ -20,7 +20,7 @@ from ..ir.expr import Expr
 from ..ir.program import Program
 from ..ir.tracer import Trace, trace
 from ..model.model import Model
-from ..model.parameters import matching, moves_joints, regrouped, varied
+from ..model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
 from ..typing import Array
 from .derivatives import CONFIGURATIONS
 from .quantities import QUANTITIES, Quantity, Shape
@@ -388,7 +388,7 @@ def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: 
     """The quantity's algorithm on arrays of numbers or symbols: the usual inputs, a wrench per frame, gravity, parameters."""
     rest, usual = {k: v for k, v in options.items() if k != "derivative"}, len(quantity.inputs)
     if names := rest.pop("parameters", ()):
-        model, arrays = varied(model, names, arrays[-1]), arrays[:-1]
+        model, arrays = with_symbolic_parameters(model, names, arrays[-1]), arrays[:-1]
     if frames := rest.pop("wrenches", ()):
         on_robot = rest.pop("on_robot", ())
         given = zip(frames, arrays[usual : usual + len(frames)], strict=True)

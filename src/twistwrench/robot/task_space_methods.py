@@ -163,7 +163,9 @@ class TaskSpaceMethods:
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
         sizes = _usual_ways(self, frame, kind)[2][chosen]
-        return ConstraintProjector.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
+        return ConstraintProjector.from_rows(
+            self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes
+        ).lost
 
 
 def _by_kernel(
@@ -191,7 +193,7 @@ def _by_kernel(
         _warn_of_lost_rows(robot, frame, kind, chosen)
         q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
         J, M = robot.jacobian(q, frame, kind)[:, chosen], robot.mass_matrix(q)
-        Lambda = ConstraintProjector.of(J, M, sizes).pseudoinverse
+        Lambda = ConstraintProjector.from_rows(J, M, sizes).pseudoinverse
         if dq:
             free = np.linalg.solve(M, robot.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
             dJ_dq = robot.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]

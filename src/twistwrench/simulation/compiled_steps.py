@@ -24,7 +24,7 @@ from ..ir.loops import Scan, Source
 from ..ir.program import Program
 from ..ir.tracer import trace
 from ..model.model import Model
-from ..model.parameters import moves_joints, regrouped, varied
+from ..model.parameters import moves_joints, regrouped, with_symbolic_parameters
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
 from ..runtime.interpreter import compiles
@@ -180,7 +180,7 @@ class Plan:
         known = regrouped(self.model)
         plant = known if not moves_joints(self.model, self.parameters) else self.model
         if self.parameters:
-            plant = varied(plant, self.parameters, list(rest["parameters"]))
+            plant = with_symbolic_parameters(plant, self.parameters, list(rest["parameters"]))
         return known, plant, rest
 
     def _pushed(self, rest: dict[str, Array]) -> dict[str, Array] | None:

@@ -168,7 +168,7 @@ class Evaluator:
         self._known: dict[Any, Any] = dict(values)
 
     @classmethod
-    def at(cls, equations: Equations, q: Array, dq: Array, ddq: Array) -> Evaluator:
+    def from_state(cls, equations: Equations, q: Array, dq: Array, ddq: Array) -> Evaluator:
         """At states (..., n), the parameters at their own values."""
         values: dict[Any, Any] = dict(equations.values)
         for symbols, array in ((equations.q, q), (equations.dq, dq), (equations.ddq, ddq)):
@@ -252,7 +252,7 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
         rng.standard_normal((_STATES, n)),
         rng.standard_normal((_STATES, n)),
     )
-    found = Evaluator.at(equations, u, du, ddu)
+    found = Evaluator.from_state(equations, u, du, ddu)
     wanted: dict[str, list[Array]] = {
         name: [] for name in ("inverse_dynamics", "mass_matrix", "coriolis_forces", "gravity_forces")
     }

@@ -14,7 +14,7 @@ from .documents import Latex
 from .expanded_form import Terms
 from .factored_form import EquationWriter
 from .names import Notation, Parameter, Text
-from .trig_polynomial import TrigSum
+from .trig_polynomial import TrigPolynomial
 
 
 @dataclass(frozen=True)
@@ -453,13 +453,13 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     )
     L = terms.kinetic - terms.potential
 
-    def moving(total: TrigSum) -> Any:
+    def moving(total: TrigPolynomial) -> Any:
         return writer.by_motion(total, motions, writer.by_angle)
 
-    def energetic(total: TrigSum) -> Any:
+    def energetic(total: TrigPolynomial) -> Any:
         return writer.by_motion(total, motions, writer.by_mass)
 
-    def rate(total: TrigSum) -> TrigSum:
+    def rate(total: TrigPolynomial) -> TrigPolynomial:
         found = terms.zero
         for c, v, a in zip(terms.coordinates, speed, push, strict=True):
             found = found + total.diff(c.name) * v + total.diff(c.rate) * a

@@ -1,6 +1,6 @@
 """Lagrange's equations written out: kinematics over any arithmetic, independent coordinates, and energies as sums of products.
 
-Works over any arithmetic: sums of products in :mod:`.trig_sum`, SymPy expressions, floats.
+Works over any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..joints.joint import CosineSine, exact, exact_rodrigues
 from ..model.model import BASE, Body, Model
 from ..typing import Array
 from .names import BodyEntries, Entry, ModelEntries
-from .trig_polynomial import Ring, TrigSum
+from .trig_polynomial import Ring, TrigPolynomial
 
 
 class Arithmetic(Protocol):
@@ -184,17 +184,17 @@ class RingArithmetic:
         self.ring, self.coordinates = ring, coordinates
         self._places = {name: k for k, name in enumerate(ring.angles)}
 
-    def number(self, entry: Entry) -> TrigSum:
+    def number(self, entry: Entry) -> TrigPolynomial:
         """A number of the model, or its symbol."""
         if entry.parameter is None:
             return self.ring.number(entry.value)
         return entry.sign * self.ring.symbol(entry.parameter.name)
 
-    def coordinate(self, k: int) -> TrigSum:
+    def coordinate(self, k: int) -> TrigPolynomial:
         """The k-th coordinate itself."""
         return self.ring.symbol(self.coordinates[k].name)
 
-    def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigSum, TrigSum]:
+    def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigPolynomial, TrigPolynomial]:
         """Of ``rate`` times the k-th coordinate plus ``offset``."""
         f: list[Any] = [0] * len(self._places)
         exact = Fraction(rate)  # a float is a fraction, so sums of multiples stay exact
@@ -252,14 +252,14 @@ def _terms(entries: Iterable[Any], ring: Ring) -> int:
     return max(len(ring.number(0.0) + x) for x in entries)
 
 
-def _rate(x: TrigSum, coordinates: tuple[Coordinate, ...], ring: Ring) -> TrigSum:
+def _rate(x: TrigPolynomial, coordinates: tuple[Coordinate, ...], ring: Ring) -> TrigPolynomial:
     total = ring.number(0.0)
     for c in coordinates:
         total = total + x.diff(c.name) * ring.symbol(c.rate)
     return total
 
 
-def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigSum]:
+def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
     """½ k (Σ weight · coordinate - rest)² of each spring."""
     places = {body.joint.name: body.v_index for body in model.leaders}
     found = []
@@ -271,7 +271,7 @@ def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithme
     return found
 
 
-def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigSum]:
+def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
     """½ J q̇² of each drive that has an inertia of its own."""
     found = []
     for k, J in enumerate(entries.armature):
@@ -283,7 +283,7 @@ def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[Tr
 
 def energies(
     entries: ModelEntries, motion: SymbolicMotion, arithmetic: RingArithmetic
-) -> tuple[list[TrigSum], list[TrigSum]]:
+) -> tuple[list[TrigPolynomial], list[TrigPolynomial]]:
     """K and P of every body; the formulas of MR section 8.1.2."""
     gravity = numbers_of(arithmetic, entries.gravity)
     kinetic, potential = [], []
@@ -318,16 +318,16 @@ class Terms:
 
     ring: Ring
     coordinates: tuple[Coordinate | Variable, ...]
-    kinetic: TrigSum
-    potential: TrigSum
+    kinetic: TrigPolynomial
+    potential: TrigPolynomial
 
     @property
-    def zero(self) -> TrigSum:
+    def zero(self) -> TrigPolynomial:
         """Nothing."""
         return self.ring.number(0)
 
     @cached_property
-    def by_motion(self) -> dict[int, TrigSum]:
+    def by_motion(self) -> dict[int, TrigPolynomial]:
         """The coefficients of L by products of rates."""
         return (self.kinetic - self.potential).split([c.rate for c in self.coordinates])
 
@@ -348,7 +348,7 @@ class Terms:
         """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i); MR section 8.1.2."""
         n = len(self.coordinates)
 
-        def entry(i: int, j: int) -> TrigSum:
+        def entry(i: int, j: int) -> TrigPolynomial:
             return self.mass_matrix[i, j]
 
         dM = np.empty((n, n, n), object)
@@ -362,5 +362,5 @@ class Terms:
     @cached_property
     def gravity_forces(self) -> Array:
         """g_i = ∂P/∂q_i; with energies that rates do not enter, of L too."""
-        still: TrigSum = self.by_motion.get(0, self.zero)
+        still: TrigPolynomial = self.by_motion.get(0, self.zero)
         return np.array([-still.diff(c.name) for c in self.coordinates], object)

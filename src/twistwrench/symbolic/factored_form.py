@@ -15,7 +15,7 @@ import numpy as np
 
 from ..typing import Array
 from .names import shortest
-from .trig_polynomial import Basis, Ring, ShortestForms, TrigSum, Waves
+from .trig_polynomial import Basis, Ring, ShortestForms, TrigPolynomial, Waves
 
 Row = tuple[Any, int, Waves]
 """Coefficient, monomial, sines and cosines."""
@@ -53,11 +53,11 @@ class EquationWriter:
 
     # ── expressions ──
 
-    def by_mass(self, total: TrigSum) -> Any:
+    def by_mass(self, total: TrigPolynomial) -> Any:
         """Masses pulled out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
         return self._grouped(total, self._mass_part)
 
-    def by_angle(self, total: TrigSum) -> Any:
+    def by_angle(self, total: TrigPolynomial) -> Any:
         """What multiplies the same sines and cosines together: (m_1 + m_2) L_1 g cos θ_1."""
         groups: dict[Waves, list[Row]] = defaultdict(list)
         for row in self._rows(total):
@@ -119,9 +119,9 @@ class EquationWriter:
         terms = ((c, zip(symbols, powers, strict=True)) for powers, c in polynomial.terms())
         return self._sympy.Add(*(self._sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
 
-    def by_motion(self, total: TrigSum, motions: list[str], write: Callable[[TrigSum], Any]) -> Any:
+    def by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
         """Sorted by products of rates and accelerations; those whose coefficients are proportional stand together."""
-        groups: list[tuple[TrigSum, list[tuple[Any, int]]]] = []
+        groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items(), reverse=False):
             for first, members in groups:
                 if motion and members[0][1] and (ratio := _ratio(coefficient, first)) is not None:
@@ -144,7 +144,7 @@ class EquationWriter:
     def _times(self, one: Any, other: Any, sign: int) -> Any:
         return self._sympy.Mul(sign, *self._sympy.Mul.make_args(one), *self._sympy.Mul.make_args(other))
 
-    def _grouped(self, total: TrigSum, key: Callable[[int], int]) -> Any:
+    def _grouped(self, total: TrigPolynomial, key: Callable[[int], int]) -> Any:
         groups: dict[int, list[Row]] = defaultdict(list)
         for row in self._rows(total):
             groups[key(row[1])].append(row)
@@ -215,14 +215,14 @@ class EquationWriter:
         shared = set(powers[0]).intersection(*powers)
         return self.ring.monomial({name: min(p[name] for p in powers) for name in shared})
 
-    def _rows(self, total: TrigSum) -> list[Row]:
+    def _rows(self, total: TrigPolynomial) -> list[Row]:
         by_monomial: dict[int, dict[Basis, Any]] = defaultdict(dict)
         for (monomial, base), value in total.terms.items():
             by_monomial[monomial][self.ring.bases[base]] = value
         return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._forms.shortest(terms).items()]
 
 
-def _ratio(one: TrigSum, other: TrigSum) -> Any:
+def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
     """one / other where that is a number, else None."""
     if one.terms.keys() != other.terms.keys() or not one.terms:
         return None

@@ -11,7 +11,7 @@ from ..errors import ShapeError, ValueRangeError
 from .equations import Equations, Label, Step, assembled, entry_name, steps_of, term_lines
 from .expanded_form import Coordinate, Terms, Variable, dotted
 from .factored_form import EquationWriter
-from .trig_polynomial import HIGHEST, Ring, TrigSum
+from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
 def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
@@ -258,7 +258,7 @@ class _Reader:
     def __init__(self, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...], moving: set[Any]) -> None:
         self.ring, self.atoms, self.q, self.moving = ring, atoms, q, moving
 
-    def read(self, expr: Any) -> TrigSum | None:
+    def read(self, expr: Any) -> TrigPolynomial | None:
         """The sum of products that an expression is, None if it is none."""
         if expr.is_Rational:
             return self.ring.number(Fraction(int(expr.p), int(expr.q)))
@@ -282,7 +282,7 @@ class _Reader:
             return total
         return self._wave(expr)
 
-    def _wave(self, expr: Any) -> TrigSum | None:
+    def _wave(self, expr: Any) -> TrigPolynomial | None:
         import sympy
 
         try:

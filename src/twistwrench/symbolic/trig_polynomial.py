@@ -45,21 +45,21 @@ class Ring:
 
     # ── ways in ──
 
-    def number(self, value: Any) -> TrigSum:
+    def number(self, value: Any) -> TrigPolynomial:
         """A constant."""
         value = Fraction(value) if self.exact and not isinstance(value, float) else float(value)
-        return TrigSum(self, {(0, 0): value} if value else {})
+        return TrigPolynomial(self, {(0, 0): value} if value else {})
 
-    def symbol(self, name: str) -> TrigSum:
+    def symbol(self, name: str) -> TrigPolynomial:
         """A symbol by its name."""
         one: Any = Fraction(1) if self.exact else 1.0
-        return TrigSum(self, {(1 << (_BITS * self.place[name]), 0): one})
+        return TrigPolynomial(self, {(1 << (_BITS * self.place[name]), 0): one})
 
-    def wave(self, kind: str, multiples: Sequence[Any]) -> TrigSum:
+    def wave(self, kind: str, multiples: Sequence[Any]) -> TrigPolynomial:
         """The cosine or sine of a sum of multiples of the angles."""
         basis, sign = _canonical(kind, tuple(multiples))
         one: Any = Fraction(sign) if self.exact else float(sign)
-        return TrigSum(self, {(0, self._number(basis)): one} if sign else {})
+        return TrigPolynomial(self, {(0, self._number(basis)): one} if sign else {})
 
     # ── monomials ──
 
@@ -121,7 +121,7 @@ def _canonical(kind: str, multiples: tuple[Any, ...]) -> tuple[Basis, int]:
     return (kind, multiples), 0 if first == 0 and kind == "sin" else 1
 
 
-class TrigSum:
+class TrigPolynomial:
     """One sum: ``{(monomial, base): coefficient}``, without zeros. Lives in NumPy object arrays; never changes."""
 
     __slots__ = ("ring", "terms")
@@ -130,7 +130,7 @@ class TrigSum:
         self.ring, self.terms = ring, terms
 
     def __repr__(self) -> str:
-        return f"<TrigSum of {len(self.terms)} terms>"
+        return f"<TrigPolynomial of {len(self.terms)} terms>"
 
     def __len__(self) -> int:
         return len(self.terms)
@@ -138,8 +138,8 @@ class TrigSum:
     def __bool__(self) -> bool:
         return bool(self.terms)
 
-    def __add__(self, other: Any) -> TrigSum:
-        if not isinstance(other, TrigSum):
+    def __add__(self, other: Any) -> TrigPolynomial:
+        if not isinstance(other, TrigPolynomial):
             if not other:
                 return self
             other = self.ring.number(other)
@@ -152,23 +152,25 @@ class TrigSum:
                 terms[key] = total
             else:
                 del terms[key]
-        return TrigSum(self.ring, terms)
+        return TrigPolynomial(self.ring, terms)
 
     __radd__ = __add__
 
-    def __neg__(self) -> TrigSum:
-        return TrigSum(self.ring, {key: -value for key, value in self.terms.items()})
+    def __neg__(self) -> TrigPolynomial:
+        return TrigPolynomial(self.ring, {key: -value for key, value in self.terms.items()})
 
-    def __sub__(self, other: Any) -> TrigSum:
+    def __sub__(self, other: Any) -> TrigPolynomial:
         return self + (-other)
 
-    def __rsub__(self, other: Any) -> TrigSum:
+    def __rsub__(self, other: Any) -> TrigPolynomial:
         return -self + other
 
-    def __mul__(self, other: Any) -> TrigSum:
-        if not isinstance(other, TrigSum):
+    def __mul__(self, other: Any) -> TrigPolynomial:
+        if not isinstance(other, TrigPolynomial):
             factor = Fraction(other) if self.ring.exact else float(other)
-            return TrigSum(self.ring, {key: factor * value for key, value in self.terms.items()} if factor else {})
+            return TrigPolynomial(
+                self.ring, {key: factor * value for key, value in self.terms.items()} if factor else {}
+            )
         ring, terms = self.ring, dict[tuple[int, int], Any]()
         for (m, a), x in self.terms.items():
             for (n, b), y in other.terms.items():
@@ -180,11 +182,11 @@ class TrigSum:
                 for base, sign in ring.product(a, b):
                     key = (m + n, base)
                     terms[key] = terms.get(key, 0) + (half if sign > 0 else -half)
-        return TrigSum(ring, {key: value for key, value in terms.items() if value})
+        return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
     __rmul__ = __mul__
 
-    def diff(self, name: str) -> TrigSum:
+    def diff(self, name: str) -> TrigPolynomial:
         """The derivative with respect to a symbol, an angle's sines and cosines included."""
         ring = self.ring
         shift = _BITS * ring.place[name]
@@ -198,20 +200,20 @@ class TrigSum:
                 other, factor = ring.slope(base, angle)
                 if factor:
                     terms[m, other] = terms.get((m, other), 0) + (factor if ring.exact else float(factor)) * value
-        return TrigSum(ring, {key: value for key, value in terms.items() if value})
+        return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
-    def split(self, names: Sequence[str]) -> dict[int, TrigSum]:
+    def split(self, names: Sequence[str]) -> dict[int, TrigPolynomial]:
         """The coefficients of the monomials in some of the symbols."""
         mask = sum(_MASK << (_BITS * self.ring.place[name]) for name in names)
         parts: dict[int, dict[tuple[int, int], Any]] = {}
         for (m, base), value in self.terms.items():
             parts.setdefault(m & mask, {})[m & ~mask, base] = value
-        return {motion: TrigSum(self.ring, terms) for motion, terms in parts.items()}
+        return {motion: TrigPolynomial(self.ring, terms) for motion, terms in parts.items()}
 
-    def without_dust(self, share: float) -> TrigSum:
+    def without_dust(self, share: float) -> TrigPolynomial:
         """The sum without terms smaller than a share of its largest: round-off of terms that cancel."""
         least = share * max((abs(value) for value in self.terms.values()), default=0.0)
-        return TrigSum(self.ring, {key: value for key, value in self.terms.items() if abs(value) > least})
+        return TrigPolynomial(self.ring, {key: value for key, value in self.terms.items() if abs(value) > least})
 
 
 # ── Shortest forms: sums of angles, or products of single ones

@@ -14,7 +14,7 @@ from ...lie import quaternion, se3
 from ...model.builder import ModelBuilder
 from ...model.description import Mimic
 from ...model.model import OfferedClosure
-from ...model.notes import Remark
+from ...model.notes import ModelNote
 from ...typing import Array
 from ..element import Element
 from ..known_elements import ACTUATORS, LEFT_OUT
@@ -46,7 +46,7 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
     for section in root.all("actuator"):
         for child in section.children:
             if child.tag not in ACTUATORS:
-                drives.remarks.append(Remark(str(child), LEFT_OUT["actuator/unknown"]))
+                drives.remarks.append(ModelNote(str(child), LEFT_OUT["actuator/unknown"]))
             one = defaults.apply(child)
             name = one.attributes.get("joint", one.attributes.get("jointinparent", "")).strip()
             if name and name not in joints:
@@ -56,7 +56,7 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
             if name:
                 totals[name] = totals.get(name, np.zeros(2)) + _forces(one, settings)
                 if child.tag == "orientation":
-                    drives.remarks.append(Remark(str(one), LEFT_OUT["actuator/joint"]))
+                    drives.remarks.append(ModelNote(str(one), LEFT_OUT["actuator/joint"]))
     for name, joint in joints.items():
         if not joint.single:
             continue
@@ -65,7 +65,7 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
             given = np.clip(given, *_range(joint.element, "actuatorfrcrange"))
         effort, remark = effort_of(given)
         if remark and (name in totals or effort is not None):
-            drives.remarks.append(Remark(f"joint {name!r} ({joint.element.place})", remark))
+            drives.remarks.append(ModelNote(f"joint {name!r} ({joint.element.place})", remark))
         if effort is not None:
             drives.efforts[name] = effort
     return drives
@@ -103,10 +103,10 @@ def _add_losses(drives: Drives, one: Element, joint: MjcfJoint | None) -> None:
         if not value and not any(more):
             continue
         if joint is None or not joint.single:
-            drives.remarks.append(Remark(str(one), f"has a {what} that is left out"))
+            drives.remarks.append(ModelNote(str(one), f"has a {what} that is left out"))
         else:
             if any(more):
-                drives.remarks.append(Remark(str(one), LEFT_OUT["actuator/damping"]))
+                drives.remarks.append(ModelNote(str(one), LEFT_OUT["actuator/damping"]))
             at[joint.name] = at.get(joint.name, 0.0) + gear**2 * value
 
 
@@ -188,15 +188,15 @@ def mimics(
         c0, c1, *more = one.floats("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         if not leader:
             remarks.append(
-                Remark(
+                ModelNote(
                     str(one),
                     f"holds joint {follower!r} at {printed(joints[follower].reference + c0)}, which is left out: lock it",
                 )
             )
         elif any(more) or c1 == 0:
-            remarks.append(Remark(str(one), "makes a joint follow another by a polynomial, which is left out"))
+            remarks.append(ModelNote(str(one), "makes a joint follow another by a polynomial, which is left out"))
         elif follower in found or follower in leaders_of(leader, found):
-            remarks.append(Remark(str(one), "is a second rule for its joints, which is left out"))
+            remarks.append(ModelNote(str(one), "is a second rule for its joints, which is left out"))
         else:
             offset = joints[follower].reference + c0 - c1 * joints[leader].reference
             found[follower] = (leader, c1, offset)
@@ -225,7 +225,7 @@ def add_closures(
         if one.tag == "joint":
             continue
         if one.tag not in ("connect", "weld"):
-            builder.remark(Remark(str(one), f"is an equality of kind {one.tag}, which is left out"))
+            builder.remark(ModelNote(str(one), f"is an equality of kind {one.tag}, which is left out"))
             continue
         name = one.attributes.get("name", "").strip() or f"{one.tag}{k}"
         rows = POINT if one.tag == "connect" else ALL
@@ -287,7 +287,7 @@ def add_tendons(
             one = defaults.apply(child, kind="tendon")
             if child.tag == "spatial":
                 if any(any(one.floats(what, (0.0, 0.0, 0.0))) for what in ("stiffness", *_LOSSES)):
-                    builder.remark(Remark(str(child), "is a spatial tendon, whose forces and inertia are left out"))
+                    builder.remark(ModelNote(str(child), "is a spatial tendon, whose forces and inertia are left out"))
             elif child.tag == "fixed":
                 _add_fixed(builder, one, joints, kept)
 
@@ -301,21 +301,21 @@ def _add_fixed(builder: ModelBuilder, one: Element, joints: Mapping[str, MjcfJoi
         terms[name] = terms.get(name, 0.0) + child.number("coef")
     for what in _LOSSES:
         if any(one.floats(what, (0.0, 0.0, 0.0))):
-            builder.remark(Remark(str(one), f"has a {what}, which is left out"))
+            builder.remark(ModelNote(str(one), f"has a {what}, which is left out"))
     stiffness, *more = one.floats("stiffness", (0.0, 0.0, 0.0))
     if not stiffness and not any(more):
         return
     if any(more):
-        builder.remark(Remark(str(one), LEFT_OUT["tendon/stiffness"]))
+        builder.remark(ModelNote(str(one), LEFT_OUT["tendon/stiffness"]))
         return
     if one.floats("springyield", (0.0,))[0]:
-        builder.remark(Remark(str(one), LEFT_OUT["tendon/springyield"]))
+        builder.remark(ModelNote(str(one), LEFT_OUT["tendon/springyield"]))
     first, last = one.floats("springlength", (-1.0, -1.0))
     if "springlength" in one.attributes and len(one.attributes["springlength"].split()) == 1:
         last = first
     if first == -1.0:
         first = last = sum(weight * joints[name].rest for name, weight in terms.items())
     if first != last:
-        builder.remark(Remark(str(one), "is a spring that is slack over a range of lengths, and is left out"))
+        builder.remark(ModelNote(str(one), "is a spring that is slack over a range of lengths, and is left out"))
     elif terms.keys() <= kept:
         builder.add_spring(terms, stiffness, first, where=one.place)

@@ -14,7 +14,7 @@ from ...lie import se3
 from ...lie.identity import IDENTITY, UPRIGHT, product
 from ...model.builder import ModelBuilder
 from ...model.description import Mimic
-from ...model.notes import Remark
+from ...model.notes import ModelNote
 from ...typing import Array
 from ..element import Element
 from ..known_elements import LEFT_OUT, Unread
@@ -197,9 +197,9 @@ class _Reader:
         add_configurations(self.builder, self.root, ordered, kept)
         fluid = fluid_of(self.root)
         if fluid is not None:
-            self.builder.remark(Remark(str(fluid), LEFT_OUT["option/density"]))
+            self.builder.remark(ModelNote(str(fluid), LEFT_OUT["option/density"]))
         for flex in (one for section in self.root.all("deformable") for one in section.all("flex")):
-            self.builder.remark(Remark(str(flex), LEFT_OUT["deformable/flex"]))
+            self.builder.remark(ModelNote(str(flex), LEFT_OUT["deformable/flex"]))
         unread = Unread("MJCF")
         unread.walk(self.root)
         for text in unread.remarks:
@@ -234,9 +234,9 @@ class _Reader:
         body, where = self.bodies[k], self.bodies[k].element.place
         self.builder.add_link(body.name, inertia, where, shaped=bool(body.geoms))
         if body.element.floats("gravcomp", (0.0,))[0]:
-            self.builder.remark(Remark(str(body.element), LEFT_OUT["body/gravcomp"]))
+            self.builder.remark(ModelNote(str(body.element), LEFT_OUT["body/gravcomp"]))
         for plugin in body.plugins:
-            self.builder.remark(Remark(str(plugin), LEFT_OUT["body/plugin"]))
+            self.builder.remark(ModelNote(str(plugin), LEFT_OUT["body/plugin"]))
         top = body.parent not in self.kept  # what stands in the world, or what is kept of more
         parent = WORLD if top else self.bodies[body.parent].name
         pending = poses[k] if top else body.T
@@ -266,7 +266,7 @@ class _Reader:
             else f"joint {joint.name!r} ({joint.element.place})"
         )
         for said in joint.remarks:
-            self.builder.remark(Remark(who, said))
+            self.builder.remark(ModelNote(who, said))
         options = dict(joint.options)
         for what, more in (("armature", self.drives.armature), ("damping", self.drives.damping)):
             options[what] = options.get(what, 0.0) + more.get(joint.name, 0.0)

@@ -14,8 +14,8 @@ from ...lie import quaternion, se3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry
 from ...model.model import Model
-from ...model.notes import Remark
-from ...model.parts import Outline, outline
+from ...model.notes import ModelNote
+from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..element import Element
 from ..mjcf.drives import ALL, POINT
@@ -40,7 +40,7 @@ class _Axis:
 class MjcfJoints:
     """The joints of one file, in the order in which they are written."""
 
-    def __init__(self, found: Outline, equality: Element, losses: Losses) -> None:
+    def __init__(self, found: ModelParts, equality: Element, losses: Losses) -> None:
         self.found, self.equality, self.losses = found, equality, losses
         self.elements: dict[str, Element] = {}
         """By the names of joints."""
@@ -169,13 +169,13 @@ def write_mjcf(model: Model) -> Written:
     >>> write_mjcf(tw.robots.planar_3r().model).lost
     ()
     """
-    return _MjcfWriter(outline(model)).write()
+    return _MjcfWriter(disassemble(model)).write()
 
 
 class _MjcfWriter:
     """One model on its way into a file."""
 
-    def __init__(self, found: Outline) -> None:
+    def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
         self.root = new("mujoco", model=found.name)
         new("compiler", self.root, angle="radian", inertiafromgeom="false")
@@ -238,7 +238,7 @@ class _MjcfWriter:
             return False
         if entry.joint.nv == 1 and not link.hidden:
             self.losses.found.append(
-                Remark(
+                ModelNote(
                     f"link {link.name!r}",
                     "has no mass; its joint moves the next body with mass, and its frame is lost",
                 )
@@ -270,9 +270,9 @@ class _MjcfWriter:
             else ""
         )  # fmt: skip
         if refused and moves:
-            self.losses.found.append(Remark(who, f"moves and {refused}: MuJoCo does not compile the file"))
+            self.losses.found.append(ModelNote(who, f"moves and {refused}: MuJoCo does not compile the file"))
         elif refused:
-            self.losses.found.append(Remark(who, f"stands still and {refused}: its inertia is left out"))
+            self.losses.found.append(ModelNote(who, f"stands still and {refused}: its inertia is left out"))
             return
         if inertia.parameters.any():
             full = [I[ENTRIES[name]] for name in IN_MJCF]
@@ -351,7 +351,7 @@ class _MjcfWriter:
             tags = {POINT: "connect", ALL: "weld"}
             if closure.rows not in tags:
                 self.losses.found.append(
-                    Remark(f"closure {name!r}", f"holds {closure.rows}, which the format cannot say")
+                    ModelNote(f"closure {name!r}", f"holds {closure.rows}, which the format cannot say")
                 )
                 continue
             ends = [

@@ -10,7 +10,7 @@ from ...bodies.inertia import SpatialInertia
 from ...errors import MissingExtraError
 from ...joints import Joint
 from ...model.model import BASE, Body, Model
-from ...model.parts import outline
+from ...model.parts import disassemble
 from ...typing import Array
 from .written import Losses, configurations_of, drive_of, moved, screw_of
 
@@ -26,7 +26,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         import pinocchio
     except ImportError:
         raise MissingExtraError.of("pin", "peers", "A model of Pinocchio's") from None
-    found, losses = outline(model), Losses()
+    found, losses = disassemble(model), Losses()
     theirs = pinocchio.Model()
     theirs.name = model.name
     theirs.gravity.linear = np.array(model.gravity)

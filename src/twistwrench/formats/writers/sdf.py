@@ -13,8 +13,8 @@ from ...lie import se3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry
 from ...model.model import Model
-from ...model.notes import Remark
-from ...model.parts import Outline, outline
+from ...model.notes import ModelNote
+from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..element import Element
 from ..urdf import entries_of, rpy_of_rotation
@@ -33,13 +33,13 @@ def write_sdf(model: Model) -> Written:
     >>> write_sdf(tw.robots.panda().model).lost
     ()
     """
-    return _SdfWriter(outline(model)).write()
+    return _SdfWriter(disassemble(model)).write()
 
 
 class _SdfWriter:
     """One model on its way into a file."""
 
-    def __init__(self, found: Outline) -> None:
+    def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
         self.root = new("sdf", version=_version(found))
         self.model = Element("model", {"name": found.name}, 0, self.root)
@@ -67,7 +67,7 @@ class _SdfWriter:
                 T = np.asarray(se3.inverse(beside.placement) @ site.pose)
                 self._frame(self._name("site", site.name), beside.child, T)
             elif self.called[site.link] == WORLD:
-                self.losses.found.append(Remark(f"site {site.name!r}", "stands in the world, and is left out"))
+                self.losses.found.append(ModelNote(f"site {site.name!r}", "stands in the world, and is left out"))
             else:
                 self._frame(self._name("site", site.name), site.link, site.pose)
         self._note_others()
@@ -86,7 +86,7 @@ class _SdfWriter:
         self.names.add(found)
         if found != name:
             self.losses.found.append(
-                Remark(f"{what} {name!r}", f"is written as {found!r}: the format keeps its name for others")
+                ModelNote(f"{what} {name!r}", f"is written as {found!r}: the format keeps its name for others")
             )
         return found
 
@@ -244,10 +244,12 @@ class _SdfWriter:
                 joints = ", ".join(repr(joint) for joint, _ in spring.terms)
                 self.losses.say(f"the spring of {joints} is left out: the format has none of several joints")
         for what, names in (("configuration", configurations_of(self.found)), ("closure", more.closures)):
-            self.losses.found.extend(Remark(f"{what} {name!r}", "is left out: the format has none") for name in names)
+            self.losses.found.extend(
+                ModelNote(f"{what} {name!r}", "is left out: the format has none") for name in names
+            )
 
 
-def _version(found: Outline) -> str:
+def _version(found: ModelParts) -> str:
     """The first version of the format that has all that is needed."""
     if any(joint.mimic is not None for joint in found.joints):
         return "1.11"

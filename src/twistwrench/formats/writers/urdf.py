@@ -9,8 +9,8 @@ from ...core.gravity import GRAVITY
 from ...model.description import JointEntry
 from ...model.limits import Limits
 from ...model.model import Model
-from ...model.notes import Remark
-from ...model.parts import Outline, outline
+from ...model.notes import ModelNote
+from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..element import Element
 from ..urdf import entries_of, rpy_of_rotation
@@ -28,13 +28,13 @@ def write_urdf(model: Model) -> Written:
     >>> write_urdf(tw.robots.panda().model).lost
     ()
     """
-    return _UrdfWriter(outline(model)).write()
+    return _UrdfWriter(disassemble(model)).write()
 
 
 class _UrdfWriter:
     """One model on its way into a file."""
 
-    def __init__(self, found: Outline) -> None:
+    def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
         self.robot = new("robot", name=found.name)
         self.names = {*found.links}
@@ -172,7 +172,7 @@ class _UrdfWriter:
             beside = unused(f"{name}.fixed", self.joint_names)
             self.joint_names.add(beside)
             self._joint(beside, "fixed", site.link, name, site.pose)
-            self.losses.found.append(Remark(f"site {site.name!r}", "is written as a fixed link without mass"))
+            self.losses.found.append(ModelNote(f"site {site.name!r}", "is written as a fixed link without mass"))
 
     def _note_others(self) -> None:
         found, more = self.found, self.found.additions
@@ -184,4 +184,6 @@ class _UrdfWriter:
                 f"gravity {found.gravity.tolist()} is left out, which is no part of the format: load with gravity=…"
             )
         for what, names in (("configuration", configurations_of(found)), ("closure", more.closures)):
-            self.losses.found.extend(Remark(f"{what} {name!r}", "is left out: the format has none") for name in names)
+            self.losses.found.extend(
+                ModelNote(f"{what} {name!r}", "is left out: the format has none") for name in names
+            )

@@ -13,8 +13,8 @@ from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry
 from ...model.friction import Friction
-from ...model.notes import Remark
-from ...model.parts import Outline
+from ...model.notes import ModelNote
+from ...model.parts import ModelParts
 from ...typing import Array
 from ..mjcf.reader import REFERENCE
 
@@ -36,7 +36,7 @@ class Losses:
 
     def of_joint(self, name: str, said: str) -> None:
         """Something about a joint."""
-        self.found.append(Remark(f"joint {name!r}", said))
+        self.found.append(ModelNote(f"joint {name!r}", said))
 
     def say(self, text: str) -> None:
         """Something about the robot."""
@@ -90,7 +90,7 @@ class AlongJoint:
     armature: float
 
 
-def drive_of(found: Outline, joint: str, losses: Losses) -> AlongJoint:
+def drive_of(found: ModelParts, joint: str, losses: Losses) -> AlongJoint:
     """Damping, Coulomb friction and armature of a joint; what they leave out is noted."""
     law = found.friction.get(joint)
     if law is None:  # that of what follows another is with its leader
@@ -125,7 +125,7 @@ def _one(joint: str, what: str, values: Array, losses: Losses) -> float:
     return float(np.mean(values))
 
 
-def configurations_of(found: Outline) -> dict[str, dict[str, Array]]:
+def configurations_of(found: ModelParts) -> dict[str, dict[str, Array]]:
     """The named configurations, joint by joint; where nothing is moved, how a file has its bodies needs no name."""
     neutral = {joint.name: joint.joint.neutral for joint in found.joints} | {ROOT_JOINT: np.r_[1.0, np.zeros(6)]}
     given = {

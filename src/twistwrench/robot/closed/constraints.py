@@ -121,7 +121,7 @@ class ConstraintMethods:
         >>> int(held.rank(q))
         2
         """
-        return reach_of(self, *finite_states(self.robot.model, "rank", q=q))[1].rank
+        return projector_at(self, *finite_states(self.robot.model, "rank", q=q))[1].rank
 
     @third_party.by_blocks(lambda *_: [()], dtype=int)
     def degrees_of_freedom(self: Any, q: ArrayLike) -> Array:
@@ -185,7 +185,7 @@ class ConstraintMethods:
         True
         """
         (q,) = finite_states(self.robot.model, "projector", q=q)
-        return reach_of(self, q)[1].projector.astype(q.dtype, copy=False)
+        return projector_at(self, q)[1].projector.astype(q.dtype, copy=False)
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)] * 2, MotionForceSplit)
     def split(self: Any, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
@@ -218,7 +218,9 @@ class ConstraintMethods:
         [1.0, 2.0, 3.0]
         """
         q, tau = finite_states(self.robot.model, "split", q=q, tau=tau)
-        motion = (reach_of(self, q)[1].projector @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
+        motion = (projector_at(self, q)[1].projector @ tau[..., None])[..., 0].astype(
+            np.result_type(q, tau), copy=False
+        )
         return MotionForceSplit(motion, tau - motion)
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
@@ -287,8 +289,8 @@ class ConstraintMethods:
         return self._nearest(q, ddq, self.constraint_bias(q, dq))
 
     def _nearest(self: Any, q: Array, v: Array, b: Array | float) -> Array:
-        A, reach = reach_of(self, q)
-        return reach.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
+        A, projector = projector_at(self, q)
+        return projector.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
 
     def wrenches(self: Any, lam: ArrayLike) -> dict[str, Array]:
         """Constraint wrenches: λ as wrenches (m, f) that the robot applies where it is held.
@@ -328,10 +330,10 @@ class ConstraintMethods:
         return found
 
 
-def reach_of(closed: ClosedRobot, q: Array) -> tuple[Array, ConstraintProjector]:
-    """A at q, and what it reaches through the mass matrix."""
+def projector_at(closed: ClosedRobot, q: Array) -> tuple[Array, ConstraintProjector]:
+    """A at q and its projector, weighted by the mass matrix."""
     A = closed.constraint_jacobian(q)
-    return A, ConstraintProjector.of(A, closed.robot.mass_matrix(q), closed.sizes, len(closed.independent))
+    return A, ConstraintProjector.from_rows(A, closed.robot.mass_matrix(q), closed.sizes, len(closed.independent))
 
 
 # ── Scaling of constraint rows, and tolerances of gaps and rates

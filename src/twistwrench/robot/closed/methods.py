@@ -24,7 +24,7 @@ from ..arguments import Wrenches, finite_states
 from ..ik_methods import IKMethods
 from ..shortcuts import ClosedMethod, SimulationMethods
 from . import checks
-from .constraints import reach_of
+from .constraints import projector_at
 
 if TYPE_CHECKING:
     from ...algorithms.constraints import ConstrainedTorques
@@ -306,7 +306,7 @@ class ClosedDynamicsMethods:
         again = doubtful(pivots, self.sizes[rows])
         if len(rows) < len(self.sizes) and not again.all():
             usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
-            lam[~again] = (reach_of(self, usual)[1].range @ lam[~again][..., None])[..., 0]
+            lam[~again] = (projector_at(self, usual)[1].range @ lam[~again][..., None])[..., 0]
         if again.any():
             h = call("bias_forces", (q, dq), by, on, None)
             q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
@@ -315,9 +315,9 @@ class ClosedDynamicsMethods:
 
     def _by_singular_values(self: Any, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
         """The same from τ - h (n, nv), however singular A is."""
-        _, reach = reach_of(self, q)
-        checks.warn_of_singular(reach.rank, len(self.independent))
-        return reach.constrained(force, self.constraint_bias(q, dq))
+        _, projector = projector_at(self, q)
+        checks.warn_of_singular(projector.rank, len(self.independent))
+        return projector.constrained(force, self.constraint_bias(q, dq))
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
     def inverse_dynamics(
@@ -383,11 +383,11 @@ class ClosedDynamicsMethods:
         f = arguments.finite(
             f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
         )
-        A, reach = reach_of(self, q)
-        lam, left = balance(f, reach.range @ A, self.sizes, driven)  # λ of what never moves would be any number
+        A, projector = projector_at(self, q)
+        lam, left = balance(f, projector.range @ A, self.sizes, driven)  # λ of what never moves would be any number
         checks.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
-        lam = (reach.range @ lam[..., None])[..., 0]
+        lam = (projector.range @ lam[..., None])[..., 0]
         return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
 
 
