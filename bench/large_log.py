@@ -80,7 +80,7 @@ def read(folder: Path, cutoff: float | None, workers: int | None) -> dict[str, o
             print(said, file=sys.stderr, flush=True)
 
     with workers_of(workers) as team:
-        information = tw.identification.gather(
+        information = tw.identification.accumulate(
             robot, sorted(folder.glob("*.npy")), cutoff=cutoff, client=team.client, progress=tell
         )
     gathered = time.process_time() - begun

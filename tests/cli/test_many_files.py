@@ -75,7 +75,7 @@ def test_results_come_in_order_and_failures_stay_their_own(team):
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such signals")
 def test_bits_do_not_depend_on_workers_nor_on_their_death(team):
     logs = [known_log(ARM, seed, seconds=20.0, rate=200.0).motion for seed in range(6)]
-    alone = tw.identification.gather(ARM, logs, cutoff=8.0)
+    alone = tw.identification.accumulate(ARM, logs, cutoff=8.0)
     killed = []
 
     def kill(share):
@@ -83,7 +83,7 @@ def test_bits_do_not_depend_on_workers_nor_on_their_death(team):
             killed.append(team.client.submit(os.getpid, pure=False).result())
             os.kill(killed[0], signal.SIGKILL)
 
-    shared = tw.identification.gather(ARM, logs, cutoff=8.0, client=team.client, progress=kill)
+    shared = tw.identification.accumulate(ARM, logs, cutoff=8.0, client=team.client, progress=kill)
     assert killed
     np.testing.assert_array_equal(shared.moments.sums, alone.moments.sums)
     np.testing.assert_array_equal(shared.values, alone.values)
@@ -97,7 +97,7 @@ def test_identify_reports_a_log_that_it_leaves_out(folder, tmp_path):
     left = [d["sentence"] for d in found["doubts"] if d["kind"] == "left-out"]
     assert found["verdict"] == "UNSURE" and len(left) == 2
     assert "log3.csv" in left[0] and "other.csv" in left[1]
-    information = tw.identification.Information.load(tmp_path / "a.npz", ARM)
+    information = tw.identification.NormalEquationBlocks.load(tmp_path / "a.npz", ARM)
     assert [os.path.basename(p) for p in information.logs] == ["log1.csv", "log2.csv"]
 
 
@@ -107,7 +107,7 @@ def test_information_is_updated_next_week(folder, tmp_path):
     assert first.exit_code == 0, first.output
     second = run("identify", "planar_2r", folder / "log2.csv", "--add", kept, "--information", both)
     assert second.exit_code == 0, second.output
-    assert len(tw.identification.Information.load(both, ARM).logs) == 2
+    assert len(tw.identification.NormalEquationBlocks.load(both, ARM).logs) == 2
     twice = run("identify", "planar_2r", folder / "log1.csv", "--add", kept)
     assert twice.exit_code == 2 and "already" in twice.output
     cut = tmp_path / "cut.npz"

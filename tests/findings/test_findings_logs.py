@@ -338,7 +338,7 @@ def test_finding_34_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path):
     asked, t, q, tau = known_log(tmp_path)
     kept = (t < 8) | (t >= 8.5)
     log = write(tmp_path / "log.csv", HEAD, t[kept], q[kept], tau[kept])
-    found = tw.identification.gather(tw.load(asked), log, cutoff=20.0).identified()
+    found = tw.identification.accumulate(tw.load(asked), log, cutoff=20.0).identified()
     assert found.verdict.ok and found.held_out.all < 1.2 * clean
 
 

@@ -12,13 +12,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
 from twistwrench.estimation.least_squares import NormalEquations
-from twistwrench.identification import Information, gather
+from twistwrench.identification import NormalEquationBlocks, accumulate
 from twistwrench.identification import chunks as log_source
 from twistwrench.identification import streaming as gathering
 from twistwrench.identification import streaming as log_piece
 from twistwrench.identification.chunks import LogClock, LogSource, chunks
 from twistwrench.identification.hyperparameters import BoundedMemory
-from twistwrench.identification.information import MOST_BLOCKS
+from twistwrench.identification.normal_equation_blocks import MOST_BLOCKS
 from twistwrench.identification.rows import FilteredRows
 from twistwrench.identification.zero_phase import SteadySamples
 
@@ -58,7 +58,7 @@ def recorded(path, motion, columns=()):
 def test_rows_are_those_of_the_whole_log_in_memory(log):
     """W and τ of :class:`FilteredRows`, whose settings are fixed; filters of chunks begin 16 periods outside, where what they
     begin with is below 1e-16, and derivatives of that are below 1e-10 of the columns."""
-    streamed = gather(ARM, log, **FIXED)
+    streamed = accumulate(ARM, log, **FIXED)
     base = streamed.frame.base
     rows = FilteredRows.of(base, [SteadySamples.of(log.time, log.q, log.tau, "log")], 8.0, np.full(2, 0.05))
     whole = NormalEquations.of(rows.W, rows.torques(0.003))
@@ -74,7 +74,7 @@ def test_rows_are_those_of_the_whole_log_in_memory(log):
     for a, b in ((weighted.N, huber.N), (weighted.c, huber.c), (weighted.y, huber.y)):
         assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
     x, sigma = whole.solve(streamed.weak)
-    wls = gather(ARM, log, **FIXED, method="wls")
+    wls = accumulate(ARM, log, **FIXED, method="wls")
     assert_allclose(wls.values, x, rtol=1e-9, atol=1e-9 * np.abs(x).max())
     assert sigma.all()
 
@@ -82,10 +82,10 @@ def test_rows_are_those_of_the_whole_log_in_memory(log):
 def test_pieces_say_what_the_whole_says(log, small_pieces, monkeypatch, tmp_path):
     """A file read in seventeen chunks of five pieces, against the motion in one."""
     monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
-    in_pieces = gather(ARM, recorded(tmp_path / "log.npy", log), **FIXED)
+    in_pieces = accumulate(ARM, recorded(tmp_path / "log.npy", log), **FIXED)
     assert in_pieces.moments.counts.shape[0] == 4 * 12 + 3
     monkeypatch.undo()
-    whole = gather(ARM, log, **FIXED)
+    whole = accumulate(ARM, log, **FIXED)
     a, b = equations(in_pieces), equations(whole)
     assert a.rows == b.rows and in_pieces.samples == len(log)
     assert_allclose(a.N, b.N, rtol=1e-9, atol=1e-9 * np.abs(b.N).max())
@@ -110,10 +110,10 @@ def test_chunks_own_every_sample_once(log):
 
 def test_weeks_add_up(log, tmp_path):
     """Two halves, the second gathered like the first and added a week later, against a fit of both."""
-    first = gather(ARM, log[:15000])
-    kept = Information.load(first.save(tmp_path / "week.npz"), ARM)
+    first = accumulate(ARM, log[:15000])
+    kept = NormalEquationBlocks.load(first.save(tmp_path / "week.npz"), ARM)
     assert_array_equal(kept.values, first.values)
-    second = gather(ARM, log[15000:], like=kept)
+    second = accumulate(ARM, log[15000:], like=kept)
     both = kept + second
     assert both.samples == len(log) and both.logs == (*first.logs, *second.logs)
     one, two, sum_of = equations(first), equations(second), equations(both)
@@ -122,9 +122,9 @@ def test_weeks_add_up(log, tmp_path):
     assert (found.standard_deviations < first.identified().standard_deviations).mean() > 0.8
     assert found.held_out.all < 0.05
     with pytest.raises(tw.ValueRangeError, match=r"do not add up: their cut-offs \[Hz\] differ"):
-        first + gather(ARM, log[15000:], cutoff=3.0)
+        first + accumulate(ARM, log[15000:], cutoff=3.0)
     with pytest.raises(tw.ValueRangeError, match="is of 'planar_2r'"):
-        Information.load(tmp_path / "week.npz", tw.robots.pendulum())
+        NormalEquationBlocks.load(tmp_path / "week.npz", tw.robots.pendulum())
 
 
 def test_the_clock_of_a_log_with_a_gap_is_its_own():
@@ -145,7 +145,7 @@ def test_what_was_used_longest_ago_is_let_go_of_first():
 
 def test_blocks_of_time_that_become_one_lose_no_row(log):
     """There are at most so many of them, however many logs are added."""
-    one = gather(ARM, log[:15000], **FIXED).moments
+    one = accumulate(ARM, log[:15000], **FIXED).moments
     many, logs = one, 1
     while len(many.counts) == logs * len(one.counts):
         many, logs = many + one, logs + 1
@@ -157,7 +157,7 @@ def test_blocks_of_time_that_become_one_lose_no_row(log):
 
 def test_normal_equations_lose_no_digits_that_matter(log):
     """Against orthogonal factors, in units of the deviations."""
-    assert gather(ARM, log, **FIXED).check() < 1e-6
+    assert accumulate(ARM, log, **FIXED).check() < 1e-6
 
 
 def test_intervals_hold_the_truth():
@@ -165,7 +165,7 @@ def test_intervals_hold_the_truth():
     inside = []
     for seed in range(8):
         known = known_log(ARM, seed, seconds=60.0, rate=100.0)
-        found = gather(ARM, known.motion, cutoff=5.0).identified()
+        found = accumulate(ARM, known.motion, cutoff=5.0).identified()
         low, high = found.interval(0.95).T
         inside += ((low <= known.truth(found)) & (known.truth(found) <= high)).tolist()
     assert np.mean(inside) > 0.85
@@ -176,7 +176,7 @@ def test_large_motions_are_gathered_by_identify(log, monkeypatch):
     monkeypatch.setattr(module, "MOST_SAMPLES", 20_000)
     found = tw.identification.identify(ARM, log, cutoff=8.0)
     assert found.held_out.all < 0.05
-    assert_array_equal(found.values, gather(ARM, log, cutoff=8.0).values)
+    assert_array_equal(found.values, accumulate(ARM, log, cutoff=8.0).values)
 
 
 @pytest.mark.parametrize("when", ["writing", "closing"])
@@ -184,7 +184,7 @@ def test_a_full_disk_leaves_the_old_file(log, tmp_path, monkeypatch, when):
     """Whatever the moment, what was saved before is there, and nothing beside it."""
     import errno
 
-    path = gather(ARM, log[:6000], **FIXED).save(tmp_path / "week.npz")
+    path = accumulate(ARM, log[:6000], **FIXED).save(tmp_path / "week.npz")
     before = path.read_bytes()
 
     def full(file, **arrays):
@@ -194,7 +194,7 @@ def test_a_full_disk_leaves_the_old_file(log, tmp_path, monkeypatch, when):
 
     monkeypatch.setattr(np, "savez", full)
     with pytest.raises(tw.ValueRangeError, match=r"No space left on device\. Free space"):
-        gather(ARM, log[:6000], **FIXED).save(path)
+        accumulate(ARM, log[:6000], **FIXED).save(path)
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["week.npz"]
 
 
@@ -202,7 +202,7 @@ def test_a_dead_channel_is_announced_and_counts_nothing(log):
     tau = log.tau.copy()
     tau[:, 1] = 0.25
     dead = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
-    information = gather(ARM, dead, cutoff=8.0)
+    information = accumulate(ARM, dead, cutoff=8.0)
     assert "dead-torque" in {d.kind for d in information.doubts}
     assert equations(information).y[1] == 0
     assert information.identified().held_out.sizes[1] == 0
@@ -215,22 +215,22 @@ def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(tw.TrajectoryError, match="cut short"):
-        gather(ARM, path)
+        accumulate(ARM, path)
     holed = tw.Motion(log.time, log.q, log.dq, log.ddq, log.tau.copy(), robot=ARM, in_seconds=True)
     holed.tau[20_000, 0] = np.nan
     recorded(path, holed)
     with pytest.raises(tw.TrajectoryError, match="row 20001 has a number that is not finite"):
-        gather(ARM, path)
+        accumulate(ARM, path)
 
 
 def test_a_log_of_other_torques_is_named(log, tmp_path):
     """Next week, something is carried; the second joint's torque is turned."""
-    first = gather(ARM, log[:15000], **FIXED)
+    first = accumulate(ARM, log[:15000], **FIXED)
     tau = log.tau[15000:] * [1.0, -1.0]
     half = log[15000:]
     turned = tw.Motion(half.time, half.q, half.dq, half.ddq, tau, robot=ARM, in_seconds=True)
-    assert gather(ARM, half, like=first).doubts == ()
-    (doubt,) = gather(ARM, turned, like=first).doubts
+    assert accumulate(ARM, half, like=first).doubts == ()
+    (doubt,) = accumulate(ARM, turned, like=first).doubts
     assert doubt.kind == "other-torques" and "number 1" in doubt.sentence
 
 
@@ -244,7 +244,7 @@ def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     q[5_345:, 0] += 4.0
     jumped = tw.Motion(motion.time, q, motion.dq, motion.ddq, motion.tau, robot=arm, in_seconds=True)
     jumped.to_csv(tmp_path / "log.csv")
-    doubts = gather(arm, tmp_path / "log.csv", **FIXED).doubts
+    doubts = accumulate(arm, tmp_path / "log.csv", **FIXED).doubts
     (said,) = (d for d in doubts if d.kind == "contradiction")
     assert "log.csv: " in said.sentence and "jump" in said.sentence
     assert said.refuses  # as it does of a log that is read at once
@@ -255,10 +255,10 @@ def test_rows_that_nothing_explains_count_little(log):
     tau = log.tau.copy()
     tau[10_000:10_750] += 0.5 * log.tau.std(axis=0)
     pushed = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
-    clean = gather(ARM, log, **FIXED).identified()
+    clean = accumulate(ARM, log, **FIXED).identified()
     off = {
         method: np.linalg.norm(
-            (gather(ARM, pushed, **FIXED, method=method).values - clean.values) / clean.standard_deviations
+            (accumulate(ARM, pushed, **FIXED, method=method).values - clean.values) / clean.standard_deviations
         )
         for method in ("irls", "wls")
     }

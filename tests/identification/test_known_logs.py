@@ -127,7 +127,7 @@ def test_friction_that_fades_with_speed_is_found_and_kept_in_the_actuator_file(t
     assert np.allclose(again.static - again.coulomb, list(above.values()), rtol=1e-12)
     assert (again.stribeck == 0.1).all() and any("static friction above Coulomb's" in note for note in notes)
     same = {"cutoff": 20.0, "friction": laws, "method": "wls", "shift": 0.0}
-    streamed = tw.identification.gather(arm, log.changed(tau=tau), **same).identified()
+    streamed = tw.identification.accumulate(arm, log.changed(tau=tau), **same).identified()
     whole = identify(arm, log.changed(tau=tau), **same)
     assert (np.abs(streamed.values - whole.values) < whole.standard_deviations).all()
 

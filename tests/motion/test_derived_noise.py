@@ -51,7 +51,7 @@ def test_a_slow_joint_on_a_coarse_grid_moves_although_its_samples_repeat(tmp_pat
     q = np.round(np.column_stack([angle, 0.7 * angle]) / 2e-3) * 2e-3
     assert (np.diff(q, axis=0) == 0).mean() > 0.8
     (states,) = plan_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=True).states(10_000)
-    assert not states.still[200:-200].any()
+    assert not states.stationary[200:-200].any()
 
 
 @pytest.mark.parametrize("begin", [0, 3000])

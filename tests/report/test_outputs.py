@@ -21,7 +21,7 @@ from twistwrench import ValueRangeError
 from twistwrench.cli.tables.payload import write_payload
 from twistwrench.core import files as outputs
 from twistwrench.core.files import check_outputs, picture_path, replacing
-from twistwrench.core.tables import CsvWriter, harmless_text, meant_text
+from twistwrench.core.tables import CsvWriter, harmless_text, unescape_cell
 from twistwrench.motion.array_files import TableFile
 from twistwrench.motion.motion_log import MotionLog
 
@@ -276,7 +276,7 @@ def test_a_name_comes_back_from_csv_as_it_was_and_no_spreadsheet_runs_it():
     file = io.BytesIO()
     CsvWriter(file).row(HOSTILE)
     (cells,) = csv.reader(io.StringIO(file.getvalue().decode(), newline=""))
-    assert list(map(meant_text, cells)) == HOSTILE
+    assert list(map(unescape_cell, cells)) == HOSTILE
     assert not [cell for cell in cells if cell[:1] in "=+-@\t\r\n" and cell]
     assert [harmless_text(n) for n in ("plain", "elbow-1", "a=b", "'")] == ["plain", "elbow-1", "a=b", "'"]
 
@@ -311,7 +311,7 @@ def arm(names=NAMES):
 
 def rows_of(path):
     with open(path, encoding="utf-8", newline="") as file:
-        return [[meant_text(cell) for cell in row] for row in csv.reader(file) if not row[0].startswith("# ")]
+        return [[unescape_cell(cell) for cell in row] for row in csv.reader(file) if not row[0].startswith("# ")]
 
 
 def test_every_csv_file_quotes_names_and_makes_them_harmless(tmp_path):
@@ -324,7 +324,7 @@ def test_every_csv_file_quotes_names_and_makes_them_harmless(tmp_path):
     path = result.to_csv(tmp_path / "simulation.csv")
     with open(path, encoding="utf-8", newline="") as file:
         lines = list(csv.reader(file.readlines()[2:]))
-    assert list(map(meant_text, lines[0][:7])) == ["time", *NAMES, *velocities]
+    assert list(map(unescape_cell, lines[0][:7])) == ["time", *NAMES, *velocities]
     back = tw.simulation.SimulationResult.load(path)
     assert back.coordinate_names == tuple(NAMES)
     np.testing.assert_array_equal(back.q, result.q)

@@ -30,7 +30,7 @@ from .robot_options import RobotOptions
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..identification import IdentifiedRobot, Information
+    from ..identification import IdentifiedRobot, NormalEquationBlocks
     from ..robot import Robot
 
 
@@ -116,29 +116,29 @@ def robot_from_portions(
     workers: int | None,
     scheduler: str | None,
 ) -> IdentifiedRobot:
-    """What all rows of the logs tell, and those of the ``old`` file; ``options`` are those of :func:`gather`."""
+    """What all rows of the logs tell, and those of the ``old`` file; ``options`` are those of :func:`accumulate`."""
     from ..core.cluster import workers_of
-    from ..identification import gather
+    from ..identification import accumulate
 
     with workers_of(workers, scheduler) as team:
         given = {**options, "client": team.client}
-        information = _gathered(robot, logs, old, given)
-        tested = gather(robot, tests, like=information, **given) if tests else None
+        information = _accumulated(robot, logs, old, given)
+        tested = accumulate(robot, tests, like=information, **given) if tests else None
     found = information.identified(tested)
     if out is not None:
         click.echo(f"wrote {information.save(out)}")
     return found
 
 
-def _gathered(robot: Robot, logs: tuple[str, ...], old: str | None, options: dict[str, Any]) -> Information:
-    from ..identification import Information, gather
+def _accumulated(robot: Robot, logs: tuple[str, ...], old: str | None, options: dict[str, Any]) -> NormalEquationBlocks:
+    from ..identification import NormalEquationBlocks, accumulate
 
     if old is None:
-        return gather(robot, logs, **options)
-    before = Information.load(old, robot)
+        return accumulate(robot, logs, **options)
+    before = NormalEquationBlocks.load(old, robot)
     if twice := sorted(set(before.logs) & set(logs)):
         raise ValueRangeError(f"{old} has the rows of {twice[0]!r} already. Leave that log out.")
-    return before + gather(robot, logs, like=before, **options)
+    return before + accumulate(robot, logs, like=before, **options)
 
 
 # ── The command

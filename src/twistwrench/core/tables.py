@@ -2,7 +2,7 @@
 
 A spreadsheet takes text that begins with =, +, -, @, a tab or a line end for a formula. Such text gets an apostrophe before
 it, as spreadsheets themselves write text that must stay text. A name with line ends, or with blanks about it, which readers of
-lines lose, is written as a string of JSON, in its quotes. :func:`meant_text` undoes both. Numbers stay as they are.
+lines lose, is written as a string of JSON, in its quotes. :func:`unescape_cell` undoes both. Numbers stay as they are.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LOST = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
 
 
 def harmless_text(text: str) -> str:
-    r"""Text of one line that no spreadsheet takes for a formula; :func:`meant_text` gives the text back.
+    r"""Text of one line that no spreadsheet takes for a formula; :func:`unescape_cell` gives the text back.
 
     >>> harmless_text("=1+1"), harmless_text("elbow"), harmless_text("two\nlines")
     ("'=1+1", 'elbow', '"two\\nlines"')
@@ -38,10 +38,10 @@ def harmless_text(text: str) -> str:
     return f"'{text}" if _RUN.match(text) else text
 
 
-def meant_text(cell: str) -> str:
+def unescape_cell(cell: str) -> str:
     r"""The text that :func:`harmless_text` made a cell of; any other cell as it is.
 
-    >>> meant_text("'=1+1"), meant_text("elbow"), meant_text("-x"), meant_text('"two\\nlines"')
+    >>> unescape_cell("'=1+1"), unescape_cell("elbow"), unescape_cell("-x"), unescape_cell('"two\\nlines"')
     ('=1+1', 'elbow', '-x', 'two\nlines')
     """
     if len(cell) > 1 and cell[0] == cell[-1] == '"':

@@ -8,12 +8,12 @@ from .consistent import ConsistentRobot
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings
 from .identify import identify
-from .information import Information
 from .log_doubts import Doubt
+from .normal_equation_blocks import NormalEquationBlocks
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion
 from .result import IdentifiedRobot, without_links
-from .streaming import gather
+from .streaming import accumulate
 
 __all__ = [
     "BaseParameters",
@@ -27,11 +27,11 @@ __all__ = [
     "HeldOutRows",
     "IdentifiedPayload",
     "IdentifiedRobot",
-    "Information",
+    "NormalEquationBlocks",
     "MotorSide",
     "UnknownParameters",
     "exciting_trajectory",
-    "gather",
+    "accumulate",
     "identify",
     "motor_side",
     "read_motion",

@@ -124,11 +124,11 @@ def identify(
         "stribeck_speed": stribeck_speed,
     }
     if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
-        from .streaming import gather
+        from .streaming import accumulate
 
         fixed: dict[str, Any] = {"method": method, "cutoff": cutoff, "friction_speed": friction_speed, "shift": shift}
-        whole = gather(robot, trained, **same, payload_only=payload_only, **fixed, progress=progress)
-        return whole.identified(gather(robot, tested, like=whole) if tested else None)
+        whole = accumulate(robot, trained, **same, payload_only=payload_only, **fixed, progress=progress)
+        return whole.identified(accumulate(robot, tested, like=whole) if tested else None)
     unknown = unknown_of(robot, payload_only=payload_only, **same)
     tell = progress or (lambda _share: None)
     return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only).robot

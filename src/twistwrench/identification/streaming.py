@@ -24,23 +24,23 @@ from ..typing import Array
 from .chunks import PIECE, LogClock, LogSource, RowFrame, chunks, rows_of
 from .consistent import sum_of
 from .identify import METHODS, checked_motions, fit_options, identified
-from .information import MOST_BLOCKS, SHOWN, Information, JointMoments, fit_of
 from .log_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction, left_unexplained
+from .normal_equation_blocks import MOST_BLOCKS, SHOWN, JointBlocks, NormalEquationBlocks, block_fit
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
 from .zero_phase import STATE_RATE
 
 if TYPE_CHECKING:
-    from .information import Information
+    from .normal_equation_blocks import NormalEquationBlocks
 
 _OFF = 0.5
 """Share of a step within which corrections of the settings are linear."""
 
 
-def gathered_robot(information: Information, test: Information | None = None) -> IdentifiedRobot:
+def streaming_fit(information: NormalEquationBlocks, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
     """The robot that all rows tell; ``test`` is only predicted."""
-    fit, frame = fit_of(information), information.frame
+    fit, frame = block_fit(information), information.frame
     blocks = len(information.moments.counts)
     x, sigma = fit.solved(np.arange(blocks))
     r = frame.base.count
@@ -48,7 +48,7 @@ def gathered_robot(information: Information, test: Information | None = None) ->
     held_out = among
     if test is not None:
         _ = information + test  # raises where they are not alike
-        held_out = fit_of(test).predicted(x, "test")
+        held_out = block_fit(test).predicted(x, "test")
     if information.shown is not None:
         held_out = replace(held_out, rows=(information.shown,))
     folds = fit.folded(x, sigma)
@@ -71,7 +71,7 @@ def gathered_robot(information: Information, test: Information | None = None) ->
     )
 
 
-def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[Doubt, ...]:
+def _doubts(information: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[Doubt, ...]:
     """Those of the excerpts, and what all rows say besides."""
     found = list(information.doubts)
     kinds = {d.kind for d in found}
@@ -87,7 +87,7 @@ def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarr
     return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
 
 
-def _settings_off(information: Information, x: np.ndarray) -> str:
+def _settings_off(information: NormalEquationBlocks, x: np.ndarray) -> str:
     """What is off by more than the linear correction can be trusted with."""
     frame, r = information.frame, information.frame.base.count
     if frame.free_shift and abs(x[r]) > _OFF * 0.1 / frame.settings.cutoff:
@@ -102,7 +102,7 @@ def _settings_off(information: Information, x: np.ndarray) -> str:
 # ── Chunks of a log as units of work
 
 CORE, LEAST_CORE = 8192, 1 << 15
-"""States, and rows, that a chunk has besides its margins."""
+"""MotionSamples, and rows, that a chunk has besides its margins."""
 _MOST_CORE = 1 << 18
 """Rows of a chunk at most, unless margins ask for more."""
 
@@ -118,7 +118,7 @@ class Piece:
     end: int | None
     blocks: int
 
-    def moments(self) -> tuple[JointMoments, list[str]]:
+    def moments(self) -> tuple[JointBlocks, list[str]]:
         """Sums over its rows, read with what filters reach on both sides, and what these contradict themselves by."""
         frame, clock = self.frame, self.clock
         rate, said = clock.rate, list[str]()
@@ -137,7 +137,7 @@ class Piece:
         first = float(clock.marks[self.begin // PIECE])
         last = span[1] if np.isfinite(span[1]) else float(clock.ends[-1])
         edges = np.linspace(first, last, self.blocks + 1)[1:-1]
-        found = JointMoments.none(frame, self.blocks)
+        found = JointBlocks.none(frame, self.blocks)
         for chunk in chunks(portions, clock, frame.base.unknown.model, core, margin, span):
             for rows in rows_of(frame, chunk):
                 found = found.added(frame, rows, np.searchsorted(edges, rows.time, side="right"))
@@ -154,11 +154,11 @@ _MOST_ROWS = 3000
 """Of equations of an excerpt."""
 
 
-def gather(
+def accumulate(
     robot: Robot,
     logs: Motion | str | Path | Sequence[Motion | str | Path],
     *,
-    like: Information | None = None,
+    like: NormalEquationBlocks | None = None,
     motor_inertia: bool = True,
     friction: Sequence[str] = FRICTION,
     cutoff: float | None = None,
@@ -174,7 +174,7 @@ def gather(
     degrees: bool = False,
     client: Any = None,
     progress: Callable[[float], None] | None = None,
-) -> Information:
+) -> NormalEquationBlocks:
     """Gather the information of logs of any length, in memory that does not grow with them.
 
     Parameters
@@ -183,7 +183,7 @@ def gather(
         As its file has it, without actuators.
     logs : Motion, path, or sequence of them
         Files are read in portions where their format allows it: CSV, npy, parquet, HDF5.
-    like : Information, optional
+    like : NormalEquationBlocks, optional
         Settings are taken from it in place of an excerpt, so that the new information can be added to it.
     motor_inertia : bool
     friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
@@ -201,7 +201,7 @@ def gather(
 
     Returns
     -------
-    information : Information
+    information : NormalEquationBlocks
 
     Raises
     ------
@@ -224,15 +224,15 @@ def gather(
     >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
     >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
     >>> log = tw.Motion(t, q, tau=tau, robot=arm)
-    >>> week = tw.identification.gather(arm, log[:2000], friction=())
-    >>> both = week + tw.identification.gather(arm, log[2000:], like=week)
+    >>> week = tw.identification.accumulate(arm, log[:2000], friction=())
+    >>> both = week + tw.identification.accumulate(arm, log[2000:], like=week)
     >>> both.samples, bool(abs(both.identified().held_out.all) < 0.01)
     (4000, True)
     """
-    require_robot(robot, "gather")
+    require_robot(robot, "accumulate")
     given = [logs] if isinstance(logs, Motion | str | Path) else list(logs)
     if not given:
-        raise ShapeError("gather: there is no log. Give one with torques at least.")
+        raise ShapeError("accumulate: there is no log. Give one with torques at least.")
     if method not in METHODS:
         raise UnknownNameError.of("method", method, METHODS)
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
@@ -248,34 +248,36 @@ def gather(
         unknown = unknown_of(robot, **sought, payload_only=payload_only)
         start = _from_excerpt(unknown, robot, [sources[k] for k in clocks], asked, method, failed, payload_only)
     else:
-        start = replace(like, moments=JointMoments.none(like.frame, 0), doubts=(), logs=())
+        start = replace(like, moments=JointBlocks.none(like.frame, 0), doubts=(), logs=())
     tell(0.2)
     pieces = _pieces(start.frame, sources, clocks)
     made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
     x = _reference(start, like)
-    whole: Information | None = None
+    whole: NormalEquationBlocks | None = None
     left, said = dict[str, HeldOut](), dict[str, str]()
     for part, sentences in _parts(start, sources, clocks, pieces, made, failed):
-        left[part.logs[0]] = fit_of(part).predicted(x, "test")
+        left[part.logs[0]] = block_fit(part).predicted(x, "test")
         whole = part if whole is None else whole + part
         if sentences:
             said[part.logs[0]] = sentences[0]
     if whole is None:
-        raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
+        raise TrajectoryError(
+            next(iter(failed.values()), "accumulate: the logs are too short to identify a robot from.")
+        )
     doubts = [Doubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
     doubts += [contradiction(sentence, path) for path, sentence in said.items()]
-    usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
+    usual = [block_fit(like).predicted(x, "test")] if like is not None else list(left.values())
     return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
 
 
 def _parts(
-    start: Information,
+    start: NormalEquationBlocks,
     sources: Sequence[LogSource],
     clocks: Mapping[int, LogClock],
     pieces: Sequence[tuple[int, Piece]],
-    made: Iterable[tuple[JointMoments, list[str]] | Failure],
+    made: Iterable[tuple[JointBlocks, list[str]] | Failure],
     failed: dict[str, str],
-) -> Iterator[tuple[Information, list[str]]]:
+) -> Iterator[tuple[NormalEquationBlocks, list[str]]]:
     """What each log tells, with sentences on what contradicts itself in it; ``failed`` is told why there is none of a log."""
     for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
         path, results = sources[k].path, [result for _, result in of_log]
@@ -292,10 +294,10 @@ def _parts(
         yield part, [sentence for _, sentences in fine for sentence in sentences]
 
 
-def _reference(start: Information, like: Information | None) -> Array:
+def _reference(start: NormalEquationBlocks, like: NormalEquationBlocks | None) -> Array:
     """Unknowns that logs are compared by: of the logs before, or of the excerpt."""
     if like is not None:
-        return fit_of(like).solved(np.arange(len(like.moments.counts)))[0]
+        return block_fit(like).solved(np.arange(len(like.moments.counts)))[0]
     return np.concatenate([start.frame.x, np.zeros(start.frame.extra)])
 
 
@@ -362,7 +364,7 @@ def _from_excerpt(
     method: Method,
     failed: dict[str, str],
     payload_only: str | None,
-) -> Information:
+) -> NormalEquationBlocks:
     """No rows yet, with the settings that some rows of the logs ask for."""
     some = [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, _WINDOWS).astype(int))]
     windows: list[Motion] = []
@@ -391,8 +393,8 @@ def _from_excerpt(
     )
     shown = found.held_out.rows
     rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
-    return Information(
-        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.autocorrelation_length, (),
+    return NormalEquationBlocks(
+        robot, frame, JointBlocks.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.autocorrelation_length, (),
         found.doubts, rows, payload_only,
     )  # fmt: skip
 

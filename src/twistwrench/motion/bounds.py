@@ -15,7 +15,7 @@ from ..model.assembly import follower_torques
 from ..model.limits import Limits, margin
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .noise import Extreme
+from .noise import RunningExtrema
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -208,13 +208,13 @@ class LimitCheck:
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
         self.model, self.bounds = model, bounds
-        self._worst = {kind: Extreme(model.nv) for kind in KINDS}
+        self._worst = {kind: RunningExtrema(model.nv) for kind in KINDS}
         self._values = {kind: np.zeros(model.nv) for kind in KINDS}
         self._followers = [model.bodies[i] for i in model.limited_followers]
-        self._borne, self._borne_signed = Extreme(len(self._followers)), np.zeros(len(self._followers))
+        self._borne, self._borne_signed = RunningExtrema(len(self._followers)), np.zeros(len(self._followers))
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
-        """States at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
+        """MotionSamples at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
         for kind, values in zip(KINDS, (self.model.positions(q), dq, ddq, tau), strict=True):
             if values is None:
                 continue

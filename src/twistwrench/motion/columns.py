@@ -32,7 +32,7 @@ from .column_names import (
     time_meaning,
     unit_factor,
 )
-from .coordinates import Coordinates, Follower
+from .coordinates import Coordinates, MimicJoint
 from .csv_reader import is_number
 
 _FEW = 4
@@ -181,7 +181,7 @@ def choose(
     _by_number(header, names, given, notes)
     followers = {
         k: Choice(c, header.split[c][1])
-        for k, follower in enumerate(coordinates.followers)
+        for k, follower in enumerate(coordinates.mimic_joints)
         for c in [c for c in header.free if header.split[c][0] == follower.name][:1]
     }
     of_locked = [k for k in header.free if _of(locked, header.split[k][0])]
@@ -376,20 +376,20 @@ _LEAST = {True: 0.02, False: 0.002}
 """rad where the joint turns, else m, that are never told."""
 
 
-class FollowerColumn(NamedTuple):
+class MimicJointColumn(NamedTuple):
     """A column of a mimic joint."""
 
-    follower: Follower
+    follower: MimicJoint
     column: int
     """Of the table."""
     factor: float
     """What takes it to SI units."""
 
 
-class FollowerTally:
+class MimicJointCheck:
     """How far columns are from what their leaders' say, over rows that come in any portions."""
 
-    def __init__(self, columns: Sequence[FollowerColumn]) -> None:
+    def __init__(self, columns: Sequence[MimicJointColumn]) -> None:
         self._columns = tuple(columns)
         count = len(self._columns)
         self._least, self._most = np.full(count, math.inf), np.full(count, -math.inf)
@@ -454,7 +454,7 @@ class Columns:
     """The columns of each quaternion."""
     notes: tuple[str, ...] = ()
     """A sentence for each thing that was taken to be meant."""
-    followers: tuple[FollowerColumn, ...] = ()
+    mimic_joints: tuple[MimicJointColumn, ...] = ()
     """Columns of mimic joints, which ought to be as their leaders' say."""
 
     @classmethod
@@ -512,11 +512,11 @@ class Columns:
                 np.array([place[c.column] for c in chosen.parts["q"][part]], int) for part in coordinates.quaternions
             ),
             notes=chosen.notes,
-            followers=tuple(
-                FollowerColumn(
-                    coordinates.followers[k],
+            mimic_joints=tuple(
+                MimicJointColumn(
+                    coordinates.mimic_joints[k],
                     place[c.column],
-                    _factor_of(coordinates.followers[k], c, header, where, degrees),
+                    _factor_of(coordinates.mimic_joints[k], c, header, where, degrees),
                 )
                 for k, c in chosen.followers.items()
             ),
@@ -528,7 +528,7 @@ class Columns:
         return None if where is None else table[:, where] * self.factors[part]
 
 
-def _factor_of(follower: Follower, choice: Choice, header: Sequence[str], where: str, degrees: bool) -> float:
+def _factor_of(follower: MimicJoint, choice: Choice, header: Sequence[str], where: str, degrees: bool) -> float:
     """What takes the column of a mimic joint to SI units."""
     if choice.unit is not None:
         return unit_factor(choice.unit, "q", follower.angular, f"{where}, column {header[choice.column]!r}")

@@ -14,7 +14,7 @@ from ..core.numbers import printed, seconds
 from ..core.text import listed
 from ..typing import Array
 from .coordinates import Coordinates
-from .rate_checks import RateDelay, RateGain, SingleRowGlitches, described_gain, near, segments
+from .rate_checks import RateLag, RateScale, SingleRowGlitches, near, scale_words, segments
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -124,7 +124,7 @@ class AngleUnits:
 # ── Angles logged within one turn, unwrapped and held against the limits
 
 
-class TurnsLeftOut:
+class AngleWrapping:
     """A tally over the angles (n, k) of joints, which come in any portions; turns are added to joints that are ``counted``."""
 
     def __init__(self, counted: NDArray[np.bool_], size: tuple[float, float]) -> None:
@@ -210,14 +210,14 @@ class Contradictions:
         self._bounded = self._turns & ~coordinates.endless[self.at]
         self._time_stated = time_stated
         count = len(self._single)
-        self._velocity, self._acceleration = RateGain(count), RateGain(len(self._names))
-        self._derived = RateGain(count)
-        self._delay = RateDelay(count)
+        self._velocity, self._acceleration = RateScale(count), RateScale(len(self._names))
+        self._derived = RateScale(count)
+        self._delay = RateLag(count)
         self._glitches = SingleRowGlitches(count, self._turns)
         self._last: tuple[float, Array] | None = None
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
-        self._turned = TurnsLeftOut(self._bounded, _WRAP)
+        self._turned = AngleWrapping(self._bounded, _WRAP)
         self._jumps: dict[int, tuple[float, float, float]] = {}
         """Of each joint the fastest step beyond half a turn: speed, time before, size."""
         self._wrapped: dict[int, tuple[float, float, float]] = {}
@@ -415,7 +415,7 @@ class Contradictions:
             for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
                 if time_told and math.isfinite(gains[k]) and any(near(gains[k], f) for f in (1e3, 1e6, 1e9)):
                     continue
-                what = described_gain(float(gains[k]), bool(angular[k]), base, per)
+                what = scale_words(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
             for what, names in said.items():
                 yield f"{listed(names)}: the {rate} column {what}"

@@ -16,7 +16,7 @@ from ..typing import Array
 from .column_names import DEGREES, SUFFIX
 
 
-class Follower(NamedTuple):
+class MimicJoint(NamedTuple):
     """A mimic joint, whose coordinate is ``ratio`` times that of its leader, plus ``offset``."""
 
     name: str
@@ -45,7 +45,7 @@ class Coordinates:
     """(nq,) bool: an angle that a log may wrap at ±π, a continuous joint's or a planar joint's theta."""
     quaternions: tuple[slice, ...]
     """Where in q the quaternions of floating joints stand."""
-    followers: tuple[Follower, ...]
+    mimic_joints: tuple[MimicJoint, ...]
     """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
@@ -110,8 +110,8 @@ class Coordinates:
             position_of=position_of,
             endless=endless,
             quaternions=model.quaternions,
-            followers=tuple(
-                Follower(b.joint.name, b.q_index, b.ratio, b.offset, bool(b.joint.turning[0]))
+            mimic_joints=tuple(
+                MimicJoint(b.joint.name, b.q_index, b.ratio, b.offset, bool(b.joint.turning[0]))
                 for b in model.bodies
                 if b.follows and not endless[b.q_index]
             ),

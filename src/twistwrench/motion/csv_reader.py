@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.files import as_path
-from ..core.tables import meant_text
+from ..core.tables import unescape_cell
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..typing import Array
 from .text_source import TextSource
@@ -67,7 +67,7 @@ class Dialect:
             cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True, strict=True), [])
         except csv.Error:
             cells = line.split(self.separator)
-        return [meant_text(cell.strip()) for cell in cells]
+        return [unescape_cell(cell.strip()) for cell in cells]
 
     def has_decimal_commas(self, text: str | bytes) -> bool:
         """Whether commas in a text are decimal ones."""
@@ -224,7 +224,7 @@ def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]
     return _by_cells(text, dialect, columns, used) if table is None else table
 
 
-def tidy(text: bytes) -> bytes:
+def normalise_newlines(text: bytes) -> bytes:
     """Lines that end in a newline alone, the last one too; b"" if nothing but blanks is there."""
     if b"\r" in text:
         text = text.replace(b"\r\n", b"\n")
@@ -411,7 +411,7 @@ class CsvFile:
             text = file.read(_LONGEST_LINE + 1)
         if len(text) > _LONGEST_LINE:
             raise TrajectoryError(f"{self.path}: has more than {_LONGEST_LINE} bytes, too many for such a table.")
-        for line, raw in enumerate(tidy(text).split(b"\n"), self.header_line + 1):
+        for line, raw in enumerate(normalise_newlines(text).split(b"\n"), self.header_line + 1):
             if _is_row(raw):
                 cells = self.dialect.cells(_decoded(raw, self.path, line))
                 if len(cells) != len(self.header):
@@ -444,7 +444,7 @@ class CsvFile:
         return max(1, len(text) // max(1, text.count(b"\n")))
 
     def _block(self, text: bytes, size: int, line: int, used: Sequence[int]) -> Block:
-        text = tidy(text)
+        text = normalise_newlines(text)
         table = parse_block(text, self.dialect, len(self.header), used)
         if table is None:
             raise blame(text, self.path, line, self.header, used, self.dialect)

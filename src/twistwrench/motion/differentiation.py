@@ -23,7 +23,7 @@ _ROUND_OFFS = 16.0
 """Units in the last place of q that rounding of the samples and of the spline moves its slope by, over a step of time."""
 
 
-def standing(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
+def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
     """Where derived velocities (n, nv) are within their uncertainty: that of noise, and that of arithmetic."""
     steps = np.diff(t)
     step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
@@ -32,14 +32,14 @@ def standing(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma
     repeats = np.zeros((len(t), q.shape[1]), bool)
     repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
     repeats &= quality.quantum == 0
-    still = np.asarray(np.abs(dq) <= SURE * sigma_dq)
+    stationary = np.asarray(np.abs(dq) <= SURE * sigma_dq)
     for b in model.leaders:
         q_here = b.places[0]
         here = b.places[1]
         arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
-        still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
-        still[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
-    return still
+        stationary[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
+        stationary[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
+    return stationary
 
 
 def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, factors: Array) -> Array:
@@ -64,7 +64,7 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class MotionSamples:
     """Consecutive samples of a motion with everything inverse dynamics needs; (n,), (n, nq), (n, nv), (n, nv)."""
 
     time: Array
@@ -75,18 +75,18 @@ class States:
     """Velocities (n, nv), rad/s or m/s."""
     ddq: Array
     """Accelerations (n, nv), rad/s² or m/s²."""
-    logged: Array
+    measured: Array
     """(n, nq) q as the file has it, in SI units: what position limits are about."""
-    still: Array
+    stationary: Array
     """(n, nv) bool: the velocity is derived and within its own uncertainty, so that its sign means nothing."""
-    stray: Array
+    outlier: Array
     """(n, k, 2) how far samples lie from the smoothed curve, in standard deviations and in SI units; 0 but at samples that
     belong to no noise. (n, 0) if nothing was smoothed."""
 
     def __len__(self) -> int:
         return len(self.time)
 
-    def at(self, rows: Any) -> States:
+    def at(self, rows: Any) -> MotionSamples:
         """Some of the rows.
 
         Parameters
@@ -95,31 +95,31 @@ class States:
 
         Returns
         -------
-        states : States
+        states : MotionSamples
 
         Examples
         --------
-        >>> States.none(2, 2).at(slice(0)).q.shape
+        >>> MotionSamples.none(2, 2).at(slice(0)).q.shape
         (0, 2)
         """
-        return States(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
-    def copy(self) -> States:
+    def copy(self) -> MotionSamples:
         """The same, holding on to no larger arrays.
 
         Returns
         -------
-        states : States
+        states : MotionSamples
 
         Examples
         --------
-        >>> States.none(2, 2).copy().dq.shape
+        >>> MotionSamples.none(2, 2).copy().dq.shape
         (0, 2)
         """
-        return States(*(getattr(self, f.name).copy() for f in fields(self)))
+        return MotionSamples(*(getattr(self, f.name).copy() for f in fields(self)))
 
     @classmethod
-    def none(cls, nq: int, nv: int) -> States:
+    def none(cls, nq: int, nv: int) -> MotionSamples:
         """No states at all.
 
         Parameters
@@ -129,11 +129,11 @@ class States:
 
         Returns
         -------
-        states : States
+        states : MotionSamples
 
         Examples
         --------
-        >>> len(States.none(2, 2).time)
+        >>> len(MotionSamples.none(2, 2).time)
         0
         """
         q, v = np.zeros((0, nq)), np.zeros((0, nv))
@@ -147,8 +147,8 @@ _MAD = 1.4826  # standard deviations a median absolute deviation of normal noise
 
 
 @dataclass(frozen=True)
-class Stray:
-    """What is known of one column's stray samples."""
+class Outlier:
+    """What is known of one column's outlier samples."""
 
     column: int
     """Which of the smoothed columns."""
@@ -163,20 +163,20 @@ class Stray:
     """Whether any of them could be a torque beyond a limit."""
 
 
-class Strays:
+class RunningOutliers:
     """Running count of them, from rows that come in any portions."""
 
     def __init__(self) -> None:
-        self._found: dict[int, Stray] = {}
+        self._found: dict[int, Outlier] = {}
 
-    def add(self, time: Array, stray: Array, matters: Array) -> None:
-        """Take in times (n,) and distances (n, k, 2) as :func:`strays` gives them, or (n, 0), and which (n, k) matter."""
-        if not stray.any():
+    def add(self, time: Array, outlier: Array, matters: Array) -> None:
+        """Take in times (n,) and distances (n, k, 2) as :func:`outliers` gives them, or (n, 0), and which (n, k) matter."""
+        if not outlier.any():
             return
-        for k in np.flatnonzero(stray[:, :, 0].any(axis=0)).tolist():
-            sigmas, off = stray[:, k].T
+        for k in np.flatnonzero(outlier[:, :, 0].any(axis=0)).tolist():
+            sigmas, off = outlier[:, k].T
             row = int(np.abs(sigmas).argmax())
-            new = Stray(
+            new = Outlier(
                 k,
                 int(np.count_nonzero(sigmas)),
                 float(time[row]),
@@ -190,12 +190,12 @@ class Strays:
                 new = replace(far, count=old.count + new.count, matters=old.matters or new.matters)
             self._found[k] = new
 
-    def result(self) -> tuple[Stray, ...]:
+    def result(self) -> tuple[Outlier, ...]:
         """The farthest first."""
         return tuple(sorted(self._found.values(), key=lambda s: -abs(s.sigmas)))
 
 
-def strays(residual: Array, spread: Array, strengths: Array) -> Array:
+def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
     """Residuals (n, k) over their spread (n, k), and as they are, (n, k, 2).
 
     0 but where they are beyond 6 of it and the farthest for their neighbourhood.
@@ -259,7 +259,7 @@ class Differentiation:
     sigma_dq: Array
     """(nv,) that of the velocities; 0 where they are given."""
     spread: Array
-    """(k,) standard deviation of the samples about the smoothed curve, in SI units, strays aside; 0 for none."""
+    """(k,) standard deviation of the samples about the smoothed curve, in SI units, outliers aside; 0 for none."""
     errors: SampleErrors
     """Those of the columns that are differentiated, in SI units."""
 
@@ -354,7 +354,7 @@ class Differentiation:
         """Whether anything is derived at all."""
         return self.source != "given" or self.derives_velocities
 
-    def sigma_at(self, s: States) -> Array:
+    def sigma_at(self, s: MotionSamples) -> Array:
         """As :attr:`sigma_ddq`, (n, nv), in each of the states: late stamps matter the more the faster a joint moves."""
         of_velocities = self.source == "velocities"
         speeds = s.ddq if of_velocities else s.dq
@@ -367,14 +367,14 @@ class Differentiation:
                 found[:, b.v_index] *= np.sqrt(self.errors.at_rest[k] ** 2 + late**2) / usual[k]
         return found
 
-    def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[States]:
+    def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
         """The motion in runs of about ``core`` rows; the same values whatever ``core``, to round-off."""
         for states, _, inner in self.surrounded_states(core, progress):
             yield states.at(inner)
 
     def surrounded_states(
         self, core: int, progress: Callable[[int], None] | None = None
-    ) -> Iterator[tuple[States, LogRows, slice]]:
+    ) -> Iterator[tuple[MotionSamples, LogRows, slice]]:
         """The motion in overlapping runs, what the file says there, and the slice that is new in each.
 
         Around that slice are :attr:`margin` rows more, or as many as there are: all that its values depend on.
@@ -390,35 +390,35 @@ class Differentiation:
             max([_SPLINE_MARGIN, *(margin_of(s) + _SPLINE_MARGIN for s in self.strengths if s)]) if self.derives else 0
         )
 
-    def complete(self, motion: LogRows) -> States:
+    def complete(self, motion: LogRows) -> MotionSamples:
         """Consecutive rows with what the file does not give."""
         t, q, dq, ddq = motion.time, motion.q, motion.dq, motion.ddq
-        still = np.zeros((len(t), self.model.nv), bool)
-        stray = np.zeros((len(t), 0))
+        stationary = np.zeros((len(t), self.model.nv), bool)
+        outlier = np.zeros((len(t), 0))
         if dq is None:
             curves = self.continuity.curves(q)
             q = self.smooth(t, curves)
             speed, second = spline_rates(t, q)
-            stray = self._strays(curves - q, speed)
+            outlier = self._outliers(curves - q, speed)
             dq, derived = joint_rates(self.model, q, speed, second)
             ddq = derived if ddq is None else ddq
-            still = standing(self.quality, self.model, t, motion.q, dq, self.sigma_dq) | ringing(
+            stationary = stationary_intervals(self.quality, self.model, t, motion.q, dq, self.sigma_dq) | ringing(
                 self.quality, self.model, t, curves, dq, self.trajectory.columns.factors["q"]
             )
         elif ddq is None:
             logged, dq = dq, self.smooth(t, dq)
             ddq, _ = spline_rates(t, dq)
-            stray = self._strays(logged - dq, ddq)
-        return States(t, q, dq, ddq, motion.q, still, stray)
+            outlier = self._outliers(logged - dq, ddq)
+        return MotionSamples(t, q, dq, ddq, motion.q, stationary, outlier)
 
     def curves(self, motion: LogRows) -> Array:
         """(n, k) the columns that are differentiated, without the jumps of wrapped angles."""
         return self.continuity.curves(motion.q) if motion.dq is None else motion.dq
 
-    def _strays(self, residual: Array, speed: Array) -> Array:
+    def _outliers(self, residual: Array, speed: Array) -> Array:
         if not self.strengths.any():
             return residual[:, :0]
-        return strays(residual, np.maximum(self.spread, self.errors.deviation(speed)), self.strengths)
+        return outlier_residuals(residual, np.maximum(self.spread, self.errors.deviation(speed)), self.strengths)
 
     def smooth(self, t: Array, x: Array) -> Array:
         """The columns (n, k), or (n, k, ...) for many logs at the same times, each smoothed by its strength."""

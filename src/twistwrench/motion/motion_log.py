@@ -18,7 +18,7 @@ from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
 from .array_stream import LARGE, ArrayStream, NpzFile, passing_runs
-from .columns import Columns, FollowerTally, varying_columns
+from .columns import Columns, MimicJointCheck, varying_columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_reader import Block, CsvFile
@@ -33,7 +33,7 @@ _ROUNDED = 0.65
 """Steps of the grid that a rounded stamp is off at most: half of one, and what few rows leave open of the clock."""
 
 
-class Repeats:
+class DuplicateTimestamps:
     """Rows come in any portions; the last time of each is held back, as more rows of it may follow.
 
     Rows that equal the one before are dropped. Others of one time become their mean, which is the best estimate of two
@@ -161,9 +161,9 @@ class LogRows:
 class _Pass:
     """What one pass over all rows found."""
 
-    repeats: Repeats | None = None
+    repeats: DuplicateTimestamps | None = None
     contradictions: Contradictions | None = None
-    followers: FollowerTally | None = None
+    followers: MimicJointCheck | None = None
     stamps: dict[float, float] = field(default_factory=dict)
     """Times of rows whose stamp alone is wrong, which later passes leave out, and what it is late by [s]."""
     clock: Array | None = None
@@ -299,7 +299,7 @@ class MotionLog:
             angle=self.columns.angle,
             angle_stated=self.columns.angle_stated,
         )
-        self._last.followers = followers = FollowerTally(self.columns.followers)
+        self._last.followers = followers = MimicJointCheck(self.columns.mimic_joints)
 
         def take_in(table: Array) -> Array:
             motion = self.motion(table)
@@ -541,11 +541,11 @@ class MotionLog:
         found = self._last.contradictions
         return () if found is None else found.hints(limits)
 
-    def _repeats(self) -> Repeats:
+    def _repeats(self) -> DuplicateTimestamps:
         angles = np.flatnonzero(self.coordinates.angular)
         where = self.columns.places["q"]
         turning = np.zeros(0, int) if where is None else where[angles]
-        return Repeats(0, turning, math.pi / self.columns.angle[angles], str(self.path))
+        return DuplicateTimestamps(0, turning, math.pi / self.columns.angle[angles], str(self.path))
 
     def _same_clock(self) -> _Pass:
         """Nothing known yet of a part, but for the clock of the whole."""

@@ -247,7 +247,7 @@ def _split(off: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
 # ── Running extremes of columns
 
 
-class Extreme:
+class RunningExtrema:
     """The greatest value of each column so far, when it occurred, and which row of the last portion that was."""
 
     def __init__(self, columns: int) -> None:

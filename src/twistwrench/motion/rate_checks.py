@@ -41,7 +41,7 @@ def segments(time: Array) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if b - a >= _FEWEST]
 
 
-class RateGain:
+class RateScale:
     """Of k curves x and what is said to be their rates y: the y that the slopes of x show, by least squares on ∫y dt."""
 
     def __init__(self, count: int) -> None:
@@ -111,7 +111,7 @@ _SOME_MOVE = 0.05
 """Range [rad, m] of a curve about its trend from which there is anything to compare."""
 
 
-class RateDelay:
+class RateLag:
     """Of k curves x and what is said to be their rates y: the d with y(t) = x'(t - d), by least squares on ∫y dt.
 
     Means and trends of both are taken off, window by window, so that a bias of y says nothing. Rows come in any portions.
@@ -200,7 +200,7 @@ _WITHIN = 0.1
 _DEGREES = math.degrees(1.0)
 
 
-def described_gain(gain: float, angular: bool, base: str, per: str) -> str:
+def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
     """What a column is, whose slope over time should be that of ``base``; ``per`` is the unit's end, such as /s."""
     slope = f"the slope of the {base}"
     if math.isinf(gain):

@@ -20,7 +20,7 @@ from ..joints.units import unit_of
 from ..model.assembly import follower_torques
 from ..model.limits import Limits
 from ..model.model import BASE, Model
-from ..motion.differentiation import States
+from ..motion.differentiation import MotionSamples
 from ..typing import Array
 from .robot_summary import StatedLimits
 
@@ -223,17 +223,17 @@ class LoadedRobot:
                 )
         return tuple(found)
 
-    def torques(self, s: States) -> Array:
+    def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""
         tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
-    def follower_torques(self, s: States) -> Array:
+    def follower_torques(self, s: MotionSamples) -> Array:
         """What mimic joints with a limit of effort bear, (n, k), friction left out."""
         F = self.loaded.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return follower_torques(self.loaded.model, np.asarray(F))
 
-    def _wrenches(self, s: States) -> dict[str, Array] | None:
+    def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
         return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
 
     @property
@@ -241,12 +241,12 @@ class LoadedRobot:
         """Whether it carries or is pushed by anything."""
         return bool(self.payloads or self.wrenches)
 
-    def unloaded_torques(self, s: States) -> Array:
+    def unloaded_torques(self, s: MotionSamples) -> Array:
         """As :meth:`torques`, of the robot that carries nothing and is not pushed."""
         tau = self.bare.inverse_dynamics(s.q, s.dq, s.ddq)
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
-    def terms(self, s: States) -> dict[str, Array]:
+    def terms(self, s: MotionSamples) -> dict[str, Array]:
         """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
         bare, zero = self.bare, np.zeros_like(s.dq)
         gravity = np.asarray(bare.gravity_forces(s.q))
@@ -264,29 +264,29 @@ class LoadedRobot:
         tau = np.sum(list(terms.values()), axis=0)
         return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
 
-    def explain(self, s: States) -> Explanation:
+    def explain(self, s: MotionSamples) -> Explanation:
         """The torques of one state by link and by term, friction as in :meth:`terms`."""
         why = self.loaded.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
         return why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
 
-    def motor_loads(self, s: States) -> MotorLoads:
+    def motor_loads(self, s: MotionSamples) -> MotorLoads:
         """What the motors of the robot and its payloads must give; (n, actuators) each."""
         carried, rotor = self.loaded.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction = self._friction(s, carried + rotor) if self.friction else 0.0
-        moving = np.where(s.still, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
+        moving = np.where(s.stationary, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
         return motor_loads(self.loaded.model, moving, carried + friction, rotor)
 
-    def _friction(self, s: States, carried: Array) -> Array:
+    def _friction(self, s: MotionSamples, carried: Array) -> Array:
         """Of joints that carry these torques; viscous alone where the sign of the velocity is unknown."""
-        moving = np.where(s.still, 0.0, s.dq)
+        moving = np.where(s.stationary, 0.0, s.dq)
         tau = np.broadcast_to(self.bare.friction_forces(moving, load=carried), s.dq.shape)
         return np.asarray(tau + self.bare.model.friction.viscous * (s.dq - moving))
 
-    def payload_torques(self, s: States) -> Array:
+    def payload_torques(self, s: MotionSamples) -> Array:
         """What the payloads add to the torques; (n, nv)."""
         return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
 
-    def follower_payload_torques(self, s: States) -> Array:
+    def follower_payload_torques(self, s: MotionSamples) -> Array:
         """What the payloads add to :meth:`follower_torques`; (n, k)."""
         F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.loaded, self.bare))
         return follower_torques(self.bare.model, F - alone)

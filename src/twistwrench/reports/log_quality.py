@@ -12,7 +12,7 @@ from ..core.numbers import number, percent
 from ..errors import TrajectoryError
 from ..motion.column_names import split_unit, time_factor, time_meaning
 from ..motion.motion_file import MotionFile, open_motion_file
-from ..motion.noise import Extreme, noise, quantum
+from ..motion.noise import RunningExtrema, noise, quantum
 from ..typing import Array
 
 GAP = 3.0
@@ -422,7 +422,7 @@ class MeasuredTally:
     def __init__(self, columns: int) -> None:
         self._rows = 0
         self._sums, self._noise = np.zeros((5, columns)), np.zeros(columns)
-        self._peak, self._sign = Extreme(columns), np.ones(columns)
+        self._peak, self._sign = RunningExtrema(columns), np.ones(columns)
         self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
 
     def add(self, time: Array, computed: Array, measured: Array, sigma: Array) -> None:

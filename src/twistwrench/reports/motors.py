@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..model.limits import over_limit
-from ..motion.noise import Extreme
+from ..motion.noise import RunningExtrema
 from ..typing import Array
 from .statistics import Rms
 
@@ -83,7 +83,7 @@ class MotorTally:
         self._columns = np.array([k for k, _ in described], int)
         self._actuators: list[Actuator] = [a for _, a in described]
         n = len(described)
-        self._peaks = {name: Extreme(n) for name in ("current", "voltage", "speed", "power")}
+        self._peaks = {name: RunningExtrema(n) for name in ("current", "voltage", "speed", "power")}
         self._current = Rms(n)
         self._points: list[Array] = []
         self._stride, self._phase = 1, 0

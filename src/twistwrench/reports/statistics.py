@@ -9,9 +9,9 @@ import numpy as np
 
 from ..core.numbers import number, seconds
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import SURE, Differentiation, States
+from ..motion.differentiation import SURE, Differentiation, MotionSamples
 from ..motion.motion_log import LogRows
-from ..motion.noise import Extreme
+from ..motion.noise import RunningExtrema
 from ..motion.smoothing import spline_rates
 from ..typing import Array
 from .load_case import LoadedRobot
@@ -276,12 +276,12 @@ class PeakSearch:
         self.differentiation, self.load = differentiation, load
         self.cell = max(1, round(_CELL * narrow))
         self.reach = math.ceil(_REACH * wide) + _SPLINE_REACH + self.cell
-        self.peak, self.speed = Extreme(nv), Extreme(nv)
+        self.peak, self.speed = RunningExtrema(nv), RunningExtrema(nv)
         self.sign, self.way = np.ones(nv), np.ones(nv)
         self.contenders = Contenders(nv, self.cell)
         self.around: list[tuple[LogRows, int] | None] = [None] * nv
 
-    def add(self, core: States, torques: Array, motion: LogRows, inner: slice) -> None:
+    def add(self, core: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
         """Take in an overlapping run: what is new in it, with its torques, and the log around that."""
         self.contenders.add(np.abs(torques))
         for joint, row in self.peak.add(core.time, np.abs(torques)):
@@ -353,7 +353,7 @@ class PeakSearch:
             q, dq, ddq = given(motion.q), x, first
         still = np.abs(dq) <= SURE * d.sigma_dq if d.derives_velocities else np.zeros(dq.shape, bool)
         time, none = np.repeat(motion.time[near], count), np.zeros((n * count, 0))
-        torques = self.load.torques(States(time, q, dq, ddq, q, still, none))
+        torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, still, none))
         return torques.reshape(n, count, -1), dq.reshape(n, count, -1)
 
 

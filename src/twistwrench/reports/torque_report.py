@@ -17,9 +17,9 @@ from ..joints.units import unit_of
 from ..model.limits import margin
 from ..motion.array_files import TableFile
 from ..motion.coordinates import Coordinates
-from ..motion.differentiation import Differentiation, States, Stray, Strays, pulse_peak
+from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
 from ..motion.motion_log import LogRows
-from ..motion.noise import Extreme, Survey
+from ..motion.noise import RunningExtrema, Survey
 from ..typing import Array
 from .load_case import STEADY, TERMS, LoadedRobot, PayloadRoom, PayloadRoomTally
 from .log_quality import MeasuredTally, MeasuredTorque
@@ -147,13 +147,13 @@ class TorqueReport:
     """(nq,) the largest magnitude of each coordinate, in SI units."""
     limits: Limits
     """What was held against the motion."""
-    strays: tuple[Stray, ...]
+    outliers: tuple[Outlier, ...]
     """Samples that smoothing removed and noise does not explain."""
-    still: tuple[float, ...]
+    stationary: tuple[float, ...]
     """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
     motors: tuple[MotorUse, ...]
     """What the motion asks of the motors that are described."""
-    around: States
+    around: MotionSamples
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
     contradictions: tuple[str, ...] = ()
     """A sentence for each thing by which the input contradicts itself, so that no figure can be trusted."""
@@ -245,15 +245,15 @@ class MotionTally:
         self.coordinates = Coordinates.of(load.bare.model)
         self.rows = 0
         self.begin = self.end = np.nan
-        self.peak, self.rms = Extreme(nv), Rms(nv)
+        self.peak, self.rms = RunningExtrema(nv), Rms(nv)
         self.signed = {kind: np.zeros(nv) for kind in ("effort", "lower", "upper", "velocity")}
         """The values themselves at their worst."""
         self.terms = {name: np.zeros(nv) for name in TERMS}
-        self.passed = {kind: Extreme(nv) for kind in ("lower", "upper", "velocity")}
+        self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
         """By how much."""
         self.envelope, self.band = Envelope(), Envelope()
         """Of the torques, and of their 95 % intervals where that is known, which are none of their largest."""
-        self.around: list[States | None] = [None] * nv
+        self.around: list[MotionSamples | None] = [None] * nv
         """Of each joint: the states on either side of its peak."""
         self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.bare.nq + 3 * nv))))
         self.gaps = Gaps(_GAP * plan.quality.step)
@@ -262,20 +262,20 @@ class MotionTally:
         """The largest torque that the payloads make, in some of the states."""
         self.room = PayloadRoomTally(load, limits.effort)
         self.followers = [load.loaded.model.bodies[i] for i in load.loaded.model.limited_followers]
-        self.borne, self.borne_signed = Extreme(len(self.followers)), np.zeros(len(self.followers))
+        self.borne, self.borne_signed = RunningExtrema(len(self.followers)), np.zeros(len(self.followers))
         """By mimic joints with a limit of effort."""
         self.largest = np.zeros(load.bare.nq)
-        self.strays = Strays()
+        self.outliers = RunningOutliers()
         self.search = PeakSearch(plan, load) if estimating else None
         """For the peaks less what noise adds to them."""
         self._measured = [MeasuredTally(nv) for _ in range(1 + load.carries)]
         """Beside the torques with all that is carried and pushes, and beside those of the robot alone: the log may have been
         recorded either way."""
         self.motors = MotorTally(load.loaded.model)
-        self.still = np.zeros(nv, int)
+        self.stationary = np.zeros(nv, int)
         """Rows in which the direction of motion is unknown."""
 
-    def add(self, states: States, torques: Array, motion: LogRows, inner: slice) -> None:
+    def add(self, states: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
         """Take in an overlapping run: its states, the torques (n, nv) of those that are new in it, and what the log says."""
         s = states.at(inner)
         noisy = bool(self.plan.sigma_ddq.any())
@@ -295,10 +295,10 @@ class MotionTally:
         self.gaps.add(s.time, s.q)
         self._look_at_peaks(s, torques)
         self._look_at_limits(s)
-        self.largest = np.maximum(self.largest, np.abs(s.logged).max(axis=0))
-        self.still += s.still.sum(axis=0)
-        if s.stray.any():
-            self.strays.add(s.time, s.stray, self._may_pass(s, torques))
+        self.largest = np.maximum(self.largest, np.abs(s.measured).max(axis=0))
+        self.stationary += s.stationary.sum(axis=0)
+        if s.outlier.any():
+            self.outliers.add(s.time, s.outlier, self._may_pass(s, torques))
         if self.load.loaded.actuators:
             self.motors.add(s.time, self.load.motor_loads(s))
         some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
@@ -319,7 +319,7 @@ class MotionTally:
         if self.load.payloads:
             self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
 
-    def _sigma(self, s: States) -> Array:
+    def _sigma(self, s: MotionSamples) -> Array:
         """(n, nv) standard deviation of the torques, by the mass matrices of some of the states."""
         stride = max(1, len(s) // _BAND_SAMPLES)
         M = self.load.loaded.mass_matrix(s.q[::stride])
@@ -327,25 +327,25 @@ class MotionTally:
         blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
         return np.sqrt(np.concatenate(blocks, axis=1).T)
 
-    def _may_pass(self, s: States, torques: Array) -> Array:
+    def _may_pass(self, s: MotionSamples, torques: Array) -> Array:
         """(n, k) bool: a flattened sample is a torque beyond a limit, or of a joint without one, if the robot did move so."""
-        plan, found = self.plan, np.zeros(s.stray.shape[:2], bool)
+        plan, found = self.plan, np.zeros(s.outlier.shape[:2], bool)
         order = 1 if plan.source == "velocities" else 2
         gain = pulse_peak(order, plan.quality.step)
         joint_of = {int(p): v for v, p in enumerate(self.coordinates.position_of) if p >= 0}
-        rows, columns = np.nonzero(s.stray[:, :, 0])
+        rows, columns = np.nonzero(s.outlier[:, :, 0])
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
             joint = column if order == 1 else joint_of.get(column)
             if joint is None:  # of a quaternion
                 found[row, column] = True
                 continue
             M = self.load.loaded.mass_matrix(s.q[row])
-            change = np.abs(M[:, joint]) * gain * abs(float(s.stray[row, column, 1]))
+            change = np.abs(M[:, joint]) * gain * abs(float(s.outlier[row, column, 1]))
             within = np.abs(torques[row]) + change <= np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
             found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
         return found
 
-    def _look_at_peaks(self, s: States, torques: Array) -> None:
+    def _look_at_peaks(self, s: MotionSamples, torques: Array) -> None:
         fresh = self.peak.add(s.time, np.abs(torques))
         if not fresh:
             return
@@ -356,9 +356,9 @@ class MotionTally:
         for joint, row in fresh:
             self.around[joint] = s.at(slice(max(0, row - self._reach), row + self._reach)).copy()
 
-    def _look_at_limits(self, s: States) -> None:
+    def _look_at_limits(self, s: MotionSamples) -> None:
         at, limits = self.coordinates.position_of, self.limits
-        q = np.where(at >= 0, s.logged[:, np.maximum(at, 0)], 0.0)
+        q = np.where(at >= 0, s.measured[:, np.maximum(at, 0)], 0.0)
         for kind, values, beyond in (
             ("lower", q, np.where(at >= 0, limits.lower, -np.inf) - q),
             ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
@@ -517,7 +517,7 @@ class _Run:
 def _report(
     run: MotionTally, derived: MotionTally | None = None, estimates: Sequence[PeakEstimate] | None = None
 ) -> TorqueReport:
-    plan, load, strays = run.plan, run.load, run.strays.result()
+    plan, load, outliers = run.plan, run.load, run.outliers.result()
     joints = _joints(run, derived)
     if estimates is not None:
         joints = tuple(replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True))
@@ -538,11 +538,11 @@ def _report(
         band=None if estimates is None else run.band.result(),
         largest=run.largest,
         limits=run.limits,
-        strays=strays,
-        still=tuple((run.still / max(1, run.rows)).tolist()),
+        outliers=outliers,
+        stationary=tuple((run.stationary / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
-        around=run.around[worst] or States.none(load.bare.nq, load.bare.nv),
-        contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not strays)),
+        around=run.around[worst] or MotionSamples.none(load.bare.nq, load.bare.nv),
+        contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not outliers)),
         hints=plan.trajectory.hints(run.limits),
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)
@@ -575,7 +575,7 @@ def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque,
     )
 
 
-def _check_finite(torques: Array, s: States) -> None:
+def _check_finite(torques: Array, s: MotionSamples) -> None:
     bad = ~np.isfinite(torques).all(axis=1)
     if bad.any():
         time = float(s.time[np.argmax(bad)])

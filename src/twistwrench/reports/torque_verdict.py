@@ -171,7 +171,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
     near = max((j.share for j in report.joints), default=0.0) > _NEAR
     if report.gaps.hidden > (0.0 if near else _HIDDEN * (report.end - report.begin)):
         unsure.append(report.gaps.hidden_words)
-    if any(stray.matters for stray in report.strays):
+    if any(outlier.matters for outlier in report.outliers):
         unsure.append("samples were flattened that are no noise, and could be a torque beyond a limit")
     contradicted = [m.words for m in report.measured if m.contradicts]
     doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]

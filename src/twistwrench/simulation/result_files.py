@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes, replacing
-from ..core.tables import CsvWriter, meant_text
+from ..core.tables import CsvWriter, unescape_cell
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
@@ -155,7 +155,7 @@ def _read_csv(data: bytes) -> SimulationResult:
         )
     words = _words(json.loads(lines.readline()[1:]))
     coordinates, velocities = words["coordinate_names"], words["velocity_names"]
-    header = [meant_text(cell) for cell in next(csv.reader(lines), [])]
+    header = [unescape_cell(cell) for cell in next(csv.reader(lines), [])]
     factors = _to_radians(header, _header(coordinates, velocities))
     if factors is None:
         raise TrajectoryError("columns other than those that were written. Write it again, whole.")

@@ -15,9 +15,9 @@ from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import Differentiation, States
+from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.motion import Motion
-from ..motion.noise import Extreme
+from ..motion.noise import RunningExtrema
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
 from ..reports.load_case import LoadedRobot
 from ..typing import Array
@@ -63,10 +63,10 @@ class DrawnMotion:
     """LOOK AGAIN where the input contradicts itself. Limits that are passed are only warned of: here nothing is judged."""
 
     @property
-    def states(self) -> States:
+    def states(self) -> MotionSamples:
         """The same as the functions of :class:`~twistwrench.reports.load_case.LoadedRobot` take it."""
         none = np.zeros((len(self.time), 0))
-        return States(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
+        return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
 
     def require(self, robot: Robot) -> None:
         """Check that this is a motion of that robot, whatever it carries.
@@ -185,7 +185,7 @@ def motion_of(
             derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
     moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
-    states = States(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
+    states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
     motion = _gathered(LoadedRobot(robot), iter([states]))
     motion = replace(motion, warnings=(*(f"{Word.LOOK_AGAIN}: {said}" for said in doubts), *motion.warnings))
     if not moves:
@@ -229,20 +229,20 @@ def read_motion(
     return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict)
 
 
-def _gathered(load: LoadedRobot, every: Iterator[States]) -> DrawnMotion:
+def _gathered(load: LoadedRobot, every: Iterator[MotionSamples]) -> DrawnMotion:
     """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
     nq, nv = load.bare.nq, load.bare.nv
     kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
-    peaks = Extreme(nv)
+    peaks = RunningExtrema(nv)
     check = LimitCheck(load.bare.model, bounds_of(load.bare))
     for s in every:
         torques = load.torques(s)
         peaks.add(s.time, np.abs(torques))
-        check.add(s.time, s.logged, s.dq, tau=torques)
+        check.add(s.time, s.measured, s.dq, tau=torques)
         if load.bare.model.limited_followers:
             check.add_borne(s.time, load.follower_torques(s))
         power = (torques * s.dq).sum(axis=1)
-        kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.still]))
+        kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
     time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
     said = tuple(_sentence(v) for v in check.violations())
     return DrawnMotion(load, time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count, said, still.astype(bool))

@@ -79,9 +79,9 @@ def notes(report: TorqueReport) -> Iterator[str]:
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
     friction = report.load.bare.model.friction.static
     found = [
-        f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(report.still[k], 3)} of the rows)"
+        f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(report.stationary[k], 3)} of the rows)"
         for k, j in enumerate(report.joints)
-        if friction[k] > 0 and report.still[k] > 0
+        if friction[k] > 0 and report.stationary[k] > 0
     ]
     if found and report.load.friction:
         yield (
@@ -108,7 +108,7 @@ def _measured_notes(report: TorqueReport) -> Iterator[str]:
 def _stray_notes(report: TorqueReport) -> Iterator[str]:
     d = report.differentiation
     shown = []
-    for s in report.strays[:_MOST_LISTED]:
+    for s in report.outliers[:_MOST_LISTED]:
         place = int(d.places[s.column])
         size = s.off / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
         count = f", {s.count} samples, the farthest" if s.count > 1 else ""
@@ -117,7 +117,7 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
             f"({number(abs(s.sigmas), 2)} σ)"
         )
     if shown:
-        more = f"; and {len(report.strays) - len(shown)} columns more" if len(report.strays) > len(shown) else ""
+        more = f"; and {len(report.outliers) - len(shown)} columns more" if len(report.outliers) > len(shown) else ""
         yield (
             f"WARNING: smoothing flattened samples that noise does not explain: {'; '.join(shown)}{more}, in the file's "
             "unit. If the robot did move so, the torques there are far too low; if the log is wrong, remove the samples."

@@ -39,7 +39,7 @@ MOST_BLOCKS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class JointMoments:
+class JointBlocks:
     """Sums over some rows.
 
     Attributes
@@ -54,13 +54,13 @@ class JointMoments:
     factors: tuple[Array, ...]
 
     @classmethod
-    def none(cls, frame: RowFrame, blocks: int) -> JointMoments:
+    def none(cls, frame: RowFrame, blocks: int) -> JointBlocks:
         """Of no rows yet, in so many blocks."""
         widths = [len(felt) + 1 for felt in frame.felt]
         size = sum(w * (w + 1) // 2 for w in widths)
         return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), tuple(np.zeros((w, w)) for w in widths))
 
-    def added(self, frame: RowFrame, rows: JointRows, block: Array) -> JointMoments:
+    def added(self, frame: RowFrame, rows: JointRows, block: Array) -> JointBlocks:
         """With the rows of one portion, each in its ``block`` (n,); sums and counts are changed in place."""
         factors, at = [], 0
         for j, A in enumerate(rows.entries):
@@ -78,9 +78,9 @@ class JointMoments:
                     self.counts[b, 1:] += weights[block == b].sum(), (weights[block == b] == 1.0).sum()
             factors.append(_factor(self.factors[j], A * root))
         self.counts[:, 0] += np.bincount(block, minlength=len(self.counts))
-        return JointMoments(self.sums, self.counts, tuple(factors))
+        return JointBlocks(self.sums, self.counts, tuple(factors))
 
-    def __add__(self, other: JointMoments) -> JointMoments:
+    def __add__(self, other: JointBlocks) -> JointBlocks:
         """Blocks one after another, at most :data:`MOST_BLOCKS` of them."""
         sums, counts = np.concatenate([self.sums, other.sums]), np.concatenate([self.counts, other.counts])
         some = counts[:, 0] > 0
@@ -91,7 +91,7 @@ class JointMoments:
             counts[k] += counts[k + 1]
             sums, counts = np.delete(sums, k + 1, axis=0), np.delete(counts, k + 1, axis=0)
         pairs = zip(self.factors, other.factors, strict=True)
-        return JointMoments(sums, counts, tuple(_factor(a, b) for a, b in pairs))
+        return JointBlocks(sums, counts, tuple(_factor(a, b) for a, b in pairs))
 
     def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
         """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
@@ -122,7 +122,7 @@ def _factor(above: Array, below: Array) -> Array:
     return np.asarray(np.linalg.qr(np.concatenate([above, below]), mode="r"))
 
 
-# ── Information files: arrays and their description in an archive of NumPy
+# ── Normal equations files: arrays and their description in an archive of NumPy
 
 if TYPE_CHECKING:
     pass
@@ -132,7 +132,7 @@ SHOWN = ("time", "log", "measured", "predicted")
 """What there is of rows for pictures."""
 
 
-def write_information(i: Information, path: str | Path) -> Path:
+def write_information(i: NormalEquationBlocks, path: str | Path) -> Path:
     """Write it, whole or not at all; raises ValueRangeError."""
     from .. import __version__
 
@@ -209,7 +209,7 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
     return {
         "robot": robot,
         "frame": frame,
-        "moments": JointMoments(arrays["sums"], arrays["counts"], factors),
+        "moments": JointBlocks(arrays["sums"], arrays["counts"], factors),
         "weak": Prior(arrays["mean"], arrays["size"]),
         "sizes": arrays["sizes"],
         **{name: said[name] for name in ("method", "seconds", "samples", "autocorrelation_length")},
@@ -230,20 +230,20 @@ _SPEED_SIZE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class InformationFit:
+class BlockFit:
     """Least squares of all rows of some moments.
 
     Parameters
     ----------
     frame : RowFrame
-    moments : JointMoments
+    moments : JointBlocks
     weak : Prior, of the groups
     method : str
     autocorrelation_length : float, rows that residuals hang together over
     """
 
     frame: RowFrame
-    moments: JointMoments
+    moments: JointBlocks
     weak: Prior
     method: Method
     autocorrelation_length: float = 1.0
@@ -350,10 +350,10 @@ class InformationFit:
         return np.asarray(scipy.linalg.lstsq(A, b)[0] * prior.size)
 
 
-def fit_of(information: Information) -> InformationFit:
+def block_fit(information: NormalEquationBlocks) -> BlockFit:
     """Least squares of all rows of an information."""
     i = information
-    return InformationFit(i.frame, i.moments, i.weak, i.method, i.autocorrelation_length)
+    return BlockFit(i.frame, i.moments, i.weak, i.method, i.autocorrelation_length)
 
 
 def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
@@ -361,18 +361,18 @@ def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
     return np.einsum("jkl,j->kl", equations.N, sigma**-2), (equations.c / sigma[:, None] ** 2).sum(axis=0)
 
 
-# ── Information of one or several logs
+# ── Normal equations of one or several logs
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Information:
-    """Information of logs: sums over all their rows, which add up, are saved, and go on next week.
+class NormalEquationBlocks:
+    """Normal equations of logs: sums over all their rows, which add up, are saved, and go on next week.
 
     Attributes
     ----------
     robot : Robot, as its file has it
     frame : RowFrame, groups and settings that all rows were made with
-    moments : JointMoments
+    moments : JointBlocks
     weak : Prior, that groups without information keep to
     sizes : (p,) array, that each unknown parameter could have at most
     method : str, ``irls``, ``wls`` or ``ols``
@@ -387,7 +387,7 @@ class Information:
 
     robot: Robot
     frame: RowFrame
-    moments: JointMoments
+    moments: JointBlocks
     weak: Prior
     sizes: Array
     method: Method
@@ -401,13 +401,13 @@ class Information:
 
     def __repr__(self) -> str:
         return (
-            f"<Information of {self.robot.name!r}: {self.frame.base.count} groups, {self.samples} samples, "
+            f"<NormalEquationBlocks of {self.robot.name!r}: {self.frame.base.count} groups, {self.samples} samples, "
             f"{len(self.logs)} logs, {number(self.seconds / 3600)} h>"
         )
 
-    def __add__(self, other: Information) -> Information:
+    def __add__(self, other: NormalEquationBlocks) -> NormalEquationBlocks:
         """Of both; raises ValueRangeError where they were made with other groups or settings."""
-        if not isinstance(other, Information):
+        if not isinstance(other, NormalEquationBlocks):
             return NotImplemented
         mine, their = self.frame, other.frame
         for what, a, b in (
@@ -437,14 +437,14 @@ class Information:
     @property
     def values(self) -> Array:
         """(r,) values of the groups."""
-        return fit_of(self).solved(np.arange(len(self.moments.counts)))[0][: self.frame.base.count]
+        return block_fit(self).solved(np.arange(len(self.moments.counts)))[0][: self.frame.base.count]
 
-    def identified(self, test: Information | None = None) -> IdentifiedRobot:
+    def identified(self, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
         """The robot that all rows together tell.
 
         Parameters
         ----------
-        test : Information, optional, of logs that are only predicted, gathered like this one
+        test : NormalEquationBlocks, optional, of logs that are only predicted, gathered like this one
 
         Returns
         -------
@@ -463,12 +463,12 @@ class Information:
         >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
         >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
         >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> tw.identification.gather(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=()).identified().base.count
+        >>> tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=()).identified().base.count
         3
         """
-        from .streaming import gathered_robot
+        from .streaming import streaming_fit
 
-        return gathered_robot(self, test)
+        return streaming_fit(self, test)
 
     def check(self) -> float:
         """The largest difference of a group by orthogonal factors (TSQR), in units of its standard deviation.
@@ -483,11 +483,11 @@ class Information:
         >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
         >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
         >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> information = tw.identification.gather(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> information = tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
         >>> information.check() < 1e-6
         True
         """
-        fit = fit_of(self)
+        fit = block_fit(self)
         x, sigma = fit.solved(np.arange(len(self.moments.counts)))
         deviations = fit.covariance(x, sigma, 0.0).deviations
         r = self.frame.base.count
@@ -515,16 +515,16 @@ class Information:
         >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
         >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
         >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> information = tw.identification.gather(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> information = tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     again = tw.identification.Information.load(information.save(f"{folder}/week.npz"), arm)
+        ...     again = tw.identification.NormalEquationBlocks.load(information.save(f"{folder}/week.npz"), arm)
         >>> bool((again.values == information.values).all())
         True
         """
         return write_information(self, path)
 
     @classmethod
-    def load(cls, path: str | Path, robot: Robot) -> Information:
+    def load(cls, path: str | Path, robot: Robot) -> NormalEquationBlocks:
         """Load what :meth:`save` wrote.
 
         Parameters
@@ -534,7 +534,7 @@ class Information:
 
         Returns
         -------
-        information : Information
+        information : NormalEquationBlocks
 
         Raises
         ------
@@ -546,7 +546,7 @@ class Information:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> tw.identification.Information.load("none.npz", tw.robots.pendulum())
+        >>> tw.identification.NormalEquationBlocks.load("none.npz", tw.robots.pendulum())
         Traceback (most recent call last):
         twistwrench.errors.NotFoundError: no information 'none.npz'. Give a file that --information wrote.
         """
