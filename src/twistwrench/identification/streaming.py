@@ -102,7 +102,7 @@ def _settings_off(information: NormalEquationBlocks, x: np.ndarray) -> str:
 # ── Chunks of a log as units of work
 
 CORE, LEAST_CORE = 8192, 1 << 15
-"""MotionSamples, and rows, that a chunk has besides its margins."""
+"""States, and rows, that a chunk has besides its margins."""
 _MOST_CORE = 1 << 18
 """Rows of a chunk at most, unless margins ask for more."""
 

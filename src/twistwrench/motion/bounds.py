@@ -214,7 +214,7 @@ class LimitCheck:
         self._borne, self._borne_signed = RunningExtrema(len(self._followers)), np.zeros(len(self._followers))
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
-        """MotionSamples at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
+        """States at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
         for kind, values in zip(KINDS, (self.model.positions(q), dq, ddq, tau), strict=True):
             if values is None:
                 continue

@@ -227,7 +227,7 @@ def _way(robot: Robot, q0: Array, q1: Array) -> Array:
 
 
 def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t: Array) -> tuple[Array, Array, Array]:
-    """MotionSamples at times t (...) inside of those of the samples, which they meet with their rates.
+    """States at times t (...) inside of those of the samples, which they meet with their rates.
 
     q = q_k ⊕ x with x(t) of degree 5, a Hermite polynomial along the joint twists; of joints of several degrees
     V = Σ (-ad x)ⁿ/(n + 1)! dx. Where q, dq and ddq of two samples contradict each other, as rounded positions beside smooth
