@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -428,7 +429,12 @@ def test_finding_51_a_whole_file_is_not_replaced_by_part_of_one(tmp_path, monkey
 def test_finding_52_files_are_on_the_disk_before_they_are_renamed(tmp_path, monkeypatch):
     did, sync, replace = [], os.fsync, os.replace
     monkeypatch.setattr(os, "fsync", lambda handle: (did.append("sync"), sync(handle))[1])
-    monkeypatch.setattr(os, "replace", lambda a, b: (did.append("rename"), replace(a, b))[1])
+
+    def renames(a, b):  # the cache renames its own files too
+        did.extend(["rename"] * (Path(b).parent == tmp_path))
+        return replace(a, b)
+
+    monkeypatch.setattr(os, "replace", renames)
     assert run("export", "pendulum", "--c", tmp_path).exit_code == 0
     assert did == ["sync"] * 3 + ["rename"] * 3
     did.clear()
@@ -443,6 +449,39 @@ def test_finding_52_a_failure_between_leaves_the_old_files(tmp_path, monkeypatch
     monkeypatch.setattr(os, "fsync", lambda handle: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     one_error(run("export", "pendulum", "--c", tmp_path, "--quantity", "gravity_forces"))
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("failing", ["fsync", "replace"])
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_finding_52_no_scratch_file_stays_wherever_writing_fails(tmp_path, monkeypatch, failing, number):
+    real, left = getattr(os, failing), [number]
+
+    def fails(*given):
+        left[0] -= failing == "fsync" or Path(given[1]).parent == tmp_path  # the cache renames its own files too
+        if left[0] == 0 and (failing == "fsync" or Path(given[1]).parent == tmp_path):
+            raise OSError(28, "No space left on device")
+        return real(*given)
+
+    monkeypatch.setattr(os, failing, fails)
+    one_error(run("export", "pendulum", "--c", tmp_path))
+    assert left == [0] and not [p.name for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_finding_52_no_scratch_file_stays_where_a_later_file_cannot_begin(tmp_path):
+    assert run("export", "pendulum", "--c", tmp_path).exit_code == 0
+    *_, last = names = sorted(p.name for p in tmp_path.iterdir())
+    (tmp_path / last).unlink()
+    (tmp_path / last).mkdir()
+    one_error(run("export", "pendulum", "--c", tmp_path, "--quantity", "gravity_forces"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == names
+
+
+def test_finding_52_no_scratch_file_stays_after_an_error_in_what_is_written(tmp_path, monkeypatch):
+    motion = tw.Motion(range(6), [[0.0, 0.1]] * 6, robot=tw.robots.planar_2r())
+    monkeypatch.setattr("csv.writer", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("in the middle")))
+    with pytest.raises(RuntimeError, match="in the middle"):
+        motion.to_csv(tmp_path / "motion.csv")
+    assert not list(tmp_path.iterdir())
 
 
 # ── the environment ──

@@ -582,3 +582,18 @@ def test_branches_of_a_pose_out_of_reach_and_of_a_redundant_arm(bundled):
     for options in ({"starts": 0}, {"starts": 2.0}, {"T": np.stack([np.eye(4)] * 2)}, {"frame": "hand"}):
         with pytest.raises(tw.TwistWrenchError):
             bundled("ur5").inverse_kinematics_branches(**{"T": np.eye(4), **options})
+
+
+@pytest.mark.parametrize("starts", [np.int64(3), np.uint8(3)])
+def test_branches_take_whole_numbers_of_numpy(starts):
+    robot = tw.robots.planar_2r()
+    T = robot.forward_kinematics([0.3, 0.8])
+    found = robot.inverse_kinematics_branches(T, rows="vx vz", starts=starts)
+    np.testing.assert_array_equal(found.q, robot.inverse_kinematics_branches(T, rows="vx vz", starts=3).q)
+
+
+@pytest.mark.parametrize("starts", [0, 2.0, True, "3", None, np.float64("nan")])
+def test_branches_refuse_what_is_not_a_whole_number(starts):
+    robot = tw.robots.planar_2r()
+    with pytest.raises(tw.TwistWrenchError, match="starts"):
+        robot.inverse_kinematics_branches(np.eye(4), rows="vx vz", starts=starts)

@@ -257,7 +257,7 @@ found += [robot.inverse_dynamics(*(np.tile(x, (50, 1)) for x in (q, dq, ddq)))]
 found += [robot.mass_matrix(q), robot.jacobian(q, frame="upper"), robot.forward_kinematics(q)]
 found += [robot.with_payload(tw.SpatialInertia.from_com(1.0, (0, 0, 0.1)), "lower").gravity_forces(q)]
 found += [pickle.loads(pickle.dumps(robot)).gravity_forces(q), copy.deepcopy(robot).gravity_forces(q)]
-found += [robot.kernel("mass_matrix", "bias_forces")(q, dq)[0], robot.limits.cost, robot.parameters]
+found += [robot.kernel("mass_matrix", "bias_forces")(q, dq)[0], robot.limits.effort, robot.parameters]
 print(robot.name, robot.nq, robot.nv, robot.tip, *robot.link_names, robot.model.source == path, repr(robot))
 print(robot.program("inverse_dynamics").digest, robot.kernel("inverse_dynamics").signature)
 print(robot.kernel("inverse_dynamics").__name__, robot.kernel("inverse_dynamics").__doc__[-200:])

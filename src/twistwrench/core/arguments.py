@@ -6,6 +6,7 @@ Nothing is imported for it: an object is a table by what it has, ``columns`` (pa
 
 from __future__ import annotations
 
+import operator
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -281,6 +282,17 @@ def whole(x: Any, what: str, least: int = 1) -> int:
     if not (value >= least and value % 1 == 0):
         raise ValueRangeError(f"{what} is {x}, and must be a whole number, at least {least}.")
     return int(value)
+
+
+def integer(x: Any, what: str, least: int = 1) -> int:
+    """x as an integer of at least ``least``, NumPy's too; 6.0 and True are not. Raises ValueRangeError."""
+    try:
+        value = least - 1 if isinstance(x, bool) else operator.index(x)
+    except TypeError:
+        value = least - 1
+    if value < least:
+        raise ValueRangeError(f"{what}={shown(x)}: give a whole number of at least {least}.")
+    return value
 
 
 def generator(rng: Any, what: str = "rng") -> np.random.Generator:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from ..core.arguments import integer
 from ..core.text import with_clipped_quotations
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.model import Model
@@ -54,8 +55,7 @@ def load_model(
     if format is not None and format not in (*FORMATS, "usd"):
         choices = ", ".join(map(repr, (*FORMATS, "usd")))
         raise ValueRangeError(f"format={format!r} is not allowed. Choose from: {choices}, or None.")
-    if isinstance(max_bodies, bool) or not isinstance(max_bodies, int) or max_bodies < 1:
-        raise ValueRangeError(f"max_bodies={max_bodies!r} is not allowed: a whole number above zero.")
+    max_bodies = integer(max_bodies, "max_bodies")
     usd = usd_path(source)
     text, origin = ("", str(usd)) if usd is not None else read_robot_text(source, data)
     home = None if is_text(source) else Path(source).parent

@@ -396,8 +396,7 @@ def branches(
 ) -> IKResult:
     """See :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
     target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
-    if type(starts) is not int or starts < 1:
-        raise ValueRangeError(f"starts={arguments.shown(starts)}: give a whole number of at least 1.")
+    starts = arguments.integer(starts, "starts")
     chosen = row_numbers(rows)
     if robot.nv > len(chosen) or robot.nq != robot.nv:
         raise ValueRangeError(
