@@ -24,7 +24,7 @@ from twistwrench.lowering.block import LOOP
 from twistwrench.lowering.lower import modules
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, host
 from twistwrench.robot.quantities import CONFIGURATIONS
-from twistwrench.runtime.call_signature import loop_steps
+from twistwrench.runtime.dispatch_ir import loop_steps
 from twistwrench.runtime.gufunc import owner_of
 
 

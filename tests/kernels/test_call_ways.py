@@ -217,14 +217,13 @@ def test_friction_is_an_option(direct):
     [("panda", "forward_dynamics"), ("panda", "inverse_dynamics_derivatives"), ("quadruped", "inverse_dynamics")],
     indirect=["robot"],
 )
-def test_wrenches_at_frames(robot, direct, name, side, dtype):
+def test_wrenches_at_frames(robot, name, side, dtype):
+    """They come the long way, behind a builtin that serves calls without them."""
     frames = sorted(robot.frame_names[-2:])
     rng = np.random.default_rng(5)
     for named in (frames[:1], frames):
         state = [x.astype(dtype) for x in states(robot, name, 1)[0]]
-        wrenches = {frame: rng.normal(size=6).astype(dtype) for frame in reversed(named)}
-        warm(lambda: getattr(robot, name)(*state, **{side: wrenches}))  # noqa: B023
-        direct.clear()
+        warm(lambda: getattr(robot, name)(*state))  # noqa: B023
         for _ in range(5):
             wrenches = {frame: rng.normal(size=6).astype(dtype) for frame in named}
             signed = [F if side == "wrench_by_robot" else -F for F in wrenches.values()]
@@ -232,7 +231,6 @@ def test_wrenches_at_frames(robot, direct, name, side, dtype):
                 getattr(robot, name)(*state, **{side: wrenches}),
                 robot.kernel(name, wrenches=tuple(named))(*state, *signed),
             )
-        assert not direct
         same(getattr(robot, name)(*state, **{side: {}}), robot.kernel(name)(*state))
         both = {"wrench_by_robot": wrenches, "wrench_on_robot": wrenches}
         np.testing.assert_allclose(

@@ -14,7 +14,7 @@ from twistwrench.lowering.lower import modules
 from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
 from twistwrench.runtime import elf_loader as placed_code
 from twistwrench.runtime import jit
-from twistwrench.runtime.call_signature import loop_steps
+from twistwrench.runtime.dispatch_ir import loop_steps
 from twistwrench.runtime.elf_loader import ExecutableMemory, UnsupportedObject, placed
 from twistwrench.runtime.gufunc import make_ufunc
 

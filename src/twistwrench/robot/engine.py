@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..ir.loops import Form
     from ..ir.program import Program
     from ..model.model import Model
-    from ..runtime.dispatch import CallForm
+    from ..runtime.dispatch import CallSignature
     from .arguments import Wrenches
     from .model_cache import CachedModel
 
@@ -233,7 +233,7 @@ def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> Shape
 
 # A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
 
-CalledAgain = Callable[[str, Any, "CallForm", int], bool]
+CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
 """Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
 
 ENOUGH = -1
@@ -311,34 +311,26 @@ class Engine(ModelKernels):
         total = by_frame(self.model, arrays, by_robot, on_robot)
         if not total:
             return self.call(name, *arrays, out=out, **options)
-        whole, options = (*arrays, *total.values()), {**options, "wrenches": tuple(total)}
-        found = self.call(name, *whole, out=out, **options)
-        if all(type(array) is np.ndarray for array in whole) and not (by_robot and on_robot):
-            self._note(name, whole, options, "wrench_by_robot" if by_robot else "wrench_on_robot")
-        return found
+        return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
 
-    def _note(self, name: str, arrays: Sequence[Array], options: Options, wrenches: str = "") -> None:
-        """Count a call with one state, and tell it to who may put something faster in front of the next of its kind.
-
-        ``wrenches``: the argument they were given as.
-        """
+    def _note(self, name: str, arrays: Sequence[Array], options: Options) -> None:
+        """Count a call with one state; from the second on, offer calls of its kind for a builtin in front of the method."""
         first = arrays[0]
         kind = batch, char = first.shape[:-1], first.dtype.char
-        key = name, *options.values()
-        calls = self._calls.get((key, wrenches, kind), 0)
+        key = (name, *options.values()), kind
+        calls = self._calls.get(key, 0)
         if calls == ENOUGH or self._called_again is None or char not in "df" or batch not in ((), (1,)):
             return
         if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
             return
         if not calls:  # nothing pays before a second call
-            self._calls[key, wrenches, kind] = 1
+            self._calls[key] = 1
             return
-        from ..runtime.dispatch import CallForm
+        from ..runtime.dispatch import CallSignature
 
-        rest = tuple((option, value) for option, value in options.items() if option != "wrenches")
-        asked = CallForm(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
-        kernel = self._called[key if options else name]
-        self._calls[key, wrenches, kind] = ENOUGH if tell(name, kernel, asked, calls + 1) else calls + 1
+        kernel = self._called[key[0] if options else name]
+        done = tell(name, kernel, CallSignature(tuple(options.items()), batch, char), calls + 1)
+        self._calls[key] = ENOUGH if done else calls + 1
 
     def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
         """The quantity of Dask arrays: Dask arrays of the results, computed when asked for."""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..model.actuators import Actuator
     from ..model.limits import Limits
     from ..model.model import Model, OfferedClosure
-    from ..runtime.dispatch import CallForm
+    from ..runtime.dispatch import CallSignature
     from .model_cache import CachedModel
     from .programs import KernelOptions
 
@@ -124,7 +124,7 @@ class Robot(
         """What an edit gives."""
         return Robot(model)
 
-    def _put_in_front(self, name: str, kernel: Any, asked: CallForm, calls: int) -> bool:
+    def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
         """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before.
 
         Whether there is no more to be done about calls of this kind: they are few yet, or a builtin is there or cannot be.

@@ -8,7 +8,6 @@ argument, a bytes object that holds :data:`POINTERS` in that order.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
@@ -20,9 +19,8 @@ from ..errors import KernelError
 from ..ir.program import axes_of
 from ..lowering.target_machine import DOUBLE, Machine
 from ..typing import Array
-from .call_signature import BYTES_DATA, FIELDS
-from .dispatch import FASTCALL, MethodDefinition, abi_matches, address_of, builtin
-from .dispatch_ir import CONTIGUOUS_AND_ALIGNED
+from .dispatch import FASTCALL, abi_matches, address_of, builtin, table_of
+from .dispatch_ir import BYTES_DATA, CONTIGUOUS_AND_ALIGNED, FIELDS
 from .gufunc import owner_of
 from .jit import Code, assembled
 
@@ -111,12 +109,6 @@ def _code(operands: int, size: int, taken: int, told: int, machine: Machine) -> 
     return assembled(row_call_assembly(operands, size, taken, told), CALL, machine)
 
 
-class _Kept(str):
-    """What keeps alive all that the builtin points to, in the place of the name of its module."""
-
-    things: tuple[Any, ...]
-
-
 def can_bind_calls(kernel: Any) -> bool:
     """Whether calls row by row can be prepared: of a compiled kernel, by CPython with its lock."""
     return owner_of(kernel) is not None and abi_matches()
@@ -161,9 +153,7 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> 
         "loop": owner.code[DOUBLE.char].address,
         **{name: table.ctypes.data for name, table in tables.items()},
     }
-    context = b"".join(addresses[name].to_bytes(8, sys.byteorder) for name in POINTERS)
-    definition = MethodDefinition(CALL.encode(), code.address, FASTCALL, b"A call of a prepared row.")
-    keeper = _Kept(CALL)
-    keeper.things = kernel, tuple(operands), tables, code, dtype, definition
-    found: Callable[..., Any] = builtin(definition, context, keeper)
+    kept = {"kernel": kernel, "operands": tuple(operands), "tables": tables, "dtype": dtype}
+    context = table_of([addresses[name] for name in POINTERS])
+    found: Callable[..., Any] = builtin(CALL, "A prepared call.", code, FASTCALL, context, kept)
     return found

@@ -262,13 +262,19 @@ def _abi_matches() -> bool:
     return head.type == id(np.ufunc) and counts == (2, 1, 3, np.add.ntypes) and head.owner is None
 
 
-def _constructor() -> Any:
+@cache
+def numpy_function(table: str, slot: int) -> int:
+    """The address of a function of NumPy's C API, by the name of its table and its slot there."""
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
     get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
     get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    table = ctypes.cast(get_pointer(_multiarray_umath._UFUNC_API, None), ctypes.POINTER(ctypes.c_void_p))
+    functions = ctypes.cast(get_pointer(getattr(_multiarray_umath, table), None), ctypes.POINTER(ctypes.c_void_p))
+    return functions[slot] or 0
+
+
+def _constructor() -> Any:
     pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
     texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
     prototype = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)
-    return prototype(table[_FROM_FUNC_AND_DATA_AND_SIGNATURE])
+    return prototype(numpy_function("_UFUNC_API", _FROM_FUNC_AND_DATA_AND_SIGNATURE))

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..ir.program import TensorSpec
 from ..lowering.target_machine import DOUBLE, SINGLE, Precision
-from .call_signature import loop_steps
+from .dispatch_ir import loop_steps
 from .gufunc import owner_of
 from .jit import assembled
 
