@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.glossary import complete
 from ..typing import Array
 
 Kind = Literal["body", "space", "world_aligned"]
@@ -45,24 +46,12 @@ class DerivativeMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         out : pair of arrays, optional, takes the results
 
         Returns
         -------
         tau_by_q : (nv, nv) array, ∂τ/∂q, columns along :meth:`add`
         tau_by_dq : (nv, nv) array, ∂τ/∂dq
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -94,11 +83,6 @@ class DerivativeMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         out : triple of arrays, optional, takes the results
 
         Returns
@@ -109,10 +93,6 @@ class DerivativeMethods:
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -148,12 +128,7 @@ class DerivativeMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
         weights : (nv,) array_like, w
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         out : triple of arrays, optional, takes the results
 
         Returns
@@ -161,13 +136,6 @@ class DerivativeMethods:
         by_q : (nv,) array, ∂(w·τ)/∂q along :meth:`add`
         by_dq : (nv,) array, ∂(w·τ)/∂dq
         by_ddq : (nv,) array, ∂(w·τ)/∂ddq, which is M w
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -205,25 +173,13 @@ class DerivativeMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
         weights : (nv,) array_like, w
         along_q, along_dq, along_ddq : (nv,) array_like, the direction's parts
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         out : triple of arrays, optional, takes the results
 
         Returns
         -------
         by_q, by_dq, by_ddq : (nv,) array, parts of the product
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -250,25 +206,9 @@ class DerivativeMethods:
     ) -> Array:
         """Derivative of the Jacobian by the configuration, ∂J/∂q; its product with dq is dJ/dt.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        out : array, optional, takes the result
-
         Returns
         -------
         J_by_q : (6, nv, nv) array, of :meth:`jacobian`, last axis along :meth:`add`
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Examples
         --------
@@ -283,19 +223,9 @@ class DerivativeMethods:
     def mass_matrix_derivative(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Derivative of the mass matrix by the configuration, ∂M/∂q; its product with dq is dM/dt.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         M_by_q : (nv, nv, nv) array, last axis along :meth:`add`
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -315,12 +245,6 @@ class LinearizationMethods:
     def linearize(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """State-space matrices A and B of small deviations from a state: dx/dt = A x + B u, x = (δ, δdq), u = δτ.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, velocities
-        tau : (nv,) array_like, torques
-
         Returns
         -------
         A : (2 nv, 2 nv) array
@@ -328,8 +252,6 @@ class LinearizationMethods:
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         SingularMassMatrixError
             As for :meth:`forward_dynamics`.
 
@@ -361,3 +283,6 @@ class LinearizationMethods:
         A[..., :n, n:] = np.eye(n)
         A[..., n:, :n], A[..., n:, n:], B[..., n:, :] = by_q, by_dq, by_tau
         return A, B
+
+
+complete(globals())

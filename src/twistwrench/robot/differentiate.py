@@ -55,10 +55,6 @@ def differentiate(
     ------
     KernelError
         The function cannot be traced, or its derivatives are too large.
-    ShapeError
-        Arguments or results are no arrays.
-    UnknownNameError
-        ``by``, ``form`` or ``mode`` is none of those there are.
 
     Notes
     -----

@@ -66,11 +66,6 @@ class Explanation:
         -------
         tau : (..., nv) array [N m, sliding joints: N]
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such cause or term.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -119,13 +114,6 @@ class Explanation:
         -------
         rows : list of rows of str
 
-        Raises
-        ------
-        ShapeError
-            The states are a batch.
-        UnknownNameError
-            There is no such joint.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -152,13 +140,6 @@ class Explanation:
         Returns
         -------
         text : str, of one state
-
-        Raises
-        ------
-        ShapeError
-            The states are a batch.
-        UnknownNameError
-            There is no such joint.
 
         Examples
         --------
@@ -215,8 +196,6 @@ class Explanation:
         ------
         MissingExtraError
             There is no matplotlib.
-        ShapeError
-            The states are a batch.
 
         Examples
         --------

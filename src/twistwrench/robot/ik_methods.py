@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.glossary import complete
 from .derivatives import Kind, Rows
 
 if TYPE_CHECKING:
@@ -71,8 +72,6 @@ class IKMethods:
             a mapping of frames to rows where frames differ
         restarts : int, random starts where the first fails; of a closed robot with its loops closed
         rng : numpy Generator or seed, for the random starts
-        angle : float, tolerance [rad]
-        distance : float, tolerance [m]
         nearest : bool, whether what the poses leave free is used to come as near to ``q0`` as they let
 
         Returns
@@ -83,10 +82,6 @@ class IKMethods:
 
         Raises
         ------
-        ShapeError, ValueRangeError
-            ``T`` is no pose, or another argument is invalid.
-        UnknownNameError
-            The robot has no such frame.
         FrameError
             No frame is named, and the robot has no single tip.
 
@@ -135,8 +130,6 @@ class IKMethods:
             Three of turning and three of moving (None) are a weld; ``"vx vy vz"`` a ball joint; all but ``wz`` a hinge
             about z.
         pose : (4, 4) array_like, optional, of {c} in {a}; None: {a} itself
-        near : (nq,) array_like, optional, configuration near which the closed loops are searched; None: anywhere
-        redundant : "error" or "accept", what to do with rows that depend on the others
 
         Returns
         -------
@@ -147,10 +140,6 @@ class IKMethods:
         ConstraintError
             No configuration is found at which the loops close, or rows depend on the others and ``redundant`` is not
             "accept".
-        UnknownNameError
-            The robot has no such frame or row.
-        ShapeError
-            ``pose`` or ``near`` is of another size.
 
         Notes
         -----
@@ -189,8 +178,6 @@ class IKMethods:
         kind : "body", "space" or "world_aligned", as for :meth:`jacobian`
             ``"vz"`` is along the frame's own z (``"body"``), wherever that points. A hand that stays on a level table
             wants the world's, ``kind="world_aligned"``.
-        near : (nq,) array_like, optional, configuration near which the closed loops are searched; None: anywhere
-        redundant : "error" or "accept", what to do with rows that depend on the others
 
         Returns
         -------
@@ -200,8 +187,6 @@ class IKMethods:
         ------
         ConstraintError
             Rows depend on the others and ``redundant`` is not "accept".
-        UnknownNameError
-            The robot has no such frame, row or ``kind``.
 
         Notes
         -----
@@ -232,9 +217,7 @@ class IKMethods:
 
         Parameters
         ----------
-        quantities : names as for :meth:`kernel`, with options as ``(name, {option: value})``
         path : str or Path, a folder, or the .c file; the header goes beside it
-        precision : "double" or "float"
         prefix : str, optional, what the functions' names begin with; None: the robot's name
         test : bool, write a program that compares the functions with the kernels, too
 
@@ -244,8 +227,6 @@ class IKMethods:
 
         Raises
         ------
-        UnknownNameError
-            There is no such quantity.
         KernelError
             An option does not apply, or no program without branches computes it.
         SingularMassMatrixError
@@ -289,9 +270,7 @@ class IKMethods:
 
         Parameters
         ----------
-        quantities : names as for :meth:`kernel`, with options as ``(name, {option: value})``
         path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
-        precision : "double" or "float"
         prefix : str, optional, first part of the kernels' names; None: the robot's name
 
         Returns
@@ -300,8 +279,6 @@ class IKMethods:
 
         Raises
         ------
-        UnknownNameError
-            There is no such quantity.
         KernelError
             An option does not apply, no program without branches computes the quantity, or the program is too long.
         SingularMassMatrixError
@@ -326,3 +303,6 @@ class IKMethods:
 
         asked = [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
         return export_cuda(self._open(), asked, path, precision=precision, prefix=prefix)
+
+
+complete(globals())

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from numpy.typing import ArrayLike
 
 from ..core.files import as_path
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..errors import ValueRangeError
 from ..model.notes import issue, sentences
@@ -79,7 +80,6 @@ def load(
     lock : {joint: position}, optional, joints that are fixed [rad, m]
     tip : str, optional, the frame meant when none is named
     mimic : "follow" or "independent", whether mimic joints fold into their leaders or are joints like any other
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
     snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
     gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what the file says, else (0, 0, -9.81)
 
@@ -97,8 +97,6 @@ def load(
         What it says makes no robot.
     InertiaError
         A moving body cannot exist; link, condition and amount are named.
-    UnknownNameError
-        ``lock`` or ``tip`` names nothing of the robot.
     MissingExtraError
         The file is USD, and the extra ``usd`` is not installed.
 
@@ -169,9 +167,7 @@ def from_screws(
     Glist : n spatial inertias (6, 6), each in its link frame
     joint_names : sequence of n str, optional
     name : str, the robot's
-    gravity : (3,) array_like, in the base frame [m/s²]
     non_unit_screws : bool, accept screws that are not of unit length as they are, lengths kept
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
 
     Returns
     -------
@@ -179,8 +175,6 @@ def from_screws(
 
     Raises
     ------
-    ShapeError
-        A list is of another size.
     ValueRangeError
         A screw is not of unit length, or ``M`` is not the product of ``Mlist``.
     InertiaError
@@ -249,8 +243,6 @@ def from_dh(
     tool : (4, 4) array_like, optional, pose in {n}
     joint_names : sequence of n str, optional
     name : str, the robot's
-    gravity : (3,) array_like, in the base frame [m/s²]
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
 
     Returns
     -------
@@ -259,8 +251,6 @@ def from_dh(
 
     Raises
     ------
-    ShapeError, ValueRangeError, UnknownNameError
-        The table cannot be read, or a convention or a joint type is none of these.
     InertiaError
         A body cannot exist (``inertia="accept"`` or ``"repair"``).
 
@@ -335,8 +325,6 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
         It is no such model.
     InertiaError
         A moving body cannot exist.
-    UnknownNameError
-        ``lock`` or ``tip`` names nothing of the robot.
 
     Warns
     -----
@@ -380,8 +368,6 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
         It is no such model.
     InertiaError
         A moving body cannot exist.
-    UnknownNameError
-        ``lock`` or ``tip`` names nothing of the robot.
 
     Notes
     -----
@@ -410,9 +396,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
 
     Parameters
     ----------
-    robot : Robot
     path : str or Path, whose ending tells the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
-    overwrite : bool, replace a file that is there
 
     Returns
     -------
@@ -470,3 +454,6 @@ def _tip_lost(robot: Robot, path: Path) -> list[str]:
         return []
     found = "finds none" if tip is None else f"takes {tip!r}"
     return [f"the tip is not kept: reading the file {found}; say tip={robot.tip!r} for the same"]
+
+
+complete(globals())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from ..core.glossary import complete
 from ..errors import UnknownNameError
 from ..typing import Array
 from .derivatives import DerivativeMethods, Kind, Wrenches
@@ -30,19 +31,12 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
         dv : (nv,) array_like, joint twists times unit time [rad, m]
             Planar, ball and floating joints may turn by up to 32768 rad.
-        out : array, optional, takes the result
 
         Returns
         -------
         q : (nq,) array, configuration
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -58,16 +52,10 @@ class QuantityMethods(DerivativeMethods):
         Parameters
         ----------
         q1, q0 : (nq,) array_like, configurations
-        out : array, optional, takes the result
 
         Returns
         -------
         dv : (nv,) array, joint twists times unit time [rad, m], turning the short way
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -82,24 +70,9 @@ class QuantityMethods(DerivativeMethods):
     def forward_kinematics(self, q: ArrayLike, frame: str | None = None, *, out: Any = None) -> Array:
         """Forward kinematics: T_s,frame, the pose of a frame in the base frame {s}.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        frame : str, optional, a link of the robot; its tip if None
-        out : array, optional, takes the result
-
         Returns
         -------
         T : (4, 4) array, homogeneous transform [m]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Notes
         -----
@@ -117,19 +90,9 @@ class QuantityMethods(DerivativeMethods):
     def link_poses(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Forward kinematics of all links at once: T_s,link, each in the base frame {s}.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         T : (nlinks, 4, 4) array, homogeneous transforms [m], in the order of :attr:`link_names`
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -145,25 +108,13 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        frame : str, optional, a link of the robot; its tip if None
         kind : "body", "space" or "world_aligned"
             ``"body"``: the twist in the frame itself; ``"space"``: at the base origin, with the base's axes;
             ``"world_aligned"``: at the frame's origin, with the base's axes.
-        out : array, optional, takes the result
 
         Returns
         -------
         J : (6, nv) array, angular rows first [rad, m per unit of q]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Notes
         -----
@@ -183,26 +134,9 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Time derivative dJ/dt of the Jacobian, as in dV/dt = J ddq + (dJ/dt) dq.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        out : array, optional, takes the result
-
         Returns
         -------
         dJ : (6, nv) array, d/dt of :meth:`jacobian`, angular rows first
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Examples
         --------
@@ -218,26 +152,9 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Velocity of a frame: its twist (omega, v) = J dq.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        out : array, optional, takes the result
-
         Returns
         -------
         V : (6,) array, twist [rad/s, m/s], in the axes and about the point that ``kind`` says
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Examples
         --------
@@ -260,27 +177,9 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Acceleration of a frame: the rate dV/dt of its twist, gravity not included.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        out : array, optional, takes the result
-
         Returns
         -------
         dV : (6,) array, d/dt of :meth:`frame_velocity` [rad/s², m/s²]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Notes
         -----
@@ -313,24 +212,11 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         friction : bool, add the torque that overcomes the joints' friction
-        out : array, optional, takes the result
 
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -362,13 +248,7 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         friction : bool, take what the joints' friction costs off τ first; a joint at rest is taken to slide freely
-        out : array, optional, takes the result
 
         Returns
         -------
@@ -376,10 +256,6 @@ class QuantityMethods(DerivativeMethods):
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -401,19 +277,9 @@ class QuantityMethods(DerivativeMethods):
     def mass_matrix(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Mass matrix M (joint-space inertia), symmetric and full.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         M : (nv, nv) array [kg m², sliding joints: kg]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -431,20 +297,9 @@ class QuantityMethods(DerivativeMethods):
     def bias_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Bias forces h = c + g: what remains of the joint torques τ at q̈ = 0.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        out : array, optional, takes the result
-
         Returns
         -------
         h : (nv,) array [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -462,20 +317,9 @@ class QuantityMethods(DerivativeMethods):
     def coriolis_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Coriolis and centripetal torques c, the velocity-product terms.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        out : array, optional, takes the result
-
         Returns
         -------
         c : (nv,) array [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -493,20 +337,9 @@ class QuantityMethods(DerivativeMethods):
     def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Coriolis matrix C, with C dq = c and dM/dt - 2C skew-symmetric.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        out : array, optional, takes the result
-
         Returns
         -------
         C : (nv, nv) array [N m s, sliding joints: N s]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -524,19 +357,12 @@ class QuantityMethods(DerivativeMethods):
     def christoffel(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Christoffel symbols of the first kind Γ_ijk of the mass matrix: c_i = Σ Γ_ijk dq_j dq_k.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         gamma : (nv, nv, nv) array [kg m², sliding joints: kg; per rad or m]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         ValueRangeError
             The robot has planar, ball or floating joints, whose rates are not derivatives of coordinates.
 
@@ -556,19 +382,9 @@ class QuantityMethods(DerivativeMethods):
     def gravity_forces(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Gravity torques g, which hold the robot at rest against gravity.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         g : (nv,) array [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -588,18 +404,11 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
         load : (nv,) array_like, optional, torques the joints carry, for friction that grows with them
-        out : array, optional, takes the result
 
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -620,21 +429,9 @@ class QuantityMethods(DerivativeMethods):
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Any = None) -> Array:
         """Regressor Y of the inertial parameters: τ = Y π, π being :attr:`parameters`.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        out : array, optional, takes the result
-
         Returns
         -------
         Y : (nv, 10 nbodies) array, ten columns for each moving body
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -664,24 +461,12 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         out : pair of arrays, optional, takes the results
 
         Returns
         -------
         gear : (nv,) array, torques through the gears [N m, sliding joints: N]
         rotor : (nv,) array, torques that turn the rotors [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -709,11 +494,8 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
         wrench_by_robot : (6,) array_like or Wrench, (m, f) the robot applies at the frame, in its axes [N m, N]
             A labelled wrench brings its own frame.
-        frame : str, optional, a link of the robot; its tip if None
-        out : array, optional, takes the result
 
         Returns
         -------
@@ -721,10 +503,6 @@ class QuantityMethods(DerivativeMethods):
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
         FrameError
             No frame is named, and the robot has no single tip; or the label of the wrench says another frame.
 
@@ -759,23 +537,9 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with what springs take.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        out : array, optional, takes the result
-
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -802,25 +566,9 @@ class QuantityMethods(DerivativeMethods):
     ) -> Array:
         """Wrenches across the joints (bearing loads): what each moving body receives across its joint.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        out : array, optional, takes the result
-
         Returns
         -------
         F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of :attr:`body_names`
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Examples
         --------
@@ -836,20 +584,9 @@ class QuantityMethods(DerivativeMethods):
     def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Any:
         """Kinetic energy of the moving bodies, ½ dq' M dq.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        out : array, optional, takes the result
-
         Returns
         -------
         K : () [J]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -867,19 +604,9 @@ class QuantityMethods(DerivativeMethods):
     def potential_energy(self, q: ArrayLike, *, out: Any = None) -> Any:
         """Potential energy of the moving bodies under gravity, zero with their centre of mass at the base origin.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         P : () [J]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -895,10 +622,7 @@ class QuantityMethods(DerivativeMethods):
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
         frame : "base", at the base origin; or "com", about the centre of mass, axes of the base (centroidal momentum)
-        out : array, optional, takes the result
 
         Returns
         -------
@@ -906,8 +630,6 @@ class QuantityMethods(DerivativeMethods):
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         UnknownNameError
             ``frame`` is neither.
         ValueRangeError
@@ -927,19 +649,12 @@ class QuantityMethods(DerivativeMethods):
     def center_of_mass(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Centre of mass of the moving bodies in the base frame.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         com : (3,) array [m]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         ValueRangeError
             No moving body has mass.
 
@@ -955,19 +670,12 @@ class QuantityMethods(DerivativeMethods):
     def com_jacobian(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Jacobian of the centre of mass: d(center_of_mass)/dt = J dq.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        out : array, optional, takes the result
-
         Returns
         -------
         J : (3, nv) array, in the axes of the base frame [m per unit of q]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         ValueRangeError
             No moving body has mass.
 
@@ -988,3 +696,6 @@ METHODS = {
     if not name.startswith("_")
 }
 """All of them by name."""
+
+
+complete(globals())

@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 
 from ..errors import ValueRangeError
 from ..typing import Array
+from .conversion_methods import BridgeMethods, EditMethods, FileMethods
 from .derivatives import LinearizationMethods
-from .edit_methods import EditMethods
 from .engine import Engine
-from .file_methods import BridgeMethods, FileMethods
 from .quantity_methods import QuantityMethods
 from .shortcuts import Shortcuts
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
@@ -295,8 +294,6 @@ class Robot(
 
         Raises
         ------
-        UnknownNameError
-            The robot has no such joint.
         ShapeError
             A joint has another number of coordinates.
 
@@ -323,11 +320,6 @@ class Robot(
         Returns
         -------
         q : (*size, nq) array
-
-        Raises
-        ------
-        ValueRangeError
-            ``rng`` is no seed, or ``size`` no number of samples.
 
         Examples
         --------
@@ -376,8 +368,6 @@ class Robot(
 
         Raises
         ------
-        UnknownNameError
-            There is no such quantity, frame, joint or parameter.
         KernelError
             An option does not apply.
         SingularMassMatrixError
@@ -449,8 +439,6 @@ class Robot(
 
         Raises
         ------
-        UnknownNameError
-            There is no such quantity, frame, joint or parameter.
         KernelError
             An option does not apply.
 
@@ -476,13 +464,6 @@ class Robot(
         -------
         result : array, or tuple of arrays where the quantity has several outputs; symbols of symbols, in a function
             that is traced
-
-        Raises
-        ------
-        UnknownNameError
-            There is no such quantity, frame, joint or parameter.
-        ShapeError
-            An input is of another size.
 
         Examples
         --------

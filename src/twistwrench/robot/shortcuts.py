@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import taking_the_arguments_of
+from ..core.glossary import complete
 from ..errors import ShapeError
 from ..typing import Array
 from .arguments import check_mapping, names_of, states, wrench_at
@@ -84,7 +85,6 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
         tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
         controller : function of (t, q, dq), optional, asked every ``dt``, its torques held until the next time
         wrench_on_robot : {frame: (6,) or function of (t, q, dq)}, optional, (m, f) in that frame [N m, N]
-        friction : bool, count the friction of the joints
         creep : float, optional, joint velocity below which friction is eased off [rad/s, m/s]
             In semi-implicit steps of open robots friction is an impulse that stops and holds the joints instead.
         contacts : ``tw.simulation.Plane`` and ``JointStops``, one or several
@@ -263,26 +263,14 @@ class Shortcuts(IKMethods, SimulationMethods[Method, "SimulationResult", "Rollou
         Parameters
         ----------
         T : (4, 4) array_like, wanted pose in the base frame [m]
-        frame : str, optional, a link of the robot; its tip if None
         rows : str or iterable, optional, rows of the twist that count
         starts : int, how many places the search starts from
         rng : numpy Generator or seed, for these places
-        angle : float, tolerance [rad]
-        distance : float, tolerance [m]
 
         Returns
         -------
         found : IKResult
             A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
-
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            ``T`` is no single pose, another argument is invalid, or the robot has more joints than there are rows.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Notes
         -----
@@ -318,8 +306,6 @@ class Shortcuts(IKMethods, SimulationMethods[Method, "SimulationResult", "Rollou
 
         Raises
         ------
-        ShapeError, ValueRangeError, UnknownNameError
-            An argument is invalid.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -353,25 +339,9 @@ class Shortcuts(IKMethods, SimulationMethods[Method, "SimulationResult", "Rollou
     ) -> Explanation:
         """Why a joint needs its torque: τ split by term and by the link, rotor or payload that causes it.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, count the friction of the joints
-
         Returns
         -------
         why : Explanation, whose parts add up to τ
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -410,22 +380,9 @@ class Shortcuts(IKMethods, SimulationMethods[Method, "SimulationResult", "Rollou
     def closed_form(self: Any, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
         """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-
         Returns
         -------
         terms : ClosedForm
-
-        Raises
-        ------
-        ShapeError
-            An array is a batch or of another size.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -458,3 +415,6 @@ def _on_numpy(robot: Any) -> Any:
     from ..lowering.reference_interpreter import NumpyKernel
 
     return NumpyKernel(robot.program("regressor"), "regressor", "")
+
+
+complete(globals())

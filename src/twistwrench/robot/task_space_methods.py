@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments, third_party
+from ..core.glossary import complete
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..typing import Array
 from .arguments import brought, states
@@ -36,25 +37,12 @@ class TaskSpaceMethods:
     ) -> Array:
         """Task-space (operational-space) inertia Λ of F = Λ dV + η on the chosen rows of J: (J M⁻¹ J')⁻¹.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
-
         Returns
         -------
         Lambda : (r, r) array [kg m², kg m, kg]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
         SingularMassMatrixError
             As for :meth:`forward_dynamics`.
 
@@ -84,26 +72,12 @@ class TaskSpaceMethods:
     ) -> Array:
         """Task-space bias η of F = Λ dV + η on the chosen rows of J: Λ (J M⁻¹ h - (dJ/dt) dq).
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
-
         Returns
         -------
         eta : (r,) array [N m, N]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -125,25 +99,9 @@ class TaskSpaceMethods:
     ) -> Array:
         """Lost directions of a singular configuration: those of the chosen rows in which the frame cannot be moved.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
-
         Returns
         -------
         F : (lost, r) array, orthonormal rows with F'J = 0
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            The robot has no such frame.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Notes
         -----
@@ -289,11 +247,6 @@ class ActuationMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         friction : bool, count the friction of all joints, driven or not, which goes through the gear at its efficiency
 
         Returns
@@ -306,10 +259,6 @@ class ActuationMethods:
             The robot has no actuators; see :meth:`twistwrench.Robot.with_actuators`.
         ConstraintError
             q, dq or ddq breaks the constraints of a closed robot, or its actuators cannot make the motion.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
 
         Notes
         -----
@@ -354,25 +303,12 @@ class ActuationMethods:
     ) -> PowerBalance:
         """Power balance: where the power goes at one state under torques τ; positive comes in, and the sum is zero.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, count the friction of the joints
-
         Returns
         -------
         powers : PowerBalance, () each [W]: into the joints, into motion, at the wrenches, lost to friction
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
         ConstraintError
@@ -418,3 +354,6 @@ def require_robot(robot: object, what: str) -> Robot:
         return cast("Robot", robot)
     advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"
     raise ValueRangeError(f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, {advice}.")
+
+
+complete(globals())

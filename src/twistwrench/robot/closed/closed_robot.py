@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from ...algorithms.constraints import Closure, Constraint, independent_constraints, row_names, with_gaps
 from ...algorithms.loop_closure import closure_gaps, independent_rows, settled
 from ...core import arguments, third_party
+from ...core.glossary import complete
 from ...core.numbers import printed
 from ...errors import ValueRangeError
 from ...lie.labelled import TWIST
@@ -136,18 +137,9 @@ class ClosedRobot(
     def constraint_error(self, q: ArrayLike) -> Array:
         """Constraint error: by how much loops are open, in the rows that have a position.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
         Returns
         -------
         gap : (rows of closures,) array [rad, m]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -167,7 +159,6 @@ class ClosedRobot(
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
         tolerance : float, how far loops may be open (rad, m, part of a shorter robot's length)
         within : float, warn where a joint went further than this (rad or m; ``np.inf``: never)
 
@@ -179,10 +170,6 @@ class ClosedRobot(
         ------
         ConstraintError
             No configuration is reached; the gap that is left is said.
-        ShapeError
-            ``q`` is of another size.
-        ValueRangeError
-            ``tolerance`` or ``within`` is not above 0.
 
         Warns
         -----
@@ -259,10 +246,6 @@ class ClosedRobot(
     def gaps(self, q: Array) -> Array:
         """Constraint error of checked q; see :meth:`constraint_error`.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
         Returns
         -------
         gap : (..., rows of closures) array [rad, m]
@@ -286,3 +269,6 @@ class ClosedRobot(
     def _independent_constraints(self) -> tuple[Constraint, ...]:
         """The constraints with their independent rows alone."""
         return independent_constraints(self.constraints, self.independent)
+
+
+complete(globals())

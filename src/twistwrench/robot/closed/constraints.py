@@ -13,6 +13,7 @@ from ...algorithms.kinematics import KINDS
 from ...algorithms.loop_closure import ConstraintProjector, usual_sizes
 from ...algorithms.operational_space import row_numbers
 from ...core import arguments, third_party
+from ...core.glossary import complete
 from ...errors import ConstraintError, UnknownNameError
 from ...model.model import BASE, Model
 from ...typing import Array
@@ -32,18 +33,9 @@ class ConstraintMethods:
     def constraint_jacobian(self: Any, q: ArrayLike) -> Array:
         """Constraint Jacobian A, with A dq = 0.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
         Returns
         -------
         A : (k, nv) array, rows as in :attr:`row_names`
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -67,19 +59,9 @@ class ConstraintMethods:
     def constraint_bias(self: Any, q: ArrayLike, dq: ArrayLike) -> Array:
         """Constraint bias (dA/dt) dq, so that A q̈ + (dA/dt) dq = 0.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-
         Returns
         -------
         b : (k,) array, rows as in :attr:`row_names` [rad/s², m/s²]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -99,18 +81,9 @@ class ConstraintMethods:
     def rank(self: Any, q: ArrayLike) -> Array:
         """Rank of A at q: how many of its rows are independent; fewer than usual where the configuration is singular.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
         Returns
         -------
         count : () array of int
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -127,18 +100,9 @@ class ConstraintMethods:
     def degrees_of_freedom(self: Any, q: ArrayLike) -> Array:
         """Degrees of freedom at q: nv less the rank of A.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
         Returns
         -------
         count : () array of int
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -155,18 +119,12 @@ class ConstraintMethods:
     def projector(self: Any, q: ArrayLike) -> Array:
         """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
         Returns
         -------
         P : (nv, nv) array
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -191,19 +149,12 @@ class ConstraintMethods:
     def split(self: Any, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques split into those that move the robot, Pτ, and those that the constraints bear.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-
         Returns
         -------
         parts : MotionForceSplit, ``motion`` and ``force`` (nv,) [N m, sliding joints: N]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -227,19 +178,12 @@ class ConstraintMethods:
     def project_velocity(self: Any, q: ArrayLike, dq: ArrayLike) -> Array:
         """Velocity nearest in the kinetic metric that meets A dq = 0: P'dq.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-
         Returns
         -------
         dq : (nv,) array [rad/s, m/s]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -259,20 +203,12 @@ class ConstraintMethods:
     def project_acceleration(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Acceleration nearest in the kinetic metric that meets A q̈ + (dA/dt) dq = 0.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-
         Returns
         -------
         ddq : (nv,) array [rad/s², m/s²]
 
         Raises
         ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -302,11 +238,6 @@ class ConstraintMethods:
         Returns
         -------
         wrenches : {name of the constraint: (6,) array} [N m, N]
-
-        Raises
-        ------
-        ShapeError
-            ``lam`` has not a number for each row.
 
         Notes
         -----
@@ -491,3 +422,6 @@ def _named(model: Model, frame: str | None) -> str:
         model.frame(None)
         return str(model.tip)
     return frame
+
+
+complete(globals())

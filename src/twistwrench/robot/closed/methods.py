@@ -19,6 +19,7 @@ from ...algorithms.constraints import (
 )
 from ...algorithms.loop_closure import doubtful
 from ...core import arguments, third_party
+from ...core.glossary import complete
 from ...typing import Array
 from ..arguments import Wrenches, finite_states
 from ..ik_methods import IKMethods
@@ -82,13 +83,6 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
     ) -> ConstrainedTorques:
         """Holding torques of static equilibrium: τ of the ``actuated`` joints, and λ, of τ = g + A'λ + Σ J'F_by - Σ J'F_on.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        actuated : iterable of str, optional, joints that have a motor; None: all
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-
         Returns
         -------
         torques : ConstrainedTorques
@@ -98,10 +92,6 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
         ------
         ConstraintError
             Loops are open at q, or the motors named cannot hold the robot.
-        UnknownNameError
-            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -133,15 +123,6 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
     ) -> Any:
         """Wrenches across the joints (bearing loads) of a closed robot: what each moving body receives across its joint.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        actuated : iterable of str, optional, joints that have a motor; None: all
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-
         Returns
         -------
         F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of the open robot's
@@ -150,10 +131,6 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
         ------
         ConstraintError
             q, dq or ddq breaks the constraints, or the motors named cannot make the motion.
-        UnknownNameError
-            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -193,8 +170,6 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
 
         Raises
         ------
-        UnknownNameError
-            There is no such quantity.
         KernelError
             None of them has constraints, or an option does not apply.
         SingularMassMatrixError
@@ -242,15 +217,6 @@ class ClosedDynamicsMethods:
     ) -> ConstrainedMotion:
         """Constrained forward dynamics: q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0.
 
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, count the friction of the joints
-
         Returns
         -------
         motion : ConstrainedMotion
@@ -261,10 +227,6 @@ class ClosedDynamicsMethods:
         ConstraintError
             q leaves loops open by a hundredth (rad, and of what the joints' lever is), or a tenth of dq breaks the
             constraints.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -335,12 +297,6 @@ class ClosedDynamicsMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        actuated : iterable of str, optional, joints that have a motor; None: all
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         friction : bool, add what overcomes the friction of all joints, driven or not
             As :meth:`forward_dynamics` takes off; friction that grows with the load is that of the torques the open
             robot would need.
@@ -355,10 +311,6 @@ class ClosedDynamicsMethods:
         ConstraintError
             q, dq or ddq breaks the constraints, as in :meth:`forward_dynamics`, or the motors named cannot make the
             motion.
-        UnknownNameError
-            ``actuated`` names no joint of the robot.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -412,12 +364,6 @@ class ClosedLoadMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        actuated : iterable of str, optional, joints that have a motor; None: all
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
         friction : bool, count the friction of all joints, driven or not
 
         Returns
@@ -428,10 +374,6 @@ class ClosedLoadMethods:
         ------
         ConstraintError
             q, dq or ddq breaks the constraints, or the motors named cannot make the motion.
-        UnknownNameError
-            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -482,12 +424,7 @@ class ClosedLoadMethods:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
         actuated : iterable of str, joints with a motor, of as many velocities m as there are degrees of freedom
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
 
         Returns
         -------
@@ -499,10 +436,6 @@ class ClosedLoadMethods:
         ConstraintError
             q, dq or ddq breaks the constraints; the joints named have more or fewer velocities than there are degrees of
             freedom, or do not determine the others at q.
-        UnknownNameError
-            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Notes
         -----
@@ -537,3 +470,6 @@ class ClosedLoadMethods:
             )(q, dq)
         slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
         return constrained_derivatives(slopes, dq, ddq, driven)
+
+
+complete(globals())

@@ -1,0 +1,222 @@
+"""Wording of standard arguments and errors, and the function that completes docstrings with it.
+
+A docstring lists only unusual arguments. Those of the signature that it does not list, and the errors that go with them, are
+filled in from here: by :func:`complete` at the end of a module, by the pages' generator, and in the files of the wheel. This
+module imports nothing of the library, so that the build can load it alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import FunctionType
+from typing import Any
+
+ENTRIES: Mapping[str, str] = {
+    "Blist": "(6, n) array_like, body screw axes as columns",
+    "Glist": "(n, 6, 6) array_like, spatial inertias in the link frames",
+    "Mlist": "(n + 1, 4, 4) array_like, home poses of each link frame in the one before",
+    "Slist": "(6, n) array_like, space screw axes as columns",
+    "T": "(..., 4, 4) array_like, pose",
+    "Tf": "float, duration, above 0 [s]",
+    "V": "(..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]",
+    "actuated": "iterable of str, optional, joints that have a motor; None: all",
+    "angle": "float, tolerance [rad]",
+    "bounds": "Bounds, optional; None: the robot's own",
+    "dV": "(..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]",
+    "ddq": "(nv,) array_like, joint accelerations [rad/s², m/s²]",
+    "density": "float, optional [kg/m³]",
+    "distance": "float, tolerance [m]",
+    "dq": "(nv,) array_like, joint velocities [rad/s, m/s]",
+    "duration": "float, T, above 0 [s]",
+    "false_alarms": "float, share of readings without contact that pass",
+    "frame": "str, optional, a link of the robot; its tip if None",
+    "friction": "bool, count the friction of the joints",
+    "gravity": "(3,) array_like, in the base frame [m/s²]",
+    "inertia": '"error", "accept" or "repair", what to do with bodies that cannot exist',
+    "kind": '"body", "space" or "world_aligned", axes and reference point as in :meth:`.Robot.jacobian`',
+    "limits": "(nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]",
+    "mass": "float, optional [kg]; give this or ``density``",
+    "near": "(nq,) array_like, optional, configuration near which the closed loops are searched; None: anywhere",
+    "out": "array, optional, takes the result",
+    "overwrite": "bool, replace a file that is there",
+    "path": "str or Path",
+    "precision": '"double" or "float"',
+    "progress": "callable, optional, told the share that is done",
+    "q": "(nq,) array_like, configuration",
+    "quantities": "names as for :meth:`.Robot.kernel`, with options as ``(name, {option: value})``",
+    "quantity": "str, a quantity's name",
+    "radius": "float [m]",
+    "redundant": '"error" or "accept", what to do with rows that depend on the others',
+    "rng": "numpy Generator or seed",
+    "robot": "Robot",
+    "rows": 'str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six',
+    "tau": "(nv,) array_like, joint torques [N m, sliding joints: N]",
+    "thetalist": "(..., n) array_like, joint angles",
+    "time": "(n,) array [s], increasing",
+    "wrench_by_robot": "{frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]",
+    "wrench_on_robot": "{frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise",
+}
+"""The wording of a parameter by its name."""
+
+ROOMS: Mapping[str, Mapping[str, str]] = {
+    "bodies": {"G": "SpatialInertia"},
+    "convert": {"model": "the other library's model of the same robot"},
+    "diagnosis": {"report": "DoctorReport"},
+    "identification": {"base": "BaseParameters", "time": "(n,) array [s]"},
+    "joints": {
+        "angles": "(nq,) array of symbols, q again, for sines and cosines",
+        "cosine_sine": "gives cosine and sine of a chart's entry",
+        "q": "(nq,) array, coordinates of the joint",
+    },
+    "lie": {
+        "R": "(..., 3, 3) array_like, rotation matrix",
+        "V": "(..., 6) array_like, exponential coordinates (omega, v) [rad, m]",
+        "w": "(..., 3) array_like, exponential coordinates [rad]",
+    },
+    "model": {"model": "Model", "where": "str, where it was described, for messages"},
+    "modern_robotics": {
+        "Ftip": "(..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]",
+        "M": "(4, 4) array_like, home pose of the end-effector in the space frame",
+        "N": "int, number of points, 2 or more",
+        "V": "(..., 6) array_like, twist (omega, v)",
+        "ddthetalist": "(..., n) array_like, joint accelerations",
+        "dthetalist": "(..., n) array_like, joint rates",
+        "eomg": "float, bound on the angle of the remaining body twist [rad]",
+        "ev": "float, bound on its distance [m]",
+        "g": "(3,) array_like, gravity in the space frame [m/s²]",
+        "method": "3, cubic time scaling, or 5, quintic",
+        "thetalist0": "(n,) array_like, guess nearby",
+    },
+    "plotting": {"path": "str or Path; the suffix says the kind (.png, .pdf, .svg)", "report": "TorqueReport"},
+    "sensing": {
+        "V": "(..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]",
+        "com": "(3,) array_like, in {f} [m]",
+        "log": "ReadingLog",
+        "sensor": "ForceTorqueSensor",
+    },
+    "simulation": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
+    "viz": {
+        "path": "str or Path, .gif or .mp4",
+        "motion": "DrawnMotion",
+        "scene": "Scene, optional, the robot's looks",
+    },
+}
+"""The same of one room, in place of the general one."""
+
+_WRENCH = ("UnknownNameError", "A wrench is at no frame of the robot.")
+ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "q": (("ShapeError", "The last axes are not the robot's sizes, or batch shapes do not broadcast."),),
+    "frame": (
+        ("UnknownNameError", "The robot has no such frame."),
+        ("FrameError", "No frame is named, and the robot has no single tip."),
+    ),
+    "wrench_by_robot": (_WRENCH,),
+    "wrench_on_robot": (_WRENCH,),
+}
+"""Errors that go with a parameter whose general wording is used."""
+
+_ORDER = (
+    "Parameters",
+    "Attributes",
+    "Returns",
+    "Yields",
+    "Raises",
+    "Warns",
+    "See Also",
+    "Notes",
+    "References",
+    "Examples",
+)
+
+
+def completed(doc: str, names: Sequence[str], room: str) -> str:
+    """A docstring with the sections Parameters and Raises completed, in the order of the signature's names.
+
+    Docstrings without a section Returns, Yields or Examples are left as they are.
+    """
+    own = ROOMS.get(room, {})
+    if not any(name in own or name in ENTRIES for name in names):
+        return doc
+    sections, indent = _sections(doc)
+    if not ("Returns" in sections or "Examples" in sections or "Yields" in sections):
+        return doc
+    listed = _entries(sections.get("Parameters", ()), indent)
+    known = {name.strip(): entry for entry in listed for name in entry[0].partition(" : ")[0].split(",")}
+    new: dict[str, list[str]] = {}
+    errors: dict[str, str] = {}
+    for name in names:
+        if name not in known and (text := own.get(name) or ENTRIES.get(name)):
+            new[name] = [f"{indent}{name} : {text}"]
+            if name in ERRORS and name not in own:
+                errors.update(ERRORS[name])
+    if not new:
+        return doc
+    ordered = [known.get(name) or new.get(name) for name in names]
+    entries = [entry for k, entry in enumerate(ordered) if entry and entry not in ordered[:k]]
+    entries += [entry for entry in listed if entry not in entries]
+    sections["Parameters"] = [line for entry in entries for line in entry]
+    if errors:
+        raised = sections.get("Raises", [])
+        for entry in _entries(raised, indent):
+            for name in entry[0].split(","):
+                errors.pop(name.strip(), None)
+        sections["Raises"] = [
+            x for name, text in errors.items() for x in (indent + name, f"{indent}    {text}")
+        ] + raised
+    text = "\n".join(sections[""])
+    for title in _ORDER:
+        if sections.get(title):
+            text += f"\n\n{indent}{title}\n{indent}{'-' * len(title)}\n" + "\n".join(sections[title])
+    return f"{text}\n{indent}"
+
+
+def complete(module: Mapping[str, Any]) -> None:
+    """Complete the docstrings of a module's functions and methods; ``module`` is its ``globals()``."""
+    name = module["__name__"]
+    room = name.split(".")[1]
+    for value in list(module.values()):
+        if getattr(value, "__module__", None) != name:
+            continue
+        for member in (value, *vars(value).values()) if isinstance(value, type) else (value,):
+            function = getattr(member, "__func__", member)
+            if isinstance(function, FunctionType) and function.__doc__ and "\n" in function.__doc__:
+                function.__doc__ = completed(function.__doc__, signature_names(function), room)
+
+
+def signature_names(function: Any) -> list[str]:
+    """Names of the parameters of a function, or of the one that it decorates, without the first of a method."""
+    wrapped = getattr(function, "__wrapped__", function)
+    code = (wrapped if wrapped.__name__ == function.__name__ else function).__code__
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+    return [name for name in names if name not in ("self", "cls")]
+
+
+def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
+    """The lines of each section by its title, those before the first under the empty one; and the indentation."""
+    lines = doc.rstrip().split("\n")
+    sections: dict[str, list[str]] = {}
+    title, start, indent = "", 0, ""
+    for k, line in enumerate(lines):
+        if line.endswith("---") and (found := lines[k - 1].strip()) in _ORDER:
+            sections[title] = _trimmed(lines[start : k - 1])
+            title, start, indent = found, k + 1, line[: -len(found)]
+    sections[title] = lines[start:]
+    return sections, indent
+
+
+def _trimmed(lines: list[str]) -> list[str]:
+    """Without empty lines at the end."""
+    while lines and not lines[-1].strip():
+        lines = lines[:-1]
+    return lines
+
+
+def _entries(lines: Sequence[str], indent: str) -> list[list[str]]:
+    """The entries of a section, each a line with those below it that are indented further."""
+    found: list[list[str]] = []
+    for line in lines:
+        if found and line.startswith(indent + " "):
+            found[-1].append(line)
+        else:
+            found.append([line])
+    return found
