@@ -14,7 +14,7 @@ from twistwrench.errors import TrajectoryError
 from twistwrench.model.model import Limits
 from twistwrench.motion import MotionLog
 from twistwrench.motion.differentiation import Differentiation
-from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.torque_report import analyse
 from twistwrench.viz.drawn_motion import motion_of
 
@@ -134,7 +134,7 @@ def test_a_dead_torque_column_is_noted_and_not_compared(run, arm, tmp_path):
 def test_a_log_may_have_been_recorded_with_the_payload_or_without(arm, tmp_path):
     """What a payload would add to a log of the empty robot contradicts nothing."""
     carried = Payload(5.0, (0.2, 0.0, 0.1))
-    loaded = LoadedRobot(arm, (carried,)).loaded
+    loaded = LoadCase(arm, (carried,)).with_load
     for robot in (arm, loaded):
         path = with_torques(tmp_path / "m.csv", arm, own_torques(robot))
         assert not any(m.disagrees for m in report_of(arm, path, payloads=(carried,)).measured)
@@ -393,7 +393,7 @@ def test_the_share_done_rises_from_0_to_1(arm, tmp_path, sigma, smoothing):
     plan = Differentiation.plan(log, arm.model, smoothing=smoothing, progress=told.append)
     assert all(0 <= x <= 1 for x in told)
     told = []
-    analyse(LoadedRobot(arm), plan, arm.limits, chunk=200, progress=told.append)
+    analyse(LoadCase(arm), plan, arm.limits, chunk=200, progress=told.append)
     assert len(told) > (2 if sigma else 1)
     assert (np.diff(told) >= 0).all()
     assert 0 < told[0] < 1

@@ -15,7 +15,7 @@ from twistwrench import load, robots
 from twistwrench.errors import TwistWrenchError, ValueRangeError
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import TERMS, LoadedRobot
+from twistwrench.reports.load_case import TERMS, LoadCase
 from twistwrench.reports.robot_summary import read_limits
 
 pytest_plugins = ("torque_fixtures",)
@@ -234,7 +234,7 @@ def test_friction_is_left_out_where_the_spline_rings_and_the_samples_stand_still
     rows = [f"{a:.2f},{b:.9f},{b / 3:.9f}" for a, b in zip(t, q, strict=True)]
     path.write_text("\n".join(["time,joint1,joint2", *rows]))
     plan = Differentiation.plan(MotionLog.open(path, robot.model), robot.model)
-    load = LoadedRobot(robot)
+    load = LoadCase(robot)
     (states,) = plan.states(10_000)
     friction = load.terms(states)["friction"]
     halted = (t > 1.505) & (t < 2.495)

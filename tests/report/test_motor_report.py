@@ -14,7 +14,7 @@ from twistwrench.algorithms.inverse_dynamics import MotorLoads
 from twistwrench.cli.main import main
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.motors import MotorTally
 from twistwrench.reports.torque_report import analyse
 
@@ -28,7 +28,7 @@ def robot():
 
 
 def analysed(robot, payload, chunk=None):
-    load = LoadedRobot(robot, (Payload(payload),) if payload else ())
+    load = LoadCase(robot, (Payload(payload),) if payload else ())
     plan = Differentiation.plan(MotionLog.open(MOTION, robot.model), robot.model)
     return analyse(load, plan, robot.limits, chunk=chunk), plan, load
 

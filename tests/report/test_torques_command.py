@@ -11,7 +11,7 @@ from motions import report_of, write_motion, write_positions
 
 from twistwrench import load, robots
 from twistwrench.cli.main import main
-from twistwrench.cli.usage import in_shell_words
+from twistwrench.cli.usage import with_option_names
 from twistwrench.model.inertia_checks import massless_links
 from twistwrench.reports.load_case import parse_payload, parse_wrenches
 from twistwrench.reports.torque_report import JointTorque
@@ -91,7 +91,7 @@ def test_bad_input_exits_2_with_one_line(run, case):
     ],
 )
 def test_errors_speak_of_the_options_of_the_command(command, text, said):
-    assert said in in_shell_words(text, main.commands[command])
+    assert said in with_option_names(text, main.commands[command])
 
 
 def test_degrees_and_radians_give_the_same_torques(run, ur5, motion, tmp_path, motion_file):

@@ -6,7 +6,7 @@ import numpy as np
 
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.torque_report import analyse
 
 SLED = """<robot name="sled"><link name="ground"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
@@ -48,4 +48,4 @@ def rough_motion():
 def report_of(robot, path, *, limits=None, smoothing=False, chunk=None, csv=None, split=False, **load):
     trajectory = MotionLog.open(path, robot.model)
     plan = Differentiation.plan(trajectory, robot.model, smoothing=smoothing)
-    return analyse(LoadedRobot(robot, **load), plan, limits or robot.limits, chunk=chunk, csv=csv, split=split)
+    return analyse(LoadCase(robot, **load), plan, limits or robot.limits, chunk=chunk, csv=csv, split=split)

@@ -13,7 +13,7 @@ from test_viz_page import ROBOTS
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import read_motion, scene_of, write_page
 
 REFERENCE = Path(__file__).with_name("viz_page.png")
@@ -25,7 +25,7 @@ pytest_plugins = ("page_fixtures",)
 @pytest.fixture(scope="module")
 def demo():
     robot = tw.robots.ur5()
-    load = LoadedRobot(robot, (Payload(5.0),))
+    load = LoadCase(robot, (Payload(5.0),))
     return read_motion(load, MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), robot.model))
 
 
@@ -115,7 +115,7 @@ def test_a_slider_moves_the_robot(show):
 
 
 def test_the_play_bar_runs(show, demo):
-    page = show("ur5_demo", demo.load.bare, motion=demo)
+    page = show("ur5_demo", demo.load.robot, motion=demo)
     assert page.run("[viewer.playing, viewer.time]") == [False, 0]
     page.click("#play")
     page.wait("viewer.time > 0.3")
@@ -155,7 +155,7 @@ def test_a_torque_at_its_limit_is_red_and_said_to_be(show):
 
 
 def test_every_switch_changes_the_picture_and_back(show, demo):
-    page = show("ur5_demo", demo.load.bare, motion=demo)
+    page = show("ur5_demo", demo.load.robot, motion=demo)
     page.run("viewer.seek(2.2)")
     stage = (slice(60, 500), slice(0, 900))
 

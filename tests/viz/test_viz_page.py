@@ -11,7 +11,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.lie import se3
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import motion_of, read_motion, scene_of, write_page
 from twistwrench.viz.page import page_text, read_page
 
@@ -55,28 +55,28 @@ ROBOTS = dict(robots())
 @pytest.fixture(scope="module")
 def demo():
     robot = tw.robots.ur5()
-    load = LoadedRobot(robot, (Payload(5.0),), {"tool0": np.array([0, 0, 1.0, 0, 0, -20.0])})
+    load = LoadCase(robot, (Payload(5.0),), {"tool0": np.array([0, 0, 1.0, 0, 0, -20.0])})
     path = tw.robots.path_of("ur5").with_name("ur5_demo.csv")
     return read_motion(load, MotionLog.open(path, robot.model))
 
 
 def test_a_motion_is_in_the_page_with_its_torques(tmp_path, demo):
-    header, arrays = read_page(write_page(demo.load.bare, tmp_path / "page.html", motion=demo))
+    header, arrays = read_page(write_page(demo.load.robot, tmp_path / "page.html", motion=demo))
     np.testing.assert_array_equal(arrays["time"], demo.time)
     np.testing.assert_allclose(arrays["q"].reshape(-1, 6), demo.q, atol=1e-6)  # float32
-    tau = demo.load.loaded.inverse_dynamics(
+    tau = demo.load.with_load.inverse_dynamics(
         demo.q, demo.dq, demo.ddq, wrench_on_robot={"tool0": [0, 0, 1.0, 0, 0, -20.0]}
-    ) + demo.load.loaded.friction_forces(demo.dq)
+    ) + demo.load.with_load.friction_forces(demo.dq)
     np.testing.assert_allclose(arrays["torques"].reshape(-1, 6), tau, atol=2e-5)
     np.testing.assert_allclose([t["peak"] for t in header["torques"]], np.abs(tau).max(axis=0))
-    assert [t["limit"] for t in header["torques"]] == demo.load.bare.limits.effort.tolist()
-    tips = demo.load.loaded.forward_kinematics(demo.q)[:, :3, 3]
+    assert [t["limit"] for t in header["torques"]] == demo.load.robot.limits.effort.tolist()
+    tips = demo.load.with_load.forward_kinematics(demo.q)[:, :3, 3]
     np.testing.assert_allclose(arrays["path"].reshape(-1, 3), tips, atol=1e-6)
     assert "payload 5 kg" in header["subtitle"]
 
 
 def test_the_page_needs_nothing_from_outside(tmp_path, demo):
-    text = write_page(demo.load.bare, tmp_path / "page.html", motion=demo).read_text("utf-8")
+    text = write_page(demo.load.robot, tmp_path / "page.html", motion=demo).read_text("utf-8")
     without_data = re.sub(r'<script id="data".*?</script>', "", text, flags=re.DOTALL)
     assert not re.search(
         r"https?:|//[a-z]+\.|\bimport\b|@import|fetch\(|XMLHttpRequest|WebSocket|<link(?! rel=\"icon\" href=\"data:)|src=",

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.load_case import LoadedRobot, Payload
+from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import drawn_motion as motion_module
 from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_power, plot_split, read_motion, scene_of
 from twistwrench.viz.movie import Camera, Painter
@@ -38,7 +38,7 @@ def swing(robot, amplitude=0.5):
 @pytest.fixture(scope="module")
 def demo():
     robot = tw.robots.ur5()
-    load = LoadedRobot(robot, (Payload(5.0),))
+    load = LoadCase(robot, (Payload(5.0),))
     return read_motion(load, MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), robot.model))
 
 
@@ -116,7 +116,7 @@ def test_a_file_in_many_chunks_is_thinned_and_keeps_evenly_spaced_states(demo, m
     monkeypatch.setattr(motion_module, "_MOST", 50)
     monkeypatch.setattr(motion_module, "_CHUNK", 150)
     again = read_motion(
-        demo.load, MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), demo.load.bare.model)
+        demo.load, MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), demo.load.robot.model)
     )
     assert 50 <= len(again.time) <= 200
     assert set(demo.time[::16]) <= set(again.time)  # 751 states, of which 50 at most evenly spaced: every sixteenth
@@ -148,7 +148,7 @@ def test_coulomb_friction_at_rest_is_drawn_as_torques_counts_it(tmp_path):
     rows = np.column_stack([T, 0.3 + 1e-6 * rng.normal(size=len(T))])
     header = f"time,{robot.joint_names[0]}"
     np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header=header, comments="")
-    motion = read_motion(LoadedRobot(robot), MotionLog.open(tmp_path / "m.csv", robot.model))
+    motion = read_motion(LoadCase(robot), MotionLog.open(tmp_path / "m.csv", robot.model))
     assert robot.model.friction.coulomb[0] == 5.0
     assert motion.still.mean() > 0.99  # 5 standard deviations of noise
     friction = motion.load.terms(motion.states)["friction"]
@@ -211,7 +211,7 @@ def test_the_mirrored_motion_passes_the_same_limits():
 
 def test_work_less_friction_is_what_the_energies_gain(bundled):
     robot = bundled("ur5").with_actuators({"actuators": {"elbow_joint": {"friction": {"viscous": "8 N m s/rad"}}}})
-    load = LoadedRobot(robot, (Payload(2.0),), {"tool0": np.array([0, 0, 0, 10.0, 0, 5.0])})
+    load = LoadCase(robot, (Payload(2.0),), {"tool0": np.array([0, 0, 0, 10.0, 0, 5.0])})
     q, dq, ddq = swing(robot)
     from twistwrench.motion.differentiation import MotionSamples
 

@@ -66,7 +66,7 @@ def _bar() -> Progress:
 
 
 @contextmanager
-def frames_drawn(what: str) -> Iterator[Callable[[int, int], None] | None]:
+def frame_progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
     """Over the frames of a film; None where there is no bar."""
     if not sys.stderr.isatty():
         yield None
@@ -77,7 +77,7 @@ def frames_drawn(what: str) -> Iterator[Callable[[int, int], None] | None]:
 
 
 @contextmanager
-def share_done(what: str) -> Iterator[Callable[[float], None] | None]:
+def progress_bar(what: str) -> Iterator[Callable[[float], None] | None]:
     """Over the share of the work that is done, from 0 to 1; shown after a second. None where there is no bar."""
     if not sys.stderr.isatty():
         yield None
@@ -105,7 +105,7 @@ def share_done(what: str) -> Iterator[Callable[[float], None] | None]:
 # ── Paths of pictures
 
 
-def check_extra(plot_path: str | None) -> None:
+def check_matplotlib(plot_path: str | None) -> None:
     """Say before the long run, not after it, that a picture cannot be drawn."""
     if plot_path is not None:
         from ..plotting.style import require_matplotlib
@@ -117,7 +117,7 @@ def picture(plot_path: str | None) -> str | None:
     """The path of a picture with its suffix, where one is asked for and can be drawn."""
     from ..core.files import picture_path
 
-    check_extra(plot_path)
+    check_matplotlib(plot_path)
     return None if plot_path is None else picture_path(plot_path)
 
 
@@ -132,7 +132,7 @@ worker_options = option_group(
 """``--workers`` and ``--scheduler``."""
 
 
-def files_in(path: Path, text: str) -> list[str]:
+def expand_paths(path: Path, text: str) -> list[str]:
     """A folder as the files in it, a pattern as what it matches, in the order of their names; all else as it is."""
     from ..motion.motion_file import is_recording
 
@@ -149,7 +149,7 @@ def files_in(path: Path, text: str) -> list[str]:
     return [str(path)]
 
 
-def bytes_of(paths: Sequence[str]) -> int:
+def total_bytes(paths: Sequence[str]) -> int:
     """Of files, ``a.csv+b.csv`` among them; those that cannot be seen are none."""
     total = 0
     for path in paths:

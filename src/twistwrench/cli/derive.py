@@ -55,7 +55,7 @@ derive_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def derive_answer(
+def run_derive(
     robot: Robot, source: Mapping[str, str | None], *, symbols: str, form: str, steps: str | None, **paths: str | None
 ) -> Iterator[RenderableType | str]:
     """What the command prints; files are written on the way. ``source`` maps what the user calls the input files to them."""

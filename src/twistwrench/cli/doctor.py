@@ -50,7 +50,7 @@ doctor_options = option_group(
 """The options of the command and its ROBOT."""
 
 
-def answer_doctor(
+def run_doctor(
     show: Callable[[RenderableType], None],
     *,
     source: str,

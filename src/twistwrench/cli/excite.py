@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.verdict import ExitCode
-from .console import share_done
+from .console import progress_bar
 from .motion_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group, parse_friction
 from .robot_options import RobotOptions
 
@@ -55,7 +55,7 @@ excite_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def answer_excite(
+def run_excite(
     options: RobotOptions,
     show: Callable[[RenderableType], None],
     *,
@@ -81,7 +81,7 @@ def answer_excite(
 
     check_outputs({"--out": out_path}, options.files)
     robot = options.load()
-    with share_done("looking for a motion") as progress:
+    with progress_bar("looking for a motion") as progress:
         found = exciting_trajectory(
             robot,
             duration,

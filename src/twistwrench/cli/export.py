@@ -43,7 +43,7 @@ export_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def export_answer(
+def run_export(
     robot: Robot,
     inputs: Mapping[str, str | None],
     *,
@@ -98,7 +98,7 @@ convert_options = option_group(
 """The arguments and options of the command, all but the robot's own."""
 
 
-def answer_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, overwrite: bool) -> bool:
+def run_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, overwrite: bool) -> bool:
     """Write the file, and say what is not in it; whether all is."""
     from ..core.files import check_outputs
     from ..model.notes import grouped

@@ -11,7 +11,7 @@ import click
 
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
-from .console import bytes_of, check_extra, files_in, share_done, worker_options
+from .console import check_matplotlib, expand_paths, progress_bar, total_bytes, worker_options
 from .motion_options import (
     COLUMNS,
     FRICTION_LAWS,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-class AskedFiles(NamedTuple):
+class OutputFiles(NamedTuple):
     """The files that are asked for, and how near to the file bodies are held; None: none, chosen."""
 
     json: str | None
@@ -215,7 +215,7 @@ identify_options = option_group(
 """The options of the command and its LOGs."""
 
 
-def answer_identify(
+def run_identify(
     options: RobotOptions,
     show: Callable[[RenderableType], None],
     *,
@@ -254,7 +254,7 @@ def answer_identify(
 
     logs, tests = _expanded(options, logs), _expanded(options, tests)
     inputs = {f"LOG {path}": path for path in (*logs, *tests)}
-    check_extra(plot_path or report_path)
+    check_matplotlib(plot_path or report_path)
     plot_path = None if plot_path is None else picture_path(plot_path)
     outputs: dict[str, str | Path | None] = {
         "--plot": plot_path,
@@ -271,7 +271,7 @@ def answer_identify(
     check_payload(payload_only, [name for name, path in outputs.items() if path is not None])
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
-    with share_done("identifying") as progress:
+    with progress_bar("identifying") as progress:
         from ..identification.payload import read_motion
 
         told = parse_columns(columns)
@@ -287,7 +287,7 @@ def answer_identify(
             "stribeck_speed": stribeck_speed,
         }
         portions = any(x is not None for x in (information_path, old_path, workers, scheduler))
-        if portions or bytes_of((*logs, *tests)) > LARGE:
+        if portions or total_bytes((*logs, *tests)) > LARGE:
             given: dict[str, Any] = {"columns": told, "rate": rate, "degrees": options.degrees, "progress": progress}
             files: dict[str, Any] = {
                 "old": old_path,
@@ -306,7 +306,7 @@ def answer_identify(
             train, test = [motions[path] for path in logs], [motions[path] for path in tests]
             found = identify(robot, train, test=test, **same, progress=progress)
     show(identification_view(found, essential=essential))
-    asked = AskedFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
+    asked = OutputFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
     names = ["+".join(Path(part).name for part in x.split("+")) for x in logs]
     asked.write(found, names, _given(options), essential=essential, force=force)
     return found.verdict.exit_code
@@ -318,7 +318,7 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
 
     found: list[str] = []
     for text in paths:
-        found += files_in(bundled(text, options.source, "_log.csv", "log"), text)
+        found += expand_paths(bundled(text, options.source, "_log.csv", "log"), text)
     return tuple(found)
 
 

@@ -16,12 +16,12 @@ import click
 from ..core.files import check_outputs, replacing
 from ..core.verdict import ExitCode
 from ..errors import ModelWarning, ValueRangeError
-from .console import console, files_in, share_done, worker_options
+from .console import console, expand_paths, progress_bar, worker_options
 from .robot_options import RobotOptions
 from .usage import about, plain_errors
 
 
-def answer_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: bool, csv_path: str | None) -> None:
+def run_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: bool, csv_path: str | None) -> None:
     """Show a robot, print it as JSON, or write its joints as CSV."""
     from .tables.robots import info_view
 
@@ -75,9 +75,9 @@ def info(files: tuple[str, ...], as_json: bool, workers: int | None, scheduler: 
 
     failed: list[tuple[str, str]] = []
     with plain_errors():
-        paths = [path for text in files for path in files_in(Path(text), text)]
+        paths = [path for text in files for path in expand_paths(Path(text), text)]
         found: list[LogQuality] = []
-        with share_done(f"{len(paths)} files") as progress, workers_of(workers, scheduler) as team:
+        with progress_bar(f"{len(paths)} files") as progress, workers_of(workers, scheduler) as team:
             for path, result in zip(paths, team.results(LogQuality.of, paths, progress), strict=True):
                 if isinstance(result, Failure):
                     failed.append((path, result.reason))

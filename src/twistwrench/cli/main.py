@@ -16,16 +16,16 @@ from ..errors import ValueRangeError
 from .console import console, picture
 from .derive import derive_options
 from .doctor import doctor_options
-from .excite import answer_excite, excite_options
+from .excite import excite_options, run_excite
 from .export import convert_options, export_options
-from .identify import answer_identify, identify_options
+from .identify import identify_options, run_identify
 from .info import log
 from .move import move_options
 from .payload import payload_options
 from .robot_options import RobotOptions, motion_path, robot_command
 from .sensor import sensor
 from .simulate import simulate_options
-from .torques import answer_torques, torques_options
+from .torques import run_torques, torques_options
 from .usage import Commands, about, plain_errors
 from .view import plot_options, view_options
 
@@ -47,7 +47,7 @@ def torques(options: RobotOptions, **given: Any) -> None:
 
     The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
     """
-    if code := answer_torques(options, console().print, **given):
+    if code := run_torques(options, console().print, **given):
         sys.exit(code)
 
 
@@ -62,9 +62,9 @@ def torques(options: RobotOptions, **given: Any) -> None:
 @robot_command
 def info(options: RobotOptions, as_json: bool, csv_path: str | None) -> None:
     """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
-    from .info import answer_info
+    from .info import run_info
 
-    answer_info(options, console().print, as_json=as_json, csv_path=csv_path)
+    run_info(options, console().print, as_json=as_json, csv_path=csv_path)
 
 
 @main.command(name="robots", **about("robots"))
@@ -104,7 +104,7 @@ def payload(options: RobotOptions, **given: Any) -> None:
     Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
     """
     from ..core.files import check_outputs
-    from .payload import answer_payload
+    from .payload import run_payload
 
     given["plot_path"] = picture(given["plot_path"])
     check_outputs(
@@ -112,7 +112,7 @@ def payload(options: RobotOptions, **given: Any) -> None:
         {"--limits": given["limits_path"], **options.files},
     )
     robot = options.load()
-    if not answer_payload(robot, console().print, degrees=options.degrees, tip=options.tip, **given):
+    if not run_payload(robot, console().print, degrees=options.degrees, tip=options.tip, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -126,11 +126,11 @@ def simulate(options: RobotOptions, **given: Any) -> None:
     what was computed until then is printed and written.
     """
     from ..core.files import check_outputs
-    from .simulate import answer_simulate
+    from .simulate import run_simulate
 
     given["plot_path"] = picture(given["plot_path"])
     check_outputs({"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files)
-    if code := answer_simulate(options.load(), console().print, degrees=options.degrees, **given):
+    if code := run_simulate(options.load(), console().print, degrees=options.degrees, **given):
         sys.exit(code)
 
 
@@ -142,10 +142,10 @@ def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
 
     Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is shown all the same.
     """
-    from .view import answer_view
+    from .view import run_view
 
     path = None if trajectory is None else motion_path(options, trajectory)
-    if code := answer_view(options.load_and_locked, path, options.files, degrees=options.degrees, **given):
+    if code := run_view(options.load_and_locked, path, options.files, degrees=options.degrees, **given):
         sys.exit(code)
 
 
@@ -157,10 +157,10 @@ def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
 
     Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is drawn all the same.
     """
-    from .view import answer_plot
+    from .view import run_plot
 
     path = motion_path(options, trajectory)
-    if code := answer_plot(options.load_and_locked, path, options.files, degrees=options.degrees, **given):
+    if code := run_plot(options.load_and_locked, path, options.files, degrees=options.degrees, **given):
         sys.exit(code)
 
 
@@ -173,14 +173,14 @@ def move(options: RobotOptions, **given: Any) -> None:
     Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass.
     """
     from ..core.files import check_outputs
-    from .move import answer_move
+    from .move import run_move
 
     given["plot_path"] = picture(given["plot_path"])
     check_outputs(
         {"--csv": given["csv_path"], "--plot": given["plot_path"]},
         {"--limits": given["limits_path"], "--waypoints": given["waypoints"], **options.files},
     )
-    if not answer_move(options.load(), console().print, degrees=options.degrees, tip=options.tip, **given):
+    if not run_move(options.load(), console().print, degrees=options.degrees, tip=options.tip, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -189,9 +189,9 @@ def move(options: RobotOptions, **given: Any) -> None:
 @robot_command
 def derive(options: RobotOptions, **given: Any) -> None:
     """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
-    from .derive import derive_answer
+    from .derive import run_derive
 
-    for part in derive_answer(options.load(), options.files, **given):
+    for part in run_derive(options.load(), options.files, **given):
         click.echo(part)
 
 
@@ -203,9 +203,9 @@ def convert(options: RobotOptions, **given: Any) -> None:
 
     Exit code 1 if the format cannot say something of the robot, which is listed; the file is written all the same.
     """
-    from .export import answer_convert
+    from .export import run_convert
 
-    if not answer_convert(options, click.echo, **given):
+    if not run_convert(options, click.echo, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -214,9 +214,9 @@ def convert(options: RobotOptions, **given: Any) -> None:
 @robot_command
 def export(options: RobotOptions, **given: Any) -> None:
     """The robot's quantities as C99 source that allocates nothing and needs math.h only, with a program that checks it."""
-    from .export import export_answer
+    from .export import run_export
 
-    for line in export_answer(options.load(), options.files, **given):
+    for line in run_export(options.load(), options.files, **given):
         click.echo(line)
 
 
@@ -227,11 +227,11 @@ def doctor(**given: Any) -> None:
 
     Exit code 1 with errors or warnings.
     """
-    from .doctor import answer_doctor
+    from .doctor import run_doctor
 
     with plain_errors():
         given["plot_path"] = picture(given["plot_path"])
-        if code := answer_doctor(console().print, **given):
+        if code := run_doctor(console().print, **given):
             sys.exit(code)
 
 
@@ -244,7 +244,7 @@ def identify(options: RobotOptions, **given: Any) -> None:
     The first word is the verdict. OK ends with exit code 0; UNSURE and LOOK AGAIN with 1, and after LOOK AGAIN only --json is
     written unless --force is given. Several files of one log are written a.csv+b.csv.
     """
-    if code := answer_identify(options, console().print, **given):
+    if code := run_identify(options, console().print, **given):
         sys.exit(code)
 
 
@@ -259,7 +259,7 @@ def excite(options: RobotOptions, **given: Any) -> None:
     assumed. The first word is the verdict: OK ends with exit code 0; UNSURE with 1 where capsules are assumed or something was
     not looked at. The motion is written in either case.
     """
-    if code := answer_excite(options, console().print, **given):
+    if code := run_excite(options, console().print, **given):
         sys.exit(code)
 
 

@@ -69,7 +69,7 @@ move_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def answer_move(
+def run_move(
     robot: Robot, show: Callable[[RenderableType], None], *, degrees: bool, tip: str | None, **given: Any
 ) -> bool:
     """Print the answer with ``show`` and write the files; whether the motion exists and stays within all limits for certain.
@@ -79,13 +79,13 @@ def answer_move(
     from dataclasses import replace
 
     from ..motion.bounds import bounds_of
-    from ..reports.load_case import LoadedRobot, limit_doubts, parse_payload
+    from ..reports.load_case import LoadCase, limit_doubts, parse_payload
     from ..reports.robot_summary import degrees_hint, parse_configuration
-    from ..reports.torque_verdict import assumed_words, assumptions, model_doubts
+    from ..reports.torque_verdict import assumed_words, assumptions, model_warnings
     from .tables.motion import joint_uses, move_view
 
     carried = [parse_payload(text, tip) for text in given["payloads"]]
-    bare, robot = robot, LoadedRobot(robot, tuple(carried)).loaded
+    bare, robot = robot, LoadCase(robot, tuple(carried)).with_load
     limits: Limits = robot.limits
     bounds = bounds_of(robot, acceleration=given["acceleration"])
     if given["limits_path"] is not None:
@@ -116,7 +116,7 @@ def answer_move(
     words = " and ".join(f"{number(p.mass)} kg" for p in carried)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = limit_doubts(bare, limits, [use.peak for use in uses]) + model_doubts(robot.model, uses)
+    doubts = limit_doubts(bare, limits, [use.peak for use in uses]) + model_warnings(robot.model, uses)
     show(
         move_view(
             moving,

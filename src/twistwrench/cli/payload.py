@@ -36,7 +36,7 @@ payload_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def answer_payload(
+def run_payload(
     robot: Robot,
     show: Callable[[RenderableType], None],
     *,
@@ -59,9 +59,9 @@ def answer_payload(
     anything is printed.
     Raises errors of the library.
     """
-    from ..reports.load_case import LoadedRobot, Payload, limit_doubts, parse_payload, unlimited
+    from ..reports.load_case import LoadCase, Payload, limit_doubts, parse_payload, unlimited
     from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers
-    from ..reports.torque_verdict import assumed_words, assumptions, model_doubts
+    from ..reports.torque_verdict import assumed_words, assumptions, model_warnings
     from ..statics.equilibrium import joints_beyond_stops
     from ..statics.payload import largest_payload, payload_map, plane_and_samples
     from ..statics.torque_limits import unit_slips
@@ -91,8 +91,8 @@ def answer_payload(
         allowed = read_limits(limits_path, robot.model, degrees=degrees)
     limits = allowed.effort
     beyond = joints_beyond_stops(robot, q, allowed)
-    load = LoadedRobot(robot, tuple(parse_payload(text, tip) for text in payloads))
-    robot = load.loaded
+    load = LoadCase(robot, tuple(parse_payload(text, tip) for text in payloads))
+    robot = load.with_load
     found = largest_payload(robot, q, place, frame=frame, limits=limits)
     assumed = assumed_words(assumptions(robot.model, (Payload(1.0, frame=frame or tip), *load.payloads)))
     name = str(robot.tip if frame is None else frame)
@@ -101,8 +101,8 @@ def answer_payload(
         show(stops_view(beyond, degrees=degrees))
     loads = (np.abs(found.unloaded) + np.abs(found.per_kilogram))[: robot.nv]
     judged = not unlimited(robot.model, limits, loads)
-    doubts = limit_doubts(load.bare, allowed, loads)
-    if lacking := model_doubts(robot.model):
+    doubts = limit_doubts(load.robot, allowed, loads)
+    if lacking := model_warnings(robot.model):
         doubts.append(f"{'; '.join(lacking)}: the payload may be less")
     if doubts:
         show(doubts_view(doubts))

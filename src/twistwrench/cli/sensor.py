@@ -49,7 +49,7 @@ def log_path(name: str) -> Path:
     return _HERE / _DEMOS[name] if name in _DEMOS and not Path(name).is_file() else Path(name)
 
 
-def sensor_path_of(name: str) -> Path:
+def sensor_file(name: str) -> Path:
     """The file of a sensor; ``demo`` is bundled."""
     return _HERE / "demo_sensor.json" if name == "demo" and not Path(name).is_file() else Path(name)
 
@@ -79,13 +79,13 @@ def write_readings(log: ReadingLog, compensated: Any, path: str) -> None:
             file.write(rows)
 
 
-def noise_of(text: str) -> tuple[float, float]:
+def parse_noise(text: str) -> tuple[float, float]:
     """Two numbers: noise of moments [N m] and of forces [N]."""
-    moment, force = numbers_of(text, "--noise", 2)
+    moment, force = parse_count(text, "--noise", 2)
     return moment, force
 
 
-def numbers_of(text: str, option: str, count: int) -> list[float]:
+def parse_count(text: str, option: str, count: int) -> list[float]:
     """Numbers between commas. Raises ValueRangeError, which names the option."""
     try:
         numbers = [float(x) for x in text.split(",")]
@@ -122,7 +122,7 @@ def _checked_files(given: dict[str, Any]) -> dict[str, Any]:
     log, sensor = given.get("log"), given.get("sensor_path")
     check_outputs(
         {"--save": given.get("save_path"), "--csv": given.get("csv_path"), "--plot": given.get("plot_path")},
-        {"LOG": None if log is None else log_path(log), "--sensor": None if sensor is None else sensor_path_of(sensor)},
+        {"LOG": None if log is None else log_path(log), "--sensor": None if sensor is None else sensor_file(sensor)},
     )
     return given
 
@@ -165,7 +165,7 @@ def compensate_command(
     from ..sensing.files import read_sensor_file
     from .tables.measurement import compensation_view
 
-    file = read_sensor_file(sensor_path_of(sensor_path))
+    file = read_sensor_file(sensor_file(sensor_path))
     readings = read_readings(log, gravity)
     found = compensation(readings, file.sensor, file.noise, false_alarms, file.uncertainty)
     console.print(compensation_view(found))
@@ -242,8 +242,8 @@ def identify_command(
         drift=drift,
         delay=delay,
         tilt=tilt,
-        bias=None if bias is None else numbers_of(bias, "--bias", 6),
-        noise=None if noise is None else numbers_of(noise, "--noise", 6 if noise.count(",") > 1 else 2),
+        bias=None if bias is None else parse_count(bias, "--bias", 6),
+        noise=None if noise is None else parse_count(noise, "--noise", 6 if noise.count(",") > 1 else 2),
         outliers="keep" if keep_outliers else "trim",
     )
     console.print(sensor_identification_view(found, readings))
@@ -297,7 +297,7 @@ def poses_command(
     if not (mass > 0 and math.isfinite(mass)):
         raise ValueRangeError(f"--mass {mass!r} is no mass. Give about how many kilograms the load has.")
     past = None if log is None else read_readings(log, gravity)
-    proposal = propose_poses(count, log=past, within=math.radians(within), noise=noise_of(noise), gravity=gravity)
+    proposal = propose_poses(count, log=past, within=math.radians(within), noise=parse_noise(noise), gravity=gravity)
     quat = quaternion.from_matrix(proposal.rotations)
     untold = cannot_tell(proposal, mass, None if within >= 90 else within)
     console.print(proposal_view(proposal, quat, mass, untold))

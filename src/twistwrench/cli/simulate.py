@@ -11,7 +11,7 @@ import click
 
 from ..core.verdict import ExitCode
 from ..errors import SimulationError, ValueRangeError
-from .console import share_done
+from .console import progress_bar
 from .motion_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES, option_group
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ simulate_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def answer_simulate(
+def run_simulate(
     robot: Robot,
     show: Callable[[RenderableType], None],
     *,
@@ -96,12 +96,12 @@ def answer_simulate(
     not go on. What was computed before a failure or an interrupt is printed and written too. Raises errors of the library,
     and KeyboardInterrupt.
     """
-    from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+    from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
     from ..reports.robot_summary import degrees_hint, parse_configuration, parse_rates
     from .tables.motion import simulation_view
 
-    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
-    loaded = load.loaded
+    load = LoadCase(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
+    loaded = load.with_load
     friction = not no_friction
     failure: BaseException | None = None
     q0 = parse_configuration(loaded, at, configuration, degrees=degrees)
@@ -119,7 +119,7 @@ def answer_simulate(
         "every": every,
     }
     try:
-        with share_done(f"{loaded.name}: {options['method']}") as progress:
+        with progress_bar(f"{loaded.name}: {options['method']}") as progress:
             result = loaded.simulate(q0, dq0, duration, dt, **options, progress=progress)
     except SimulationError as problem:
         if problem.result is None:

@@ -14,7 +14,7 @@ import click
 from ..core.cluster import Failure, workers_of
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
-from .console import check_extra, files_in, share_done, worker_options
+from .console import check_matplotlib, expand_paths, progress_bar, worker_options
 from .motion_options import LIMITS, loaded_motion_options, open_motion, option_group, refuse_motor_side
 from .robot_options import RobotOptions, motion_path
 
@@ -42,7 +42,7 @@ torques_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def answer_torques(
+def run_torques(
     options: RobotOptions,
     show: Callable[[RenderableType], None],
     *,
@@ -70,14 +70,14 @@ def answer_torques(
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
     path = motion_path(options, trajectory)
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
-    if (paths := files_in(path, trajectory)) != [str(path)] or workers is not None or scheduler is not None:
+    if (paths := expand_paths(path, trajectory)) != [str(path)] or workers is not None or scheduler is not None:
         if plot_path or motor_plot or split or why:
             raise ValueRangeError(
                 "--plot, --motor-plot, --split and --why are of one motion. Give one file, and no --workers."
             )
-        work = TorquesOf(options, reading, payloads, wrenches, limits_path, smooth, friction=not no_friction)
-        return answer_many(work, paths, show, csv_path=csv_path, workers=workers, scheduler=scheduler)
-    check_extra(plot_path or motor_plot)
+        work = BatchTorques(options, reading, payloads, wrenches, limits_path, smooth, friction=not no_friction)
+        return run_batch(work, paths, show, csv_path=csv_path, workers=workers, scheduler=scheduler)
+    check_matplotlib(plot_path or motor_plot)
     plot_path = None if plot_path is None else picture_path(plot_path)
     motor_plot = None if motor_plot is None else picture_path(motor_plot)
     if motor_plot is not None and options.actuators is None:
@@ -87,7 +87,7 @@ def answer_torques(
         {"--trajectory": path, "--limits": limits_path, **options.files},
     )
     from ..motion.differentiation import Differentiation
-    from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+    from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
     from ..reports.motors import Steps
     from ..reports.robot_summary import read_limits
     from ..reports.torque_report import analyse
@@ -96,11 +96,11 @@ def answer_torques(
     robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
     refuse_motor_side(options, robot, "torques")
     carried = tuple(parse_payload(text, options.tip) for text in payloads)
-    load = LoadedRobot(robot, carried, parse_wrenches(wrenches), friction=not no_friction)
+    load = LoadCase(robot, carried, parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
     )
-    with share_done(path.name) as progress:
+    with progress_bar(path.name) as progress:
         steps = Steps(progress, (_PLANNING_AND_SMOOTHING if smooth else _PLANNING, 1.0))
         differentiation = Differentiation.plan(read, robot.model, smoothing=smooth, progress=steps.next())
         report = analyse(load, differentiation, limits, csv=csv_path, split=split, progress=steps.next())
@@ -148,7 +148,7 @@ class FileTorques:
 
 
 @dataclass(frozen=True)
-class TorquesOf:
+class BatchTorques:
     """The work on one file; it travels to other processes."""
 
     options: RobotOptions
@@ -162,14 +162,14 @@ class TorquesOf:
     def of(self, path: str) -> FileTorques:
         """What the motion in that file takes."""
         from ..motion.differentiation import Differentiation
-        from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+        from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
         from ..reports.robot_summary import read_limits
         from ..reports.torque_report import analyse
 
         options = self.options
         robot, read = open_motion(options.load_and_locked, Path(path), degrees=options.degrees, **self.reading)
         refuse_motor_side(options, robot, "torques")
-        load = LoadedRobot(
+        load = LoadCase(
             robot, tuple(map(parse_payload, self.payloads)), parse_wrenches(self.wrenches), friction=self.friction
         )
         limits = robot.model.limits
@@ -183,8 +183,8 @@ class TorquesOf:
         return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
 
 
-def answer_many(
-    work: TorquesOf,
+def run_batch(
+    work: BatchTorques,
     paths: Sequence[str],
     show: Callable[[RenderableType], None],
     *,
@@ -197,7 +197,7 @@ def answer_many(
     from .tables.torques import many_view
 
     check_outputs({"--csv": csv_path}, {**{f"MOTION {p}": p for p in paths}, **work.options.files})
-    with share_done(f"{len(paths)} motions") as progress, workers_of(workers, scheduler) as team:
+    with progress_bar(f"{len(paths)} motions") as progress, workers_of(workers, scheduler) as team:
         found = [
             FileTorques(path, "failed", reason=result.reason) if isinstance(result, Failure) else result
             for path, result in zip(paths, team.results(work.of, paths, progress), strict=True)

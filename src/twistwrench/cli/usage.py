@@ -73,7 +73,7 @@ def visible_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
-def take_every_sign() -> None:
+def use_utf8() -> None:
     """Let what goes to a file or a pipe be UTF-8, as Python itself does from 3.15 on; a terminal keeps its encoding.
 
     A sign that a terminal, or the encoding named by ``PYTHONIOENCODING``, does not have becomes a question mark.
@@ -117,7 +117,7 @@ class Commands(click.Group):
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program that cleans up behind itself when it is told to end."""
-        take_every_sign()
+        use_utf8()
         with _terminable(), _interruptible(), visible_streams():
             return super().main(*args, **options)
 
@@ -240,7 +240,7 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def in_shell_words(text: str, command: click.Command | None = None) -> str:
+def with_option_names(text: str, command: click.Command | None = None) -> str:
     """A sentence of the library with its keyword arguments as options of the command that runs, where it has them.
 
     An option stands for the keyword argument of its own name, or of the name its parameter has. Commands of one group, such
@@ -279,12 +279,12 @@ def plain_errors() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = lambda message, *_args, **_rest: click.echo(
-            f"note: {in_shell_words(str(message))}", err=True
+            f"note: {with_option_names(str(message))}", err=True
         )
         try:
             yield
         except TwistWrenchError as error:
-            click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
+            click.echo(f"error: {' '.join(with_option_names(str(error)).split())}", err=True)
             sys.exit(ExitCode.BAD_INPUT)
 
 

@@ -14,7 +14,7 @@ import click
 
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from .console import frames_drawn
+from .console import frame_progress
 from .motion_options import Load, loaded_motion_options, open_motion, option_group
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ plot_options = option_group(
 """The options of ``plot``, all but the robot's own."""
 
 
-def answer_view(
+def run_view(
     load: Load,
     path: Path | None,
     files: Mapping[str, str | None],
@@ -90,7 +90,7 @@ def answer_view(
     if html is not None:
         click.echo(f"wrote {write_page(robot, html, section=section, **about)}")
     if movie is not None and motion is not None:
-        with frames_drawn("filming") as progress:
+        with frame_progress("filming") as progress:
             film(motion, movie, scene=scene, speed=speed, progress=progress)
         click.echo(f"wrote {movie}")
     if html is None and movie is None:
@@ -102,7 +102,7 @@ def answer_view(
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
-def answer_plot(
+def run_plot(
     load: Load,
     path: Path,
     files: Mapping[str, str | None],
@@ -143,7 +143,7 @@ def _loaded(
     smooth: bool,
 ) -> tuple[Any, dict[str, Any], DrawnMotion | None]:
     """The robot with its payloads, the wrenches on it, and its motion; limits that this passes are said on stderr."""
-    from ..reports.load_case import LoadedRobot, parse_payload, parse_wrenches
+    from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
     from ..viz.drawn_motion import read_motion
 
     if path is None and (columns or rate is not None or lock_missing or smooth):
@@ -156,13 +156,13 @@ def _loaded(
     else:
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
         robot, trajectory = open_motion(load, path, degrees=degrees, **reading)
-    loaded = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
+    loaded = LoadCase(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     motion = None
     if trajectory is not None:
         motion = read_motion(loaded, trajectory, smoothing=smooth)
         for sentence in (*trajectory.notes, *motion.warnings):
             click.echo(f"note: {sentence}", err=True)
-    return loaded.loaded, loaded.wrenches, motion
+    return loaded.with_load, loaded.wrenches, motion
 
 
 def _open_browser(url: str) -> bool:

@@ -102,7 +102,7 @@ def energies(motion: DrawnMotion) -> Energies:
     >>> bool(abs(found.work[-1] - gain) < 1e-3)
     True
     """
-    robot, t, dq = motion.load.loaded, motion.time, motion.dq
+    robot, t, dq = motion.load.with_load, motion.time, motion.dq
     terms = motion.load.terms(motion.states)
     power = motion.torques * dq
     friction, wrenches, springs = (
@@ -149,9 +149,9 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     ...     plot_split(motion, f"{folder}/split.png").name
     'split.png'
     """
-    terms, units = motion.load.terms(motion.states), Coordinates.of(motion.load.loaded.model).torque_units
+    terms, units = motion.load.terms(motion.states), Coordinates.of(motion.load.with_load.model).torque_units
     scale = float(np.abs(motion.torques).max(initial=0.0))
-    names = motion.load.loaded.model.velocity_names
+    names = motion.load.with_load.model.velocity_names
     seen: dict[str, Any] = {}
 
     def draw(axis: Axes, k: int) -> None:
@@ -206,7 +206,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     ...     plot_power(motion, f"{folder}/power.svg").name
     'power.svg'
     """
-    robot, t, e = motion.load.loaded, motion.time, energies(motion)
+    robot, t, e = motion.load.with_load, motion.time, energies(motion)
     power = e.power
     with figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
         upper, lower = drawn.subplots(2, 1, sharex=True)
@@ -279,7 +279,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
-    robot, coordinates = motion.load.loaded, Coordinates.of(motion.load.loaded.model)
+    robot, coordinates = motion.load.with_load, Coordinates.of(motion.load.with_load.model)
     limits = robot.limits
     effort = np.where(limits.effort > 0, limits.effort, np.inf)
     some = np.isfinite(effort)
@@ -360,7 +360,7 @@ def _panels(
 
 def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
     """Which torques are those of the named joints; all of them if none is named."""
-    model = motion.load.loaded.model
+    model = motion.load.with_load.model
     if not joints:
         return list(range(model.nv))
     joints = (joints,) if isinstance(joints, str) else joints
@@ -373,7 +373,7 @@ def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
 
 def _title(motion: DrawnMotion) -> str:
     carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
-    return f"{motion.load.bare.name}{f' · payload {carried}' if carried else ''}"
+    return f"{motion.load.robot.name}{f' · payload {carried}' if carried else ''}"
 
 
 def _work(t: Array, power: Array) -> Array:

@@ -188,31 +188,31 @@ class Payload:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedRobot:
+class LoadCase:
     """A robot, the same robot carrying its payloads, and the wrenches (6,) on frames, each expressed in its frame."""
 
-    bare: Robot
+    robot: Robot
     payloads: tuple[Payload, ...] = ()
     wrenches: dict[str, Array] = field(default_factory=dict)
     friction: bool = True
     """Whether the torques of joint friction and damping count."""
-    loaded: Robot = field(init=False)
+    with_load: Robot = field(init=False)
     """The robot with its payloads."""
 
     def __post_init__(self) -> None:
-        robot = self.bare
+        robot = self.robot
         for load in self.payloads:
             frame = robot.model.tip if load.frame is None else load.frame
             robot.model.frame(frame)  # refuses unknown frames, and a missing tip, by name
             robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
         for frame in self.wrenches:
             robot.model.frame(frame)
-        object.__setattr__(self, "loaded", robot)
+        object.__setattr__(self, "with_load", robot)
 
     @property
     def contradictions(self) -> tuple[str, ...]:
         """A sentence for each payload that is farther from its frame than the robot reaches."""
-        model, found = self.bare.model, []
+        model, found = self.robot.model, []
         most = reach(model)
         for p in self.payloads:
             distance = float(np.linalg.norm(p.place))
@@ -225,13 +225,13 @@ class LoadedRobot:
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""
-        tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        tau = self.with_load.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
     def follower_torques(self, s: MotionSamples) -> Array:
         """What mimic joints with a limit of effort bear, (n, k), friction left out."""
-        F = self.loaded.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
-        return follower_torques(self.loaded.model, np.asarray(F))
+        F = self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        return follower_torques(self.with_load.model, np.asarray(F))
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
         return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
@@ -243,12 +243,12 @@ class LoadedRobot:
 
     def unloaded_torques(self, s: MotionSamples) -> Array:
         """As :meth:`torques`, of the robot that carries nothing and is not pushed."""
-        tau = self.bare.inverse_dynamics(s.q, s.dq, s.ddq)
+        tau = self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
         """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
-        bare, zero = self.bare, np.zeros_like(s.dq)
+        bare, zero = self.robot, np.zeros_like(s.dq)
         gravity = np.asarray(bare.gravity_forces(s.q))
         wrench = zero.copy()
         for frame, F in self.wrenches.items():  # what the robot must apply to the world is -F
@@ -266,30 +266,32 @@ class LoadedRobot:
 
     def explain(self, s: MotionSamples) -> Explanation:
         """The torques of one state by link and by term, friction as in :meth:`terms`."""
-        why = self.loaded.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
+        why = self.with_load.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
         return why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
 
     def motor_loads(self, s: MotionSamples) -> MotorLoads:
         """What the motors of the robot and its payloads must give; (n, actuators) each."""
-        carried, rotor = self.loaded.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction = self._friction(s, carried + rotor) if self.friction else 0.0
         moving = np.where(s.stationary, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
-        return motor_loads(self.loaded.model, moving, carried + friction, rotor)
+        return motor_loads(self.with_load.model, moving, carried + friction, rotor)
 
     def _friction(self, s: MotionSamples, carried: Array) -> Array:
         """Of joints that carry these torques; viscous alone where the sign of the velocity is unknown."""
         moving = np.where(s.stationary, 0.0, s.dq)
-        tau = np.broadcast_to(self.bare.friction_forces(moving, load=carried), s.dq.shape)
-        return np.asarray(tau + self.bare.model.friction.viscous * (s.dq - moving))
+        tau = np.broadcast_to(self.robot.friction_forces(moving, load=carried), s.dq.shape)
+        return np.asarray(tau + self.robot.model.friction.viscous * (s.dq - moving))
 
     def payload_torques(self, s: MotionSamples) -> Array:
         """What the payloads add to the torques; (n, nv)."""
-        return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
+        return np.asarray(
+            self.with_load.inverse_dynamics(s.q, s.dq, s.ddq) - self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
+        )
 
     def follower_payload_torques(self, s: MotionSamples) -> Array:
         """What the payloads add to :meth:`follower_torques`; (n, k)."""
-        F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.loaded, self.bare))
-        return follower_torques(self.bare.model, F - alone)
+        F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.with_load, self.robot))
+        return follower_torques(self.robot.model, F - alone)
 
 
 def reach(model: Model) -> float:
@@ -373,7 +375,7 @@ def _numbers(text: str, what: str, form: str) -> Sequence[float]:
 
 
 @dataclass(frozen=True)
-class PayloadRoom:
+class PayloadMargin:
     """The largest mass of the one payload with which every torque of a motion is within its limit."""
 
     mass: float
@@ -392,22 +394,22 @@ class PayloadRoom:
         return f"By the joints' torque limits, a payload there may have up to {most} kg: {when}."
 
 
-class PayloadRoomTally:
+class PayloadMarginTally:
     """Takes in torques, in any portions.
 
     It tells nothing of several payloads, and where friction grows with the load, which makes torques no straight line.
     """
 
-    def __init__(self, load: LoadedRobot, effort: Array) -> None:
-        laws = load.bare.model.friction
+    def __init__(self, load: LoadCase, effort: Array) -> None:
+        laws = load.robot.model.friction
         self.asked = len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
-        followers = [load.bare.model.bodies[i] for i in load.bare.model.limited_followers]
-        self._names = (*load.bare.model.velocity_names, *(body.joint.name for body in followers))
+        followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
+        self._names = (*load.robot.model.velocity_names, *(body.joint.name for body in followers))
         self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
         self._share, self._joint, self._time = math.inf, 0, math.nan
         self._alone = True
         self._carried = np.zeros(len(self._names))
-        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.bare.model) if self.asked else 0.0
+        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.asked else 0.0
 
     def add(self, time: Array, torques: Array, carried: Array) -> None:
         """Torques (n, nv + k) at times (n,), of joints and of followers with limits, and what the payload adds to them."""
@@ -423,14 +425,14 @@ class PayloadRoomTally:
         if share[row, joint] < self._share:
             self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
 
-    def result(self) -> PayloadRoom | None:
+    def result(self) -> PayloadMargin | None:
         """None where it cannot be told: a joint that it loads has no limit, or the robot alone is beyond one."""
         if not self.asked or not self._alone or not math.isfinite(self._share):
             return None
-        nv = self._load.bare.nv
-        if unlimited(self._load.bare.model, self._effort[:nv], self._carried[:nv]):
+        nv = self._load.robot.nv
+        if unlimited(self._load.robot.model, self._effort[:nv], self._carried[:nv]):
             return None
-        return PayloadRoom(self._share * self._load.payloads[0].mass, self._names[self._joint], self._time)
+        return PayloadMargin(self._share * self._load.payloads[0].mass, self._names[self._joint], self._time)
 
 
 # ── Locked joints: names or patterns such as ``*wheel*``

@@ -302,7 +302,7 @@ _NOISE = 1.5
 """Times the noise found that may be there: of velocities, whose noise is of several sizes, it is found to that."""
 _ALIKE = 0.9
 """Correlation from which one is a multiple of the other."""
-_CUT_of_measured, _CUT_ROWS_of_measured, _VARIES = 0.02, 30, 0.05
+_CUT_MEASURED, _CUT_MEASURED_ROWS, _VARIES = 0.02, 30, 0.05
 """Share of the rows, and rows, exactly at an extreme from which a column is cut off there, if what is computed deviates among
 them by that share of its deviation and by the column's last step: a robot at rest, and coarse torques, repeat numbers too."""
 
@@ -412,7 +412,7 @@ class _AtExtreme:
         varies = squares / n - (total / n) ** 2 > np.maximum(
             _VARIES**2 * np.maximum(variance, (0.01 * self.value) ** 2), step**2
         )
-        many = (count >= _CUT_ROWS_of_measured) & (count >= _CUT_of_measured * rows) & (self.value != 0.0)
+        many = (count >= _CUT_MEASURED_ROWS) & (count >= _CUT_MEASURED * rows) & (self.value != 0.0)
         return np.where(many & varies, count / rows, 0.0)
 
 

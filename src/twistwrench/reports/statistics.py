@@ -14,7 +14,7 @@ from ..motion.motion_log import LogRows
 from ..motion.noise import RunningExtrema
 from ..motion.smoothing import spline_rates
 from ..typing import Array
-from .load_case import LoadedRobot
+from .load_case import LoadCase
 
 
 class Rms:
@@ -93,7 +93,7 @@ def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[flo
 _BINS = 2048
 
 
-class Envelope:
+class MinMaxDecimation:
     """Least and greatest values of (n, k) rows in bins of equally many rows, doubled whenever they become too many."""
 
     def __init__(self, bins: int = _BINS) -> None:
@@ -268,8 +268,8 @@ class PeakEstimate:
 class PeakSearch:
     """One pass over the smoothed motion: the peaks, what contends with them, and the log around them."""
 
-    def __init__(self, differentiation: Differentiation, load: LoadedRobot) -> None:
-        nv = load.bare.nv
+    def __init__(self, differentiation: Differentiation, load: LoadCase) -> None:
+        nv = load.robot.nv
         strengths = differentiation.strengths[differentiation.strengths > 0]
         wide = float(strengths.max()) ** (1 / 6) if strengths.size else 0.0
         narrow = float(strengths.min()) ** (1 / 6) if strengths.size else 0.0

@@ -21,10 +21,10 @@ from ..motion.differentiation import Differentiation, MotionSamples, Outlier, Ru
 from ..motion.motion_log import LogRows
 from ..motion.noise import RunningExtrema, Survey
 from ..typing import Array
-from .load_case import STEADY, TERMS, LoadedRobot, PayloadRoom, PayloadRoomTally
+from .load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
 from .log_quality import MeasuredTally, MeasuredTorque
 from .motors import MotorTally, MotorUse, Steps
-from .statistics import INTERVAL, Envelope, Gaps, PeakEstimate, PeakSearch, Rms
+from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSearch, Rms
 
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
@@ -138,7 +138,7 @@ class TorqueReport:
     gaps: Gaps
     quality: Survey
     differentiation: Differentiation
-    load: LoadedRobot
+    load: LoadCase
     envelope: tuple[Array, Array, Array]
     """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
     band: tuple[Array, Array, Array] | None
@@ -164,7 +164,7 @@ class TorqueReport:
     """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
     idle_payload: bool = False
     """Whether payloads with a mass make no torque in any joint."""
-    room: PayloadRoom | None = None
+    payload_margin: PayloadMargin | None = None
     """How heavy the one payload may be; None where that is not known, or there is none or several."""
     derived: AsDerived | None = None
     """What the log gives as it is; None where that is the answer, or was not asked for."""
@@ -239,10 +239,10 @@ _BAND_SAMPLES = 512
 class MotionTally:
     """What is kept of the states, which come in any portions."""
 
-    def __init__(self, load: LoadedRobot, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
-        nv = load.bare.nv
+    def __init__(self, load: LoadCase, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
+        nv = load.robot.nv
         self.load, self.limits, self.plan = load, limits, plan
-        self.coordinates = Coordinates.of(load.bare.model)
+        self.coordinates = Coordinates.of(load.robot.model)
         self.rows = 0
         self.begin = self.end = np.nan
         self.peak, self.rms = RunningExtrema(nv), Rms(nv)
@@ -251,27 +251,27 @@ class MotionTally:
         self.terms = {name: np.zeros(nv) for name in TERMS}
         self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
         """By how much."""
-        self.envelope, self.band = Envelope(), Envelope()
+        self.envelope, self.band = MinMaxDecimation(), MinMaxDecimation()
         """Of the torques, and of their 95 % intervals where that is known, which are none of their largest."""
         self.around: list[MotionSamples | None] = [None] * nv
         """Of each joint: the states on either side of its peak."""
-        self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.bare.nq + 3 * nv))))
+        self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.robot.nq + 3 * nv))))
         self.gaps = Gaps(_GAP * plan.quality.step)
         self.noise = np.zeros(nv)
         self.carried = 0.0
         """The largest torque that the payloads make, in some of the states."""
-        self.room = PayloadRoomTally(load, limits.effort)
-        self.followers = [load.loaded.model.bodies[i] for i in load.loaded.model.limited_followers]
+        self.payload_margin = PayloadMarginTally(load, limits.effort)
+        self.followers = [load.with_load.model.bodies[i] for i in load.with_load.model.limited_followers]
         self.borne, self.borne_signed = RunningExtrema(len(self.followers)), np.zeros(len(self.followers))
         """By mimic joints with a limit of effort."""
-        self.largest = np.zeros(load.bare.nq)
+        self.largest = np.zeros(load.robot.nq)
         self.outliers = RunningOutliers()
         self.search = PeakSearch(plan, load) if estimating else None
         """For the peaks less what noise adds to them."""
         self._measured = [MeasuredTally(nv) for _ in range(1 + load.carries)]
         """Beside the torques with all that is carried and pushes, and beside those of the robot alone: the log may have been
         recorded either way."""
-        self.motors = MotorTally(load.loaded.model)
+        self.motors = MotorTally(load.with_load.model)
         self.stationary = np.zeros(nv, int)
         """Rows in which the direction of motion is unknown."""
 
@@ -299,11 +299,11 @@ class MotionTally:
         self.stationary += s.stationary.sum(axis=0)
         if s.outlier.any():
             self.outliers.add(s.time, s.outlier, self._may_pass(s, torques))
-        if self.load.loaded.actuators:
+        if self.load.with_load.actuators:
             self.motors.add(s.time, self.load.motor_loads(s))
         some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
         if self.plan.sigma_ddq.any():
-            M = self.load.loaded.mass_matrix(some.q)
+            M = self.load.with_load.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
             self.noise = np.maximum(self.noise, spread.max(axis=0))
         borne = np.zeros((len(s), 0))
@@ -311,18 +311,18 @@ class MotionTally:
             borne = self.load.follower_torques(s)
             for k, row in self.borne.add(s.time, np.abs(borne)):
                 self.borne_signed[k] = borne[row, k]
-        if self.room.asked:
+        if self.payload_margin.asked:
             added = self.load.payload_torques(s)
             if self.followers:
                 torques, added = np.hstack([torques, borne]), np.hstack([added, self.load.follower_payload_torques(s)])
-            self.room.add(s.time, torques, added)
+            self.payload_margin.add(s.time, torques, added)
         if self.load.payloads:
             self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
 
     def _sigma(self, s: MotionSamples) -> Array:
         """(n, nv) standard deviation of the torques, by the mass matrices of some of the states."""
         stride = max(1, len(s) // _BAND_SAMPLES)
-        M = self.load.loaded.mass_matrix(s.q[::stride])
+        M = self.load.with_load.mass_matrix(s.q[::stride])
         squares = self.plan.sigma_at(s) ** 2
         blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
         return np.sqrt(np.concatenate(blocks, axis=1).T)
@@ -339,7 +339,7 @@ class MotionTally:
             if joint is None:  # of a quaternion
                 found[row, column] = True
                 continue
-            M = self.load.loaded.mass_matrix(s.q[row])
+            M = self.load.with_load.mass_matrix(s.q[row])
             change = np.abs(M[:, joint]) * gain * abs(float(s.outlier[row, column, 1]))
             within = np.abs(torques[row]) + change <= np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
             found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
@@ -415,7 +415,7 @@ _PLANNED = 1 << 21
 
 
 def analyse(
-    load: LoadedRobot,
+    load: LoadCase,
     differentiation: Differentiation,
     limits: Limits,
     *,
@@ -432,7 +432,7 @@ def analyse(
     """
     fixed = min(1.0, _PLANNED / max(1, differentiation.trajectory.size))
     steps = Steps(progress, (_OF_A_PASS, _OF_THE_PLAN * fixed, _OF_A_PASS, _OF_THE_DRAWS * fixed))
-    run = _Run(load, limits, chunk or max(1024, _NUMBERS_PER_CHUNK // max(1, load.bare.nv)), csv, split, steps)
+    run = _Run(load, limits, chunk or max(1024, _NUMBERS_PER_CHUNK // max(1, load.robot.nv)), csv, split, steps)
     if differentiation.smooths:
         steps.skip(2)
         report = run.answer(differentiation)
@@ -454,7 +454,7 @@ def analyse(
 class _Run:
     """Passes over one motion, and the file that one of them writes."""
 
-    load: LoadedRobot
+    load: LoadCase
     limits: Limits
     chunk: int
     csv: str | Path | None
@@ -507,10 +507,10 @@ class _Run:
         beside = None if derived is None else derived.plan
         tally, told = self.once(plan, write=True, beside=beside, estimating=True), self.steps.next()
         estimates = []
-        for k in range(self.load.bare.nv):
+        for k in range(self.load.robot.nv):
             estimates.append(tally.estimate(k))
             if told is not None:
-                told((k + 1) / self.load.bare.nv)
+                told((k + 1) / self.load.robot.nv)
         return _report(tally, derived, estimates)
 
 
@@ -523,7 +523,7 @@ def _report(
         joints = tuple(replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True))
     worst = worst_joint([abs(j.peak) for j in joints], [j.limit for j in joints])
     return TorqueReport(
-        robot=load.bare.name,
+        robot=load.robot.name,
         trajectory=str(plan.trajectory.path),
         rows=run.rows,
         begin=run.begin,
@@ -541,13 +541,13 @@ def _report(
         outliers=outliers,
         stationary=tuple((run.stationary / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
-        around=run.around[worst] or MotionSamples.none(load.bare.nq, load.bare.nv),
+        around=run.around[worst] or MotionSamples.none(load.robot.nq, load.robot.nv),
         contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not outliers)),
         hints=plan.trajectory.hints(run.limits),
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)
         and run.carried <= ZERO * float(run.peak.value.max(initial=0.0)),
-        room=run.room.result(),
+        payload_margin=run.payload_margin.result(),
         derived=None
         if derived is None
         else AsDerived(derived.plan, derived.excesses(), derived.envelope.result(), derived.motors.result()),

@@ -24,7 +24,7 @@ _SHARE = 0.05
 """Of the robot's weight: less is what masses in files and derived accelerations are off by."""
 _WEIGHTLESS = 0.001
 """Of what the robot would weigh on earth: less is rounding and noise of the log where gravity is weak, or none."""
-_SURE_of_base_force = 5.0
+_SURE_FORCE = 5.0
 """Standard deviations."""
 
 
@@ -52,7 +52,7 @@ def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
         if body.parent == BASE and not body.joint.driven
         for k in range(body.v_index, body.v_index + body.joint.nv)
     ]
-    forces = [max(abs(j.peak) - _SURE_of_base_force * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
+    forces = [max(abs(j.peak) - _SURE_FORCE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
     largest = max(forces, default=0.0)
     least = max(_SHARE * _weight(model), _WEIGHTLESS * STRENGTH * model.moving_mass)
     return largest if largest > least else 0.0
@@ -86,7 +86,7 @@ _APART = 1e-3
 """m between two tips, from which it matters which of them carries the payload."""
 
 
-def model_doubts(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
+def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
     """A sentence for each, without a full stop; ``joints`` are the peaks of all velocities, where the base may float."""
     said = []
     if massless := massless_links(model):
@@ -162,12 +162,12 @@ def verdict_of(report: TorqueReport) -> Verdict:
     worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
     """
     over: list[tuple[Excess, str]] = []
-    unsure = limit_doubts(report.load.bare, report.limits, [j.peak for j in report.joints])
+    unsure = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
     _judge_torques(report, over, unsure)
     _judge_motion(report, over, unsure)
     stated = _grouped(over)
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
-    unsure += model_doubts(report.load.loaded.model, report.joints)
+    unsure += model_warnings(report.load.with_load.model, report.joints)
     near = max((j.share for j in report.joints), default=0.0) > _NEAR
     if report.gaps.hidden > (0.0 if near else _HIDDEN * (report.end - report.begin)):
         unsure.append(report.gaps.hidden_words)
@@ -224,7 +224,7 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
 def _judge_follower(
     report: TorqueReport, e: Excess, factor: float, over: list[tuple[Excess, str]], unsure: list[str]
 ) -> None:
-    body = next(b for b in report.load.bare.model.bodies if b.joint.name == e.joint)
+    body = next(b for b in report.load.robot.model.bodies if b.joint.name == e.joint)
     reach = report.reach(report.joints[body.v_index]) / abs(body.ratio) if body.ratio else 0.0
     takes = f"{torque(e.value)} {e.unit}, limit {number(e.limit)} ({percent_of_limit(abs(e.value) / e.limit)})"
     if abs(e.value) - factor * reach > e.limit:

@@ -19,7 +19,7 @@ from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.motion import Motion
 from ..motion.noise import RunningExtrema
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
-from ..reports.load_case import LoadedRobot
+from ..reports.load_case import LoadCase
 from ..typing import Array
 from .surface import Decimation
 
@@ -39,7 +39,7 @@ class DrawnMotion:
     Of a motion of very many, evenly spaced ones and those at which a curve peaks.
     """
 
-    load: LoadedRobot
+    load: LoadCase
     """The robot with what it carries."""
     time: Array
     """(n,) s, increasing."""
@@ -64,7 +64,7 @@ class DrawnMotion:
 
     @property
     def states(self) -> MotionSamples:
-        """The same as the functions of :class:`~twistwrench.reports.load_case.LoadedRobot` take it."""
+        """The same as the functions of :class:`~twistwrench.reports.load_case.LoadCase` take it."""
         none = np.zeros((len(self.time), 0))
         return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
 
@@ -86,7 +86,7 @@ class DrawnMotion:
         >>> t = np.linspace(0, 1, 21)
         >>> motion_of(tw.robots.pendulum(), t, t[:, None] ** 2).require(tw.robots.pendulum())
         """
-        own = self.load.bare
+        own = self.load.robot
         if own.coordinate_names != robot.coordinate_names:
             raise ValueRangeError(
                 f"the motion is of robot {own.name!r}, and the one to be shown is {robot.name!r}. Make it with "
@@ -113,7 +113,7 @@ class DrawnMotion:
         >>> q.round(3).tolist()
         [0.25]
         """
-        q, k, after, share = between(self.load.loaded, self.time, self.q, np.asarray(time))
+        q, k, after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
         return q, self.torques[k] + share * (self.torques[after] - self.torques[k])
 
 
@@ -186,7 +186,7 @@ def motion_of(
     moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
     states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
-    motion = _gathered(LoadedRobot(robot), iter([states]))
+    motion = _gathered(LoadCase(robot), iter([states]))
     motion = replace(motion, warnings=(*(f"{Word.LOOK_AGAIN}: {said}" for said in doubts), *motion.warnings))
     if not moves:
         return motion
@@ -197,7 +197,7 @@ def motion_of(
 
 
 def read_motion(
-    load: LoadedRobot,
+    load: LoadCase,
     trajectory: MotionLog,
     progress: Callable[[int], None] | None = None,
     *,
@@ -207,7 +207,7 @@ def read_motion(
 
     Parameters
     ----------
-    load : LoadedRobot
+    load : LoadCase
     trajectory : MotionLog, the file
     progress : callable, optional, told how many rows are done
     smoothing : bool, fits its strength to the noise found before anything is derived
@@ -221,25 +221,25 @@ def read_motion(
     TrajectoryError
         The file cannot be used as it is.
     """
-    differentiation = Differentiation.plan(trajectory, load.bare.model, smoothing=smoothing)
+    differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
     motion = _gathered(load, differentiation.states(_CHUNK, progress))
-    doubts = [*load.contradictions, *trajectory.contradictions(load.bare.limits)]
+    doubts = [*load.contradictions, *trajectory.contradictions(load.robot.limits)]
     verdict = Verdict.of(look_again=doubts)
-    told = (*(f"{verdict.word}: {said}" for said in doubts), *trajectory.hints(load.bare.limits))
+    told = (*(f"{verdict.word}: {said}" for said in doubts), *trajectory.hints(load.robot.limits))
     return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict)
 
 
-def _gathered(load: LoadedRobot, every: Iterator[MotionSamples]) -> DrawnMotion:
+def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
     """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
-    nq, nv = load.bare.nq, load.bare.nv
+    nq, nv = load.robot.nq, load.robot.nv
     kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
     peaks = RunningExtrema(nv)
-    check = LimitCheck(load.bare.model, bounds_of(load.bare))
+    check = LimitCheck(load.robot.model, bounds_of(load.robot))
     for s in every:
         torques = load.torques(s)
         peaks.add(s.time, np.abs(torques))
         check.add(s.time, s.measured, s.dq, tau=torques)
-        if load.bare.model.limited_followers:
+        if load.robot.model.limited_followers:
             check.add_borne(s.time, load.follower_torques(s))
         power = (torques * s.dq).sum(axis=1)
         kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))

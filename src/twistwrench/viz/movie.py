@@ -255,7 +255,7 @@ def film(
     """
     target = Path(movie_path(path))
     moments = _moments(motion, fps, speed)
-    robot = motion.load.loaded
+    robot = motion.load.with_load
     scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
     painter = _painter(scene, motion, moments)
     with replacing(target) as scratch, figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
@@ -350,7 +350,7 @@ class _Bars:
     """Each torque as a share of its limit, elsewhere of its largest."""
 
     def __init__(self, axis: Any, motion: DrawnMotion) -> None:
-        robot = motion.load.loaded
+        robot = motion.load.with_load
         limits = np.where(robot.limits.effort > 0, robot.limits.effort, np.inf)
         self.limited = np.isfinite(limits)
         self.scale = np.where(self.limited, limits, np.maximum(motion.peaks, 1e-9))

@@ -136,7 +136,7 @@ def page_text(
         book.require(robot)
     if motion is not None:
         motion.require(robot)
-        robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
+        robot, wrench_on_robot = motion.load.with_load, motion.load.wrenches
     start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else default_view_pose(robot)
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)

@@ -23,7 +23,7 @@ from ...sensing.log import ReadingLog
 from ...sensing.outliers import runs
 from ...sensing.poses import PoseProposal
 from ...sensing.result import Identification
-from ..usage import in_shell_words
+from ..usage import with_option_names
 from .plain_table import PlainTable, remarks, verdict_word
 
 _KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, each predicted from the others"}
@@ -119,7 +119,7 @@ def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
             f"{number(np.median(deviations), 2)}",
         ),
         _joints(found, degrees=degrees),
-        _groups_of_excite(found),
+        _excited_groups(found),
     )
 
 
@@ -157,7 +157,7 @@ def _joints(found: ExcitingMotion, *, degrees: bool) -> PlainTable:
     return table
 
 
-def _groups_of_excite(found: ExcitingMotion) -> PlainTable:
+def _excited_groups(found: ExcitingMotion) -> PlainTable:
     base = found.information.base
     table = PlainTable(f"{base.count} groups of parameters, and how sure a log of the motion makes them")
     table.words("group")
@@ -221,7 +221,7 @@ def _told(found: Identification | Compensation, *sentences: tuple[str, ...]) -> 
     said = [sentence for group in sentences for sentence in group]
     reasons = [sentence for sentence in said if sentence in found.verdict.reasons]
     others = [sentence for sentence in said if sentence not in reasons]
-    return remarks(map(in_shell_words, reasons)), remarks(map(in_shell_words, others))
+    return remarks(map(with_option_names, reasons)), remarks(map(with_option_names, others))
 
 
 def _verdict_of_sensor(found: Identification) -> Text:

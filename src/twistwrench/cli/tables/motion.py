@@ -132,7 +132,7 @@ def _cells(values: Array) -> list[str]:
 
 _SAMPLES = 2001
 _LISTED = 12
-_PASSED_of_trajectory = 6
+_MOST_PASSED = 6
 """Limits passed that are listed."""
 
 
@@ -254,15 +254,11 @@ def _verdict(
 ) -> list[Text]:
     first = [Text.assemble(("CANNOT", "bold red"), f": {cannot}")] if cannot else []
     if violations:
-        over = [Text.assemble(verdict_word(Word.OVER_LIMIT), f": {v}.") for v in violations[:_PASSED_of_trajectory]]
+        over = [Text.assemble(verdict_word(Word.OVER_LIMIT), f": {v}.") for v in violations[:_MOST_PASSED]]
         return [
             *first,
             *over,
-            *(
-                [Text(f"and {len(violations) - _PASSED_of_trajectory} more")]
-                if len(violations) > _PASSED_of_trajectory
-                else []
-            ),
+            *([Text(f"and {len(violations) - _MOST_PASSED} more")] if len(violations) > _MOST_PASSED else []),
         ]
     unknown = _unknown_velocities(trajectory, bounds)
     unlimited = unknown or np.isinf(bounds.effort).any()

@@ -19,7 +19,7 @@ from ...joints.units import unit_of
 from ...model.limits import over_limit
 from ...model.model import BASE
 from ...motion.coordinates import Coordinates
-from ...reports.load_case import TEMPLATE, TERMS, PayloadRoom, cause_label, unlimited
+from ...reports.load_case import TEMPLATE, TERMS, PayloadMargin, cause_label, unlimited
 from ...reports.motors import Demand, MotorUse
 from ...reports.statistics import INTERVAL
 from ...reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
@@ -52,17 +52,17 @@ def notes(report: TorqueReport) -> Iterator[str]:
             f"the longest gap is {number(report.gaps.longest)} s, after t = {seconds(report.gaps.longest_at, 4)} s."
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
-    floating = {b.joint.name for b in report.load.bare.model.bodies if not b.joint.driven}
+    floating = {b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven}
     if floating:
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
-    model = report.load.loaded.model
+    model = report.load.with_load.model
     missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])
     if missing and report.verdict.word is not Word.UNSURE:  # where it is among the reasons
         yield f"No torque limit is known for {listed(missing)}: {TEMPLATE}."
     if resting := [
-        f"{p.frame or report.load.bare.model.tip}"
+        f"{p.frame or report.load.robot.model.tip}"
         for p in report.load.payloads
-        if report.load.bare.model.frame(p.frame or report.load.bare.model.tip).body == BASE
+        if report.load.robot.model.frame(p.frame or report.load.robot.model.tip).body == BASE
     ]:
         yield f"The payload at {', '.join(resting)} rests on the fixed base and loads no joint."
     if report.idle_payload:
@@ -77,7 +77,7 @@ def notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
-    friction = report.load.bare.model.friction.static
+    friction = report.load.robot.model.friction.static
     found = [
         f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(report.stationary[k], 3)} of the rows)"
         for k, j in enumerate(report.joints)
@@ -266,7 +266,7 @@ class _View:
 def _heading(report: TorqueReport) -> Text:
     load = report.load
     carried = [
-        f"payload {number(p.mass)} kg at {p.frame or load.bare.model.tip}"
+        f"payload {number(p.mass)} kg at {p.frame or load.robot.model.tip}"
         + (f" + {list(p.place)} m" if any(p.place) else "")
         for p in load.payloads
     ] or ["no payload"]
@@ -274,7 +274,7 @@ def _heading(report: TorqueReport) -> Text:
     step = f" at {number(1e3 * report.quality.step)} ms" if report.rows > 1 else ""
     rows = "1 row" if report.rows == 1 else f"{report.rows:,} rows"
     motion = f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {rows}{step}"
-    friction = friction_words(load.bare.model, counted=load.friction)
+    friction = friction_words(load.robot.model, counted=load.friction)
     return Text.assemble((f"{report.robot}", "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
 
 
@@ -387,25 +387,25 @@ def verdict_view(report: TorqueReport) -> Text:
     if verdict.ok:
         held = report.differentiation.trajectory.held
         load = report.load
-        said = assumed_words(assumptions(load.bare.model, load.payloads, held=held, friction=load.friction))
+        said = assumed_words(assumptions(load.robot.model, load.payloads, held=held, friction=load.friction))
     text = Text.assemble(verdict_word(verdict.word), f": {reasons[0]}{said}.")
     for reason in reasons[1:]:
         text.append(f"\n  - {reason}.")
-    if (room := _room(report)) is not None:
-        text.append(f"\n{room.words}")
+    if (margin := _payload_margin(report)) is not None:
+        text.append(f"\n{margin.words}")
     for hint in report.hints:
         text.append("\nIS THE UNIT RIGHT?", "bold yellow").append(f" {hint}.")
-    if remark := force_remark(report.load.loaded.model, report.joints):
+    if remark := force_remark(report.load.with_load.model, report.joints):
         text.append("\nIS A CONTACT MISSING?", "bold yellow").append(f" {remark}")
     return text
 
 
-def _room(report: TorqueReport) -> PayloadRoom | None:
+def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
     """How heavy the payload may be, where the verdict stands, and the peaks of a noisy log say no other."""
-    if report.room is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
+    if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
         return None
-    fits = report.room.mass >= report.load.payloads[0].mass
-    return report.room if fits != any(e.kind == "effort" for e in report.excesses) else None
+    fits = report.payload_margin.mass >= report.load.payloads[0].mass
+    return report.payload_margin if fits != any(e.kind == "effort" for e in report.excesses) else None
 
 
 def _nearest(report: TorqueReport) -> str:
