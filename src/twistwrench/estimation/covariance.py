@@ -13,6 +13,8 @@ from .least_squares import Prior
 _MANY = 1000  # clusters; more are told in groups of neighbours
 _WHOLE = 1.0 - 1e-6  # share of an unknown that one cluster tells; from there on nothing checks it
 _LEAST_KNOWN = 2 / 3  # of its degrees of freedom, what a weight counts with at least; else two or three say nothing
+_RATE = 1e-4  # of false alarms, at which tails of a sum of two estimated variances are matched
+_WIDEST, _NODES, _MATCHES = 24.0, 25, 4
 _LEAST_FREEDOM = 2.1  # of an unknown in a block; the mean of F has no value at 2
 
 
@@ -65,6 +67,39 @@ def of_block(freedom: Array) -> float:
     """
     more = float((2.0 / (np.maximum(freedom, _LEAST_FREEDOM) - 2.0)).sum())  # E - k
     return 2.0 * (len(freedom) + more) / more if more else np.inf
+
+
+def sum_freedom(variances: Array, freedom: Array) -> Array:
+    """Degrees of freedom (k,) of sums of two estimated variances (2, k), of ``freedom`` (2, k) each, as tests need them.
+
+    Satterthwaite's number comes from the estimates themselves, so it is too large just where the uncertain part of the sum
+    is underestimated. Instead Student's distribution with ν has the tails of N(0, Σ ν_i s_i² / χ²_i), fiducial in both
+    variances, where they hold 1e-4; at other rates from 1e-2 to 1e-6 they differ by less than ten times.
+    Source: Fisher, "The comparison of samples with possibly unequal variances", Ann. Eugenics 9, 1939.
+    """
+    from scipy import special
+
+    total = variances.sum(axis=0)
+    unsure = (variances**2 / np.maximum(freedom, 1.0)).sum(axis=0)
+    found = total**2 / np.maximum(unsure, 1e-300)
+    both = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
+    if not both.any():
+        return found
+    logit = np.linspace(-_WIDEST, _WIDEST, _NODES)
+    share = special.expit(logit)
+    weight = share * (1.0 - share) * (logit[1] - logit[0])
+    first, second = (
+        s[both, None] * nu[both, None] / (2.0 * special.gammaincinv(0.5 * nu[both, None], share))
+        for s, nu in zip(variances, np.maximum(freedom, 1.0), strict=True)
+    )
+    size = np.sqrt((first[:, :, None] + second[:, None, :]) / total[both, None, None])  # (k, nodes, nodes)
+    nu = found[both]
+    for _ in range(_MATCHES):
+        times = special.stdtrit(nu, 0.5 * _RATE)
+        tail = special.ndtr(times[:, None, None] / size) @ weight @ weight
+        nu = np.minimum(special.stdtridf(tail, times), found[both])
+    found[both] = nu
+    return found
 
 
 def by_clusters(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import ValueRangeError
-from ..estimation.covariance import as_weights, by_channels, by_clusters, of_block, plug_in
+from ..estimation.covariance import as_weights, by_channels, by_clusters, of_block, plug_in, sum_freedom
 from ..lie import so3
 from ..lie.labelled import WRENCH
 from ..typing import Array
@@ -345,14 +345,15 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
 
 
 def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Array, Array]:
-    """Standard deviation (6,) of one reading in any orientation, and its degrees of freedom (6,) by Satterthwaite.
+    """Standard deviation (6,) of one reading in any orientation, and its degrees of freedom (6,).
 
-    σ² = v + w (1 - 1 / count): what rows have, and what their means have lost.
+    σ² = v + w (1 - 1 / count): the variance of rows, and what their means have lost.
     """
     lost = problem.within * (1.0 - float((1.0 / problem.count[keep]).mean()))
     mean = v[keep].mean(axis=0)
-    unsure = mean**2 / freedom + lost**2 / max(problem.within_freedom, 1.0)
-    return np.sqrt(mean + lost), (mean + lost) ** 2 / unsure
+    return np.sqrt(mean + lost), sum_freedom(
+        np.stack([mean, lost]), np.stack([freedom, np.full(6, problem.within_freedom)])
+    )
 
 
 def _inside(log: ReadingLog, delay: float) -> Array:
