@@ -444,3 +444,15 @@ def test_finding_32_a_flattened_sample_counts_where_it_could_pass_a_limit(tmp_pa
         result = bench.torques(bench.file(t, q, knocked, head=["shoulder.vel", "elbow.vel"]))
         assert first_word(result) == word, result.output
         assert "smoothing flattened samples" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("rows", [800, 2000])
+def test_a_log_of_hardly_any_noise_is_identified(tmp_path, rows):
+    """Filters leave motor inertias of -0.0003 kg m², which noise of 1e-5 of the torques makes surely negative."""
+    bench = Bench("arm", tmp_path)
+    arm, t = tw.robots.planar_2r(), np.arange(rows) * 0.01
+    q, dq, ddq, _ = bench.waves(t)
+    tau = arm.inverse_dynamics(q, dq, ddq)
+    tau = tau + 1e-5 * tau.std(axis=0) * np.random.default_rng(0).normal(size=tau.shape)
+    found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm))
+    assert found.verdict.word == "OK" and found.held_out.all < 1e-3, str(found.verdict)

@@ -343,7 +343,9 @@ _MOTION, _UNSURE = 200, 0.1
 """States of another motion, and the share of its torques that deviations of the groups may make."""
 _WITHOUT = 0.5
 _UNEXPLAINED_JOINT = 0.6
-_NEGATIVE = 4.0
+_NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
+"""Deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts. Without
+noise deviations hold the errors of filters only by chance, and these make such small ones."""
 _NOTABLE = 0.1
 """Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
 _SAID = "LOOK AGAIN: "
@@ -481,7 +483,9 @@ def _untold(seen: FittedLog) -> list[Doubt]:
 def _negative(seen: FittedLog) -> list[Doubt]:
     kinds = np.array(seen.base.unknown.kinds)[seen.base.kept]
     drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
-    bad = np.flatnonzero(drive & (seen.x < -_NEGATIVE * seen.deviations))
+    parts = np.sqrt((seen.W**2).mean(axis=0)) * np.abs(seen.x)  # (nv, r) of each joint's torque
+    share = (parts / np.maximum(np.sqrt((seen.tau**2).mean(axis=0)), 1e-300)[:, None])[~seen.dead].max(axis=0)
+    bad = np.flatnonzero(drive & (seen.x < -_NEGATIVE * seen.deviations) & (share > _NEGLIGIBLE))
     if not bad.size:
         return []
     said = ", ".join(f"{seen.base.names[k]} = {plus_minus(seen.x[k], seen.deviations[k])}" for k in bad[:4])
