@@ -42,9 +42,9 @@ def pool(monkeypatch):
     """A pool of our own, from which everything from 1 MB on is lent."""
     if not huge_pages.allowed():
         pytest.skip("this system has no huge pages to ask for")
-    own = huge_pages._Pool()
+    own = huge_pages.ResultPool()
     monkeypatch.setattr(huge_pages, "_POOL", own)
-    monkeypatch.setattr(huge_pages, "most", lambda: 24 * huge_pages.PAGE)
+    monkeypatch.setattr(huge_pages, "bound", lambda: 24 * huge_pages.PAGE)
     monkeypatch.setattr(results, "LARGE", 1 << 20)
     monkeypatch.setattr(batch_split, "ONE_ROOM", 1 << 20)
     return own
@@ -125,33 +125,33 @@ def test_each_of_several_large_results_is_by_itself(panda, pool):
 
 def test_all_blocks_together_are_bounded_and_kept_results_do_not_wait_for_room(pool):
     shape, dtype = (3 << 18,), np.dtype(float)  # 6 MB: three huge pages
-    kept = [results.room([shape], dtype)[0] for _ in range(12)]
+    kept = [results.result_arrays([shape], dtype)[0] for _ in range(12)]
     assert len(pool.blocks) == 8
     assert sum(x.flags.owndata for x in kept) == 4
     del kept
     assert len(pool.idle) == 8
-    assert results.room([(1 << 30,)], np.dtype(np.uint8))[0].flags.owndata  # more than all of it
+    assert results.result_arrays([(1 << 30,)], np.dtype(np.uint8))[0].flags.owndata  # more than all of it
 
 
-def test_blocks_that_nobody_wants_make_room_but_not_those_in_use(pool):
+def test_idle_blocks_make_room_but_not_those_in_use(pool):
     small, large = 10 * huge_pages.PAGE, 20 * huge_pages.PAGE
-    assert pool.lend(small) is not None
-    assert len(pool.idle) == 1
-    for _ in range(huge_pages.PATIENCE - 1):
-        assert pool.lend(large) is None
-    assert pool.lend(small) is not None
-    for _ in range(huge_pages.PATIENCE):
-        assert pool.lend(large) is None
-    assert pool.lend(large) is not None
+    held = pool.acquire(small)
+    assert held is not None
+    assert pool.acquire(large) is None
+    assert [block.size for block in pool.blocks] == [small]
+    del held
+    assert pool.acquire(large) is not None
     assert [block.size for block in pool.blocks] == [large]
 
 
-def test_a_block_is_lent_for_nothing_much_smaller(pool):
-    assert pool.lend(8 * huge_pages.PAGE) is not None
-    assert pool.lend(2 * huge_pages.PAGE) is not None
-    assert [block.size // huge_pages.PAGE for block in pool.blocks] == [8, 2]
-    assert pool.lend(7 * huge_pages.PAGE) is not None
+def test_a_block_serves_results_of_its_size_and_none_much_smaller(pool):
+    assert pool.acquire(9 * huge_pages.PAGE) is not None  # of ten pages
+    assert pool.acquire(2 * huge_pages.PAGE - 5) is not None
+    assert [block.size // huge_pages.PAGE for block in pool.blocks] == [10, 2]
+    assert pool.acquire(10 * huge_pages.PAGE) is not None
     assert len(pool.blocks) == 2
+    assert pool.acquire(7 * huge_pages.PAGE) is not None
+    assert len(pool.blocks) == 3
 
 
 @pytest.mark.parametrize("refuses", ["mmap", "madvise"])
@@ -196,7 +196,7 @@ def test_results_that_outlive_each_other_in_threads_keep_their_numbers(panda, po
 
 
 def test_a_ring_of_garbage_gives_its_block_back(pool):
-    ring: list = [results.room([(1 << 20,)], np.dtype(float))[0]]
+    ring: list = [results.result_arrays([(1 << 20,)], np.dtype(float))[0]]
     ring.append(ring)
     assert not pool.idle
     del ring
@@ -212,7 +212,7 @@ from twistwrench.runtime import result_pool as results
 
 pool, shape, dtype = huge_pages._POOL, (1 << 23,), np.dtype(float)
 def room():
-    return results.room([shape], dtype)[0]
+    return results.result_arrays([shape], dtype)[0]
 lent, idle = room(), room()
 lent[:] = 1.0
 place = idle.__array_interface__["data"][0]
@@ -260,7 +260,7 @@ def test_a_switch_that_is_neither(monkeypatch):
     huge_pages.allowed.cache_clear()
     monkeypatch.setenv("TWISTWRENCH_HUGE_PAGES", "maybe")
     with pytest.raises(tw.ValueRangeError, match="TWISTWRENCH_HUGE_PAGES: 'maybe' is not understood"):
-        results.room([(1 << 22,), (1 << 20,)], np.dtype(float))
+        results.result_arrays([(1 << 22,), (1 << 20,)], np.dtype(float))
     monkeypatch.undo()
     huge_pages.allowed.cache_clear()
 
@@ -280,7 +280,7 @@ def test_results_go_past_the_caches_with_the_same_bits(panda, monkeypatch, cpu, 
     for dtype in (np.float64, np.float32):
         given = [x.astype(dtype) for x in arrays]
         shapes = [(203, *port.shape) for port in program.outputs]
-        out = results.room(shapes, np.dtype(dtype))
+        out = results.result_arrays(shapes, np.dtype(dtype))
         streamed(*given, out=out)
         expected = plain(*given)
         for one, other in zip(out, expected if isinstance(expected, tuple) else (expected,), strict=True):

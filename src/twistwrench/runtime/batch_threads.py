@@ -21,7 +21,7 @@ from ..errors import ValueRangeError
 from ..lowering.target_machine import SINGLE
 from ..typing import Array
 from . import interpreter
-from .result_pool import room
+from .result_pool import result_arrays
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -140,7 +140,7 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
     batch = _batch(arrays, owner.given.inputs)
     if batch is None:
         return None
-    return room([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
+    return result_arrays([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
 
 
 def _is_single(arrays: Arrays) -> bool:
@@ -169,7 +169,7 @@ def _batch(arrays: Arrays, ports: tuple[TensorSpec, ...]) -> tuple[int, ...] | N
 def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arrays: Arrays) -> Arrays | None:
     """Fresh arrays, or those given if they can be written to in any order: rows without gaps, nothing else in them."""
     if out is None:
-        return room(shapes, dtype)
+        return result_arrays(shapes, dtype)
     outputs = out if isinstance(out, tuple) else (out,)
     if len(outputs) != len(shapes):
         return None

@@ -18,18 +18,22 @@ from .elf_loader import ExecutableMemory, UnsupportedObject
 VARIABLE = "TWISTWRENCH_JIT"
 
 
-def compiles() -> bool:
-    """Whether programs are compiled: where they can be, unless ``TWISTWRENCH_JIT=0``.
+def switched_on(variable: str, off: str, on: str) -> bool:
+    """The value of an environment variable that is a switch, on by default; ``off`` and ``on`` name the effects.
 
-    Raises ValueRangeError for what is neither on nor off.
+    Raises ValueRangeError for another value.
     """
-    text = os.environ.get(VARIABLE, "").strip().lower() or "1"
+    text = os.environ.get(variable, "").strip().lower() or "1"
     if text not in ("0", "1", "off", "on"):
         raise ValueRangeError(
-            f"{VARIABLE}: {os.environ[VARIABLE]!r} is not understood. Set 0 or off to run programs on NumPy; 1, on or nothing "
-            "to compile them."
+            f"{variable}: {os.environ[variable]!r} is not understood. Set 0 or off to {off}; 1, on or nothing to {on}."
         )
-    return text in ("1", "on") and runs_machine_code() and _may_run_pages()
+    return text in ("1", "on")
+
+
+def compiles() -> bool:
+    """True if programs are compiled: where they can be, unless ``TWISTWRENCH_JIT=0``."""
+    return switched_on(VARIABLE, "run programs on NumPy", "compile them") and runs_machine_code() and _may_run_pages()
 
 
 def runs_machine_code() -> bool:

@@ -1,10 +1,9 @@
-"""Memory in huge pages, lent and taken back: large results that are made again and again meet no page fault but the first.
+"""Arrays for results: one block for those of a call, or pooled huge pages if they are large.
 
-Where a result is large, the C library gets its memory from the system and hands it back with the result, so every fresh one
-is made of fresh pages, and those cost more than most kernels take to fill them. A block lent from here comes back when the
-last view of it dies, and until it is lent again the system may take its pages where memory runs short. Nothing here is
-locked: each step on the list of idle blocks is one that Python does as a whole, so blocks may come back from any thread, from
-the garbage collector, and in the middle of everything.
+The C library takes the memory of a large result from the system and returns it with the result, so every result consists of
+fresh pages, which cost more than most kernels take to fill them. A pooled block returns to the pool when its last view dies.
+Nothing here is locked: each step on the list of idle blocks is atomic in Python, so blocks may be released in any thread and by
+the garbage collector, in the middle of everything.
 """
 
 from __future__ import annotations
@@ -21,63 +20,45 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ValueRangeError
 from ..typing import Array
+from .interpreter import switched_on
 
 VARIABLE = "TWISTWRENCH_HUGE_PAGES"
 
 PAGE = 1 << 21
 """Bytes of a huge page, where the system has them: x86-64, and AArch64 with small pages of 4 kB."""
 
-MOST = 1 << 30
-"""Bytes of all blocks together, lent and idle, on a machine with memory enough; :func:`most` says how much on this one."""
-
-SHARE = 16
-"""Of the memory of a machine, or of a container, this part at most."""
-
-SLACK = 1.25
-"""A block may be so many times as large as what it is lent for."""
-
-PATIENCE = 16
-"""A block that so many others were lent past makes room for new ones. One that was in use since does not: pages are what
-costs, and two results that drive out each other would cost more than without any of this."""
+MOST, SHARE = 1 << 30, 16
+"""Bound of all blocks together [bytes], and as a part of the memory of a machine or of a container."""
 
 
 class _Block:
-    """Some huge pages, zero until written to."""
+    """Some huge pages, zero until written to. Raises OSError, ValueError or OverflowError if the system refuses."""
 
     def __init__(self, size: int) -> None:
-        """Raises OSError, ValueError or OverflowError where the system refuses."""
         self.size = size
         self.memory = mmap.mmap(-1, size + PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         start = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
         self.first = -start % PAGE
         self.address = start + self.first
         self.memory.madvise(mmap.MADV_HUGEPAGE)
-        self.lent_last = 0
-
-    def rest(self) -> None:
-        """Let the system have the pages, should it run short of memory; until then they stay."""
-        with suppress(OSError):
-            self.memory.madvise(mmap.MADV_FREE, self.first, self.size)
 
 
-class Lease:
-    """A block in somebody's hands: what NumPy makes an array of, and keeps as the base of all its views."""
+class _Lease:
+    """A block in use: NumPy makes an array of it, which keeps it as the base of all views."""
 
-    def __init__(self, pool: _Pool, block: _Block, size: int) -> None:
-        self._pool, self._block, self._home = pool, block, pool.idle
+    def __init__(self, pool: ResultPool, block: _Block) -> None:
+        self._pool, self._block, self._idle = pool, block, pool.idle
         self.__array_interface__ = {
-            "version": 3, "shape": (size,), "typestr": "|u1", "data": (block.address, False),
+            "version": 3, "shape": (block.size,), "typestr": "|u1", "data": (block.address, False),
         }  # fmt: skip
 
     def __del__(self) -> None:
-        if self._home is self._pool.idle:  # else it was lent before a fork, by the parent's pool
-            self._block.rest()
-            self._home.append(self._block)
+        if self._idle is self._pool.idle:  # else it was acquired before a fork, from the parent's pool
+            self._pool.release(self._block)
 
 
-class _Pool:
+class ResultPool:
     """All blocks of this process."""
 
     def __init__(self) -> None:
@@ -86,95 +67,70 @@ class _Pool:
             os.register_at_fork(after_in_child=self.begin)
 
     def begin(self) -> None:
-        """Own nothing: a child of a fork leaves to its parent what was there, lent or idle."""
+        """Start without blocks: the child of a fork leaves those there are to its parent."""
         self.blocks: list[_Block] = []
         self.idle: list[_Block] = []
-        self.lent = 0
 
-    def lend(self, size: int) -> Lease | None:
-        """Memory of so many bytes; None where there is none to be had, or where plain memory serves better."""
-        self.lent += 1
-        whole = -(-size // PAGE) * PAGE
-        block = self._taken(whole) or self._made(whole)
-        if block is None:
+    def acquire(self, size: int) -> Any:
+        """Memory of at least ``size`` bytes, for ``np.asarray``; None beyond the bound, or if the system refuses.
+
+        Blocks have four sizes for each power of two, so a block serves all results of its size. Idle blocks of other sizes make
+        room for a new one, the oldest first.
+        """
+        pages = -(-size // PAGE)
+        step = 1 << max(0, pages.bit_length() - 3)
+        size = -(-pages // step) * step * PAGE
+        for block in list(self.idle):
+            if block.size == size and self._removed(block):
+                return _Lease(self, block)
+        idle = list(self.idle)
+        free = bound() - size - sum(block.size for block in self.blocks)
+        if free + sum(block.size for block in idle) < 0:
             return None
-        block.lent_last = self.lent
-        return Lease(self, block, size)
-
-    def _taken(self, size: int) -> _Block | None:
-        """An idle block, the smallest that fits; None only if there was none when last looked."""
-        while fitting := [block for block in list(self.idle) if size <= block.size <= SLACK * size]:
-            for block in sorted(fitting, key=lambda b: b.size):
-                if self._removed(block):
-                    return block
-        return None
-
-    def _made(self, size: int) -> _Block | None:
-        """A new block, where there is room for it or where blocks that nobody wants make room."""
-        if size > most():
-            return None
-        for block in sorted(self.idle, key=lambda b: b.lent_last):
-            if self._total() + size <= most() or self.lent - block.lent_last <= PATIENCE:
-                break
-            if self._removed(block):
+        for block in idle:
+            if free < 0 and self._removed(block):
                 self.blocks.remove(block)
-        if self._total() + size > most():
-            return None
+                free += block.size
         try:
             block = _Block(size)
         except (OSError, ValueError, OverflowError):
             return None
         self.blocks.append(block)
-        return block
+        return _Lease(self, block)
+
+    def release(self, block: _Block) -> None:
+        """Take a block back; until it is used again the system may have its pages, should memory run short."""
+        with suppress(OSError):
+            block.memory.madvise(mmap.MADV_FREE, block.first, block.size)
+        self.idle.append(block)
+
+    def clear(self) -> None:
+        """Return idle blocks to the system."""
+        for block in list(self.idle):
+            if self._removed(block):
+                self.blocks.remove(block)
 
     def _removed(self, block: _Block) -> bool:
-        """Whether it was still there: another thread may have been faster."""
+        """True if the block was still idle: another thread may have been faster."""
         try:
             self.idle.remove(block)
         except ValueError:
             return False
         return True
 
-    def _total(self) -> int:
-        return sum(block.size for block in self.blocks)
 
-    def clear(self) -> None:
-        """Give the system back what is idle."""
-        for block in list(self.idle):
-            if self._removed(block):
-                self.blocks.remove(block)
-
-
-_POOL = _Pool()
-
-
-def lend(size: int) -> Any:
-    """Memory of so many bytes as an object that NumPy makes an array of; None where plain memory serves better."""
-    return _POOL.lend(size) if allowed() else None
-
-
-def clear() -> None:
-    """Give the system back what nobody holds."""
-    _POOL.clear()
+_POOL = ResultPool()
 
 
 @cache
 def allowed() -> bool:
-    """Whether large results may lie in huge pages: where the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``.
-
-    Raises ValueRangeError for what is neither on nor off.
-    """
-    text = os.environ.get(VARIABLE, "").strip().lower() or "1"
-    if text not in ("0", "1", "off", "on"):
-        raise ValueRangeError(
-            f"{VARIABLE}: {os.environ[VARIABLE]!r} is not understood. Set 0 or off to leave large results to NumPy's own "
-            "memory; 1, on or nothing to keep it for the next ones."
-        )
-    return text in ("1", "on") and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
+    """True if large results may lie in huge pages: where the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
+    effect = "leave large results to NumPy's own memory", "keep it for the next ones"
+    return switched_on(VARIABLE, *effect) and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
 
 
 @cache
-def most() -> int:
+def bound() -> int:
     """Bytes of all blocks together."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return min(MOST, min([memory, *_limits()]) // SHARE)
@@ -206,7 +162,7 @@ def _limits() -> list[int]:
 LARGE = 1 << 25
 """Bytes of results that the C library never keeps: its largest threshold for that."""
 
-LEAST_LENT = 1 << 20
+LEAST_POOLED = 1 << 20
 """Bytes of one of several large results that is worth a lease of its own."""
 
 LINE = 64
@@ -216,7 +172,7 @@ ALIGNED = 1 << 20
 """Bytes of results from which on these are the processor's, so that they can be written past the caches."""
 
 
-def room(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
+def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
     """Arrays of those shapes, whatever is in them; raises MemoryError.
 
     Below 32 MB they are views of one block, so one that is kept keeps the others' memory; above, each is by itself.
@@ -235,11 +191,11 @@ def room(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array
 
 
 def _apart(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> Array:
-    lease = lend(size) if size >= LEAST_LENT else None
+    lease = _POOL.acquire(size) if size >= LEAST_POOLED and allowed() else None
     if lease is not None:
-        return np.asarray(lease).view(dtype).reshape(shape)
+        return np.asarray(lease)[:size].view(dtype).reshape(shape)
     try:
         return np.empty(shape, dtype)
     except MemoryError:
-        clear()
+        _POOL.clear()
         return np.empty(shape, dtype)

@@ -24,7 +24,7 @@ from ..robot.programs import Chart
 from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.gufunc import owner_of
-from ..runtime.result_pool import room
+from ..runtime.result_pool import result_arrays
 from ..typing import Array
 from .compiled_steps import Plan, Ports
 from .rollout_inputs import Inputs
@@ -124,7 +124,7 @@ def kernel_of(robot: Robot, plan: Plan) -> Any:
 
 def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
     try:
-        return list(room(shapes, np.dtype(dtype)))
+        return list(result_arrays(shapes, np.dtype(dtype)))
     except (MemoryError, ValueError):
         size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
         raise ValueRangeError(
@@ -352,7 +352,7 @@ def _swept(
     """λ by q and by dq at the start, (samples, nv) each, and the slopes by all that was given, (samples, steps, …) each."""
     samples, every, steps = len(q), given.steps // given.kept, given.steps
     kernel, by = _kernel(robot, given.plan), StepAdjoint(given.plan).by
-    said = list(room([(samples, steps, *shape) for _, shape in by], np.dtype(given.dtype)))
+    said = list(result_arrays([(samples, steps, *shape) for _, shape in by], np.dtype(given.dtype)))
     now = cost["q"][:, -1], cost["dq"][:, -1]
     pieces = [(0, steps)] if every == 1 else [(k * every, (k + 1) * every) for k in reversed(range(given.kept))]
     for first, last in pieces:
@@ -370,7 +370,7 @@ def _swept(
             *(x[:, ::-1] for x in costs),
         ]
         ranks = [1, 1, 2, 2, 2, *given.ranks[2:], *[2] * len(costs)]
-        rows = room([(samples, last - first, robot.nv)] * 2, np.dtype(given.dtype))
+        rows = result_arrays([(samples, last - first, robot.nv)] * 2, np.dtype(given.dtype))
         take(kernel, arrays, ranks, (*rows, *(x[:, first:last][:, ::-1] for x in said)), last - first)
         now = rows[0][:, -1], rows[1][:, -1]
     return now, said
@@ -380,7 +380,7 @@ def _between(robot: Robot, given: Inputs, q: Array, dq: Array, step: list[Array]
     """States of a piece, computed once more; all but the last."""
     samples, n = len(q), step[0].shape[0]
     sizes = [robot.nq, robot.nv, *[robot.nv] * given.plan.says_torques]
-    found = room([(samples, n, size) for size in sizes], np.dtype(given.dtype))
+    found = result_arrays([(samples, n, size) for size in sizes], np.dtype(given.dtype))
     take(kernel_of(robot, given.plan), [q, dq, *step], [1, 1, *given.ranks[2:]], found, n)
     shifted = [np.concatenate([x[:, None], y[:, :-1]], axis=1) for x, y in zip((q, dq), found, strict=False)]
     return shifted[0], shifted[1]
