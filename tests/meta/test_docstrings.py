@@ -26,7 +26,7 @@ from twistwrench.robot.quantity_methods import METHODS
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
     "export", "joints", "model.actuators", "model.builder", "model.edit", "model.limits", "motion",
-    "plotting.explanation", "plotting.motion", "plotting.motion", "plotting.torques", "plotting.payload", "plotting.robot", "plotting.explanation",
+    "plotting.explanation", "plotting.motion", "plotting.motion", "plotting.torques", "plotting.payload", "plotting.explanation",
     "plotting.simulation", "plotting.style", "plotting.torques", "plotting.simulation", "reports", "lie.axis", "lie.twist_wrench",
     "core.verdict", "verify",
 )  # fmt: skip

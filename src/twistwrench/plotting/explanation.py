@@ -15,32 +15,13 @@ from ..sensing.log import ReadingLog
 from ..sensing.outliers import runs
 from ..sensing.sensor import ForceTorqueSensor
 from ..typing import Array
-from .style import (
-    AXIS,
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    LINE,
-    ORANGE,
-    OVER,
-    PURPLE,
-    QUIET,
-    SKY,
-    SMALL,
-    VERMILION,
-    YELLOW,
-    figure,
-    save,
-)
+from . import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..robot.explanation import Explanation
 
-_BODIES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE)
-_APART = {"friction": GREY, "springs": YELLOW}
+_BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
+_APART = {"friction": style.GREY, "springs": style.YELLOW}
 """What is no body's; wrenches are the rest of that."""
 _MOST = 8
 """Causes drawn by themselves; the smallest of more are drawn as one."""
@@ -64,7 +45,7 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
     ['friction', 'lower', 'upper']
     """
     found: dict[str, dict[str, Any]] = {}
-    for names, colours in ((bodies, _BODIES), ([name for name in apart if name not in _APART], (AXIS,))):
+    for names, colours in ((bodies, _BODIES), ([name for name in apart if name not in _APART], (style.AXIS,))):
         for k, name in enumerate(names):
             hatch = (None, "///", "...", "xxx")[k // len(colours) % 4]
             found[name] = {"color": colours[k % len(colours)], "hatch": hatch, "edgecolor": "white"}
@@ -104,13 +85,13 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     shown = sorted(order[:_MOST].tolist())
     rest = [c for c in order[_MOST:].tolist() if parts[c].any()]
     shown = [c for c in shown if parts[c].any()]
-    style = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
-    rows = [(names[c], parts[c], style[names[c]]) for c in shown]
+    drawn_as = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
+    rows = [(names[c], parts[c], drawn_as[names[c]]) for c in shown]
     if rest:
-        others = {"color": "white", "hatch": "////", "edgecolor": GREY}
+        others = {"color": "white", "hatch": "////", "edgecolor": style.GREY}
         rows.append((f"{len(rest)} others", parts[rest].sum(axis=0), others))
     places = np.arange(len(why.joints))
-    with figure(
+    with style.figure(
         max(6.0, 1.1 * len(places) + 3.2), 4.2, "What each torque is made of", "Drawing an explanation"
     ) as drawn:
         axis = drawn.subplots()
@@ -119,18 +100,18 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
             base = np.where(row >= 0, above, below)
             axis.bar(places, row, 0.62, bottom=base, label=name, linewidth=0.4, **look)
             above, below = above + np.maximum(row, 0), below + np.minimum(row, 0)
-        axis.plot(places, why.torque, "_", color=INK, markersize=30, markeredgewidth=1.6, label="together")
-        axis.axhline(0, color=QUIET, linewidth=0.7)
-        axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=SMALL)
+        axis.plot(places, why.torque, "_", color=style.INK, markersize=30, markeredgewidth=1.6, label="together")
+        axis.axhline(0, color=style.QUIET, linewidth=0.7)
+        axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=style.SMALL)
         axis.set_ylabel(", ".join(map(torque_word, sorted(set(why.units), reverse=True))))
         axis.grid(visible=False, axis="x")
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-        return save(drawn, path)
+        return style.save(drawn, path)
 
 
 # ── Readings before and after compensation
 
-_COLOURS = (BLUE, VERMILION, GREEN)  # x, y, z
+_COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
 _FEW = 40  # readings up to which each is a dot
 
 
@@ -174,7 +155,7 @@ def plot_compensation(
     left = log.readings - predicted
     x = np.arange(len(log)) if log.time is None else log.time
     title = f"{Path(log.name).stem} · load {number(sensor.load.mass)} kg, sign {sensor.sign}"
-    with figure(10.5, 6.2, title) as drawn:
+    with style.figure(10.5, 6.2, title) as drawn:
         axes = drawn.subplots(2, 2, sharex=True)
         for row, (part, what, unit, sigma) in enumerate(
             ((slice(3, 6), "force", "N", noise[1]), (slice(0, 3), "moment", "N m", noise[0]))
@@ -185,17 +166,19 @@ def plot_compensation(
             _explain(before, x, predicted[:, part])
             before.set_title(f"{what}s as read", loc="left", fontweight="bold")
             _draw(after, x, left[:, part], names, marked, mark)
-            after.axhspan(-2 * sigma, 2 * sigma, color=QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
+            after.axhspan(-2 * sigma, 2 * sigma, color=style.QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
             after.set_title(f"{what}s without bias and load", loc="left", fontweight="bold")
             if not marked.all():
                 rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2)))
                 where = " in unshaded readings" if marked.any() else ""
-                after.set_title(f"rms {number(rms, 2)} {unit}{where}", loc="right", color=QUIET, fontsize=SMALL)
+                after.set_title(
+                    f"rms {number(rms, 2)} {unit}{where}", loc="right", color=style.QUIET, fontsize=style.SMALL
+                )
             for axis in (before, after):
                 axis.set_ylabel(f"{what} [{unit}]")
                 axis.legend(
                     frameon=False,
-                    fontsize=SMALL,
+                    fontsize=style.SMALL,
                     ncols=5,
                     loc="upper left",
                     bbox_to_anchor=(0.0, 1.0),
@@ -204,31 +187,31 @@ def plot_compensation(
                 low, high = axis.get_ylim()
                 axis.set_ylim(low, high + 0.14 * (high - low))  # the legend's own room
         for axis in axes[1]:
-            axis.set_xlabel("reading, from 0" if log.time is None else "time [s]", color=QUIET)
+            axis.set_xlabel("reading, from 0" if log.time is None else "time [s]", color=style.QUIET)
             if log.time is None:
                 axis.xaxis.get_major_locator().set_params(integer=True)
-        save(drawn, path)
+        style.save(drawn, path)
 
 
-def _draw(axis: Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
+def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
     few = len(x) <= _FEW
-    axis.axhline(0, color=AXIS, linewidth=0.7)
+    axis.axhline(0, color=style.AXIS, linewidth=0.7)
     for k, name in enumerate(names):
-        style: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linewidth": 0} if few else {"linewidth": 0.9}
-        axis.plot(x, values[:, k], color=_COLOURS[k], label=name, **style)
+        line: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linewidth": 0} if few else {"linewidth": 0.9}
+        axis.plot(x, values[:, k], color=_COLOURS[k], label=name, **line)
     half = 0.5 * float(np.median(np.abs(np.diff(x)))) if len(x) > 1 else 0.5
     for count, (first, last) in enumerate(runs(marked)):
         label = mark if count == 0 else None
-        axis.axvspan(x[first] - half, x[last] + half, color=OVER, alpha=0.13, linewidth=0, label=label)
+        axis.axvspan(x[first] - half, x[last] + half, color=style.OVER, alpha=0.13, linewidth=0, label=label)
 
 
-def _explain(axis: Axes, x: Array, predicted: Array) -> None:
+def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
     """What bias and load explain, over the readings: bars over dots, a thin dark line over lines."""
     few = len(x) <= _FEW
     for k in range(3):
-        style: dict[str, Any] = (
+        line: dict[str, Any] = (
             {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
             if few
             else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
         )
-        axis.plot(x, predicted[:, k], color=INK, label="bias and load" if k == 0 else None, **style)
+        axis.plot(x, predicted[:, k], color=style.INK, label="bias and load" if k == 0 else None, **line)

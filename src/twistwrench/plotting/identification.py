@@ -20,27 +20,9 @@ from ..joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from ..viz.scene import equal_inertia_ellipsoid
-from .style import (
-    AXIS,
-    BLUE,
-    GREEN,
-    LINE,
-    ORANGE,
-    PALE,
-    QUIET,
-    SMALL,
-    STYLE,
-    VERMILION,
-    figure,
-    panel_grid,
-    panels,
-    require_matplotlib,
-    save,
-)
+from . import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..diagnosis import DoctorReport
     from ..identification import IdentifiedRobot
 
@@ -86,15 +68,15 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
     if not pairs:
         raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
     height = 2.5 * len(pairs) + 0.9
-    with figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
+    with style.figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
         grid = drawn.subplots(len(pairs), 3, squeeze=False)
         for row, (link, check, after) in zip(grid, pairs, strict=True):
             before = report.subject.robot.model.link_inertias[link]
             for axes, view in zip(row, VIEWS, strict=True):
                 _draw(axes, report, link, before, after, view)
             row[0].set_title(f"{link}: {check}", loc="left")
-        grid[0][2].legend(fontsize=SMALL, frameon=False, loc="upper right")
-        return save(drawn, path)
+        grid[0][2].legend(fontsize=style.SMALL, frameon=False, loc="upper right")
+        return style.save(drawn, path)
 
 
 def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
@@ -108,33 +90,40 @@ def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
 
 
 def _draw(
-    axes: Axes, report: DoctorReport, link: str, before: SpatialInertia, after: SpatialInertia, view: tuple[int, int]
+    axes: style.Axes,
+    report: DoctorReport,
+    link: str,
+    before: SpatialInertia,
+    after: SpatialInertia,
+    view: tuple[int, int],
 ) -> None:
     described = report.subject.robot.links.get(link)
     label: str | None = "shapes"
     for shape in described.shapes.solids if described is not None else ():
         outline = _outline(shape.points[:, list(view)])
-        axes.fill(*outline.T, color=PALE, zorder=1, label=label)
+        axes.fill(*outline.T, color=style.PALE, zorder=1, label=label)
         label = None
     # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
-    draw_inertias(axes, [(after, BLUE, "-", "repaired"), (before, VERMILION, "--", "in the file")], view)
+    draw_inertias(axes, [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")], view)
 
 
-def draw_inertias(axes: Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]) -> None:
-    """Outlines of the uniform ellipsoids that have these inertias, and their centres of mass: inertia, colour, style, name.
+def draw_inertias(
+    axes: style.Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]
+) -> None:
+    """Outlines of the uniform ellipsoids that have these inertias, and their centres of mass: inertia, colour, dashes, name.
 
     ``view`` are the axes of the link that lie in the picture.
     """
-    for inertia, colour, style, name in inertias:
+    for inertia, colour, dashes, name in inertias:
         for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
             outline = _outline(solid.vertices[:, list(view)])
             x, y = np.concatenate([outline, outline[:1]]).T
-            axes.plot(x, y, color=colour, linestyle=style, linewidth=1.4, label=name, zorder=3)
+            axes.plot(x, y, color=colour, linestyle=dashes, linewidth=1.4, label=name, zorder=3)
         axes.plot(*inertia.com[list(view)], "+", color=colour, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=SMALL)
-    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=SMALL)
-    axes.tick_params(labelsize=SMALL, colors=QUIET)
+    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL)
+    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL)
+    axes.tick_params(labelsize=style.SMALL, colors=style.QUIET)
 
 
 def _outline(points: Array) -> Array:
@@ -186,17 +175,22 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
         torque = columns @ found.values[at]
         variance = np.einsum("ni,ij,nj->n", columns, found.covariance.matrix[np.ix_(at, at)], columns)
         half = _BAND_of_identified_drawings * np.sqrt(np.maximum(variance, 0.0))
-        axes.fill_between(dq, torque - half, torque + half, color=PALE, linewidth=0, label="95 %")
-        axes.plot(dq, torque, color=LINE, linewidth=1.2, label="identified")
+        axes.fill_between(dq, torque - half, torque + half, color=style.PALE, linewidth=0, label="95 %")
+        axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
         friction = model.friction
         axes.plot(
-            dq, friction.viscous[k] * dq + friction.coulomb[k] * eased, "--", color=VERMILION, linewidth=1, label="file"
+            dq,
+            friction.viscous[k] * dq + friction.coulomb[k] * eased,
+            "--",
+            color=style.VERMILION,
+            linewidth=1,
+            label="file",
         )
-        axes.axhline(0.0, color=AXIS, linewidth=0.8)
+        axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
         axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
-        axes.tick_params(labelsize=SMALL)
-    grid[0].legend(fontsize=SMALL, frameon=False)
+        axes.tick_params(labelsize=style.SMALL)
+    grid[0].legend(fontsize=style.SMALL, frameon=False)
 
 
 def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
@@ -207,43 +201,45 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
         axes.axhspan(
             -_BAND_of_identified_drawings * sigma,
             _BAND_of_identified_drawings * sigma,
-            color=PALE,
+            color=style.PALE,
             linewidth=0,
             label="95 % of training rows",
         )
         for rows in found.held_out.rows:
             left = rows.measured[:, j] - rows.predicted[:, j]
             far = np.abs(left) > _FAR * sigma
-            axes.plot(rows.time, left, ".", color=QUIET, markersize=1.5)
-            axes.plot(rows.time[far], left[far], ".", color=VERMILION, markersize=2.5)
-        axes.axhline(0.0, color=AXIS, linewidth=0.8)
+            axes.plot(rows.time, left, ".", color=style.QUIET, markersize=1.5)
+            axes.plot(rows.time[far], left[far], ".", color=style.VERMILION, markersize=2.5)
+        axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(name, loc="left")
         axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
-    grid[0].legend(fontsize=SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))  # above the points
+    grid[0].legend(
+        fontsize=style.SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97)
+    )  # above the points
     grid[-1].set_xlabel("time in its log [s]")
 
 
-def draw_residual_bars(axes: Axes, found: IdentifiedRobot) -> None:
+def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
     """What is left of each joint's torque by the file, by the file with friction, by the groups and by bodies that can exist.
 
     Bars end at the whole torque; what is beyond is written on them.
     """
     left, names = found.residuals, list(found.held_out.names)
     models = (
-        ("file", left.file, PALE),
-        ("file, friction fitted", left.with_friction, VERMILION),
-        ("identified", left.identified, BLUE),
-        ("bodies that can exist", left.consistent, GREEN),
+        ("file", left.file, style.PALE),
+        ("file, friction fitted", left.with_friction, style.VERMILION),
+        ("identified", left.identified, style.BLUE),
+        ("bodies that can exist", left.consistent, style.GREEN),
     )
     at = np.arange(len(names))
     for k, (label, shares, colour) in enumerate(models):
         x = at + (k - 1.5) * _BAR
         axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
         for j in np.flatnonzero(shares > 1.0):
-            axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=SMALL)
-    axes.set_xticks(at, names, fontsize=SMALL)
+            axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=style.SMALL)
+    axes.set_xticks(at, names, fontsize=style.SMALL)
     axes.set_ylabel("% left in fifths held out")
-    axes.legend(fontsize=SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    axes.legend(fontsize=style.SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
@@ -252,13 +248,15 @@ def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     for row, i in zip(grid, unknown.bodies, strict=True):
         body, inertia = unknown.model.bodies[i], inertias[i]
         for axes, view in zip(row, VIEWS, strict=True):
-            draw_inertias(axes, [(inertia, BLUE, "-", "identified"), (body.inertia, VERMILION, "--", "file")], view)
+            draw_inertias(
+                axes, [(inertia, style.BLUE, "-", "identified"), (body.inertia, style.VERMILION, "--", "file")], view
+            )
             axes.set_aspect("equal", adjustable="datalim")
-            axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=SMALL)
-            axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=SMALL)
-            axes.tick_params(labelsize=SMALL, colors=QUIET)
+            axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL)
+            axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL)
+            axes.tick_params(labelsize=style.SMALL, colors=style.QUIET)
         row[0].set_title(body.link, loc="left")
-    grid[0][2].legend(fontsize=SMALL, frameon=False, loc="upper right")
+    grid[0][2].legend(fontsize=style.SMALL, frameon=False, loc="upper right")
 
 
 # ── The figure and the page of an identification
@@ -302,13 +300,13 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
     names = found.held_out.names
     height = 1.5 * len(names) + 4.6
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
-    with figure(11.0, height, title, _PURPOSE) as drawn:
+    with style.figure(11.0, height, title, _PURPOSE) as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
-        _torques(panels(upper, len(names), 1, sharex=True), found)
+        _torques(style.panels(upper, len(names), 1, sharex=True), found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _groups(left, found)
         _pull(right, found)
-        return save(drawn, path)
+        return style.save(drawn, path)
 
 
 def identification_page(found: IdentifiedRobot) -> str:
@@ -361,19 +359,23 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     )
     yield "<h2>Torques of rows held out</h2>"
     names = found.held_out.names
-    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(panels(drawn, len(names), 1, sharex=True), found))
+    yield _svg(
+        10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(style.panels(drawn, len(names), 1, sharex=True), found)
+    )
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
     yield "<h3>In time</h3>"
     yield _svg(
-        10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(panels(drawn, len(names), 1, sharex=True), found)
+        10.0,
+        1.2 * len(names) + 0.6,
+        lambda drawn: draw_residuals(style.panels(drawn, len(names), 1, sharex=True), found),
     )
     if count := len(frictional(found)):
         yield "<h2>Friction</h2>"
         yield _svg(
             10.0,
-            2.3 * panel_grid(count, _ABREAST)[0],
-            lambda drawn: draw_friction(panels(drawn, count, _ABREAST), found),
+            2.3 * style.panel_grid(count, _ABREAST)[0],
+            lambda drawn: draw_friction(style.panels(drawn, count, _ABREAST), found),
         )
     yield "<h2>Groups of parameters</h2>"
     yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
@@ -398,10 +400,10 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
 
 def _svg(width: float, height: float, draw: Any) -> str:
     """A picture as an element of a page."""
-    mpl = require_matplotlib(_PURPOSE)
+    mpl = style.require_matplotlib(_PURPOSE)
     with (
-        figure(width, height, "", _PURPOSE) as drawn,
-        mpl.rc_context(cast("Any", dict(STYLE) | {"svg.fonttype": "none"})),
+        style.figure(width, height, "", _PURPOSE) as drawn,
+        mpl.rc_context(cast("Any", dict(style.STYLE) | {"svg.fonttype": "none"})),
     ):
         draw(drawn)
         buffer = io.StringIO()
@@ -430,45 +432,45 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
                 t,
                 rows.predicted[:, j] - _BAND * found.sigma[j],
                 rows.predicted[:, j] + _BAND * found.sigma[j],
-                color=PALE,
+                color=style.PALE,
                 linewidth=0,
                 label="95 %" if first else None,
             )
-            axes.plot(t, rows.measured[:, j], color=QUIET, linewidth=0.9, label="measured" if first else None)
-            axes.plot(t, rows.predicted[:, j], color=LINE, linewidth=0.9, label="predicted" if first else None)
+            axes.plot(t, rows.measured[:, j], color=style.QUIET, linewidth=0.9, label="measured" if first else None)
+            axes.plot(t, rows.predicted[:, j], color=style.LINE, linewidth=0.9, label="predicted" if first else None)
         share = found.held_out.joints[name]
         axes.set_title(
             f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
         )
         axes.set_ylabel(units[j])
     above = (1.0, 0.97)  # of the curves
-    grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=above)
+    grid[0].legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=above)
     grid[-1].set_xlabel("time [s]")
 
 
-def _groups(axes: Axes, found: IdentifiedRobot) -> None:
+def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     """Each group in units of its file's value or its own, whichever is larger, with its interval; the file as a tick."""
     half = found.covariance.half_width()
     size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
     k = np.arange(min(len(size), _MOST_GROUPS))
     vague = (found.standard_deviations > 0.3 * np.abs(found.values))[k]
-    for which, colour, name in ((~vague, GREEN, "sure"), (vague, ORANGE, "vague")):
+    for which, colour, name in ((~vague, style.GREEN, "sure"), (vague, style.ORANGE, "vague")):
         if which.any():
             at = k[which]
             bars = np.clip(half[at] / size[at], 0, 2)
             axes.errorbar(
                 at, found.values[at] / size[at], bars, fmt="o", markersize=3, linewidth=1, color=colour, label=name
             )
-    axes.plot(k, found.prior.mean[k] / size[k], "_", color=VERMILION, markersize=7, label="file")
-    axes.axhline(0.0, color=AXIS, linewidth=0.8)
+    axes.plot(k, found.prior.mean[k] / size[k], "_", color=style.VERMILION, markersize=7, label="file")
+    axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axes.set_ylim(-1.6, 1.6)
     if len(k) <= _NAMED_GROUPS:
         axes.set_xticks(k, [_short(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
-        axes.tick_params(axis="x", labelsize=SMALL)
+        axes.tick_params(axis="x", labelsize=style.SMALL)
     else:
         axes.set_xlabel("group, in the order of the table")
     axes.set_ylabel("share of the larger of value and file")
-    axes.legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right")
+    axes.legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="lower right")
 
 
 def _short(group: str) -> str:
@@ -478,15 +480,15 @@ def _short(group: str) -> str:
     return f"{named} + …" if plus else named
 
 
-def _pull(axes: Axes, found: IdentifiedRobot) -> None:
+def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     strengths, shares = np.array(found.consistent.curve).T
-    axes.semilogx(strengths, 100 * shares, "o-", color=BLUE, markersize=3, label="bodies that can exist")
-    axes.axhline(100 * found.consistent.of_file, color=VERMILION, linewidth=1, label="the file's, with friction")
-    axes.axvline(found.consistent.fit.strength, color=AXIS, linewidth=0.8, linestyle=":")
+    axes.semilogx(strengths, 100 * shares, "o-", color=style.BLUE, markersize=3, label="bodies that can exist")
+    axes.axhline(100 * found.consistent.of_file, color=style.VERMILION, linewidth=1, label="the file's, with friction")
+    axes.axvline(found.consistent.fit.strength, color=style.AXIS, linewidth=0.8, linestyle=":")
     axes.set_xticks(strengths, [number(x) for x in strengths])
     axes.minorticks_off()
-    axes.tick_params(axis="x", labelsize=SMALL)
+    axes.tick_params(axis="x", labelsize=style.SMALL)
     axes.set_xlabel("pull to the file γ")
     axes.set_ylabel("% left, held out")
     axes.set_ylim(bottom=0)
-    axes.legend(fontsize=SMALL, frameon=False)
+    axes.legend(fontsize=style.SMALL, frameon=False)

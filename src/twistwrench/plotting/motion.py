@@ -17,44 +17,21 @@ from ..motion.coordinates import Coordinates
 from ..typing import Array
 from ..viz.colours import share_colours
 from ..viz.drawn_motion import DrawnMotion
-from .style import (
-    AXIS,
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    LIMIT,
-    LINE,
-    ORANGE,
-    OVER,
-    PURPLE,
-    QUIET,
-    SKY,
-    SMALL,
-    VERMILION,
-    YELLOW,
-    figure,
-    panel_grid,
-    panels,
-    require_matplotlib,
-    save,
-)
+from . import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..motion.motion import Motion
 
 _TERMS = {
-    "inertia": ("inertia, M ddq", BLUE),
-    "coriolis": ("Coriolis and centrifugal", SKY),
-    "gravity": ("gravity", ORANGE),
-    "spring": ("springs", GREEN),
-    "payload": ("payload", VERMILION),
-    "wrench": ("wrenches on it", PURPLE),
-    "friction": ("friction", GREY),
+    "inertia": ("inertia, M ddq", style.BLUE),
+    "coriolis": ("Coriolis and centrifugal", style.SKY),
+    "gravity": ("gravity", style.ORANGE),
+    "spring": ("springs", style.GREEN),
+    "payload": ("payload", style.VERMILION),
+    "wrench": ("wrenches on it", style.PURPLE),
+    "friction": ("friction", style.GREY),
 }
-_LINES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY)
+_LINES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE, style.GREY)
 _ZERO = 1e-9
 
 
@@ -154,7 +131,7 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     names = motion.load.with_load.model.velocity_names
     seen: dict[str, Any] = {}
 
-    def draw(axis: Axes, k: int) -> None:
+    def draw(axis: style.Axes, k: int) -> None:
         above, below = np.zeros(len(motion.time)), np.zeros(len(motion.time))
         for name, values in terms.items():
             x = values[:, k]
@@ -165,11 +142,13 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
             seen[label] = axis.fill_between(motion.time, above, above + up, color=colour, alpha=0.85, linewidth=0)
             axis.fill_between(motion.time, below, below + down, color=colour, alpha=0.85, linewidth=0)
             above, below = above + up, below + down
-        (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=INK, linewidth=1.2)
-        axis.axhline(0, color=AXIS, linewidth=0.7)
+        (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
+        axis.axhline(0, color=style.AXIS, linewidth=0.7)
         axis.set_title(names[k], loc="left", fontweight="bold")
-        axis.set_title(f"peak {quantity(motion.peaks[k], units[k])}", loc="right", color=QUIET, fontsize=SMALL)
-        axis.set_ylabel(torque_word(units[k]), fontsize=SMALL)
+        axis.set_title(
+            f"peak {quantity(motion.peaks[k], units[k])}", loc="right", color=style.QUIET, fontsize=style.SMALL
+        )
+        axis.set_ylabel(torque_word(units[k]), fontsize=style.SMALL)
         axis.margins(x=0)
 
     return _panels(motion, path, joints, "what each torque is made of", draw, seen, "time [s]")
@@ -208,38 +187,42 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     """
     robot, t, e = motion.load.with_load, motion.time, energies(motion)
     power = e.power
-    with figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
+    with style.figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
         upper, lower = drawn.subplots(2, 1, sharex=True)
         most = np.argsort(-np.abs(power).max(axis=0), kind="stable")[: len(_LINES)]
         for k, colour in zip(np.sort(most), _LINES, strict=False):
             upper.plot(t, power[:, k], color=colour, linewidth=1.0, label=robot.model.velocity_names[k])
-        upper.plot(t, power.sum(axis=1), color=INK, linewidth=1.5, label="all joints")
-        upper.axhline(0, color=AXIS, linewidth=0.7)
+        upper.plot(t, power.sum(axis=1), color=style.INK, linewidth=1.5, label="all joints")
+        upper.axhline(0, color=style.AXIS, linewidth=0.7)
         upper.set_ylabel("power [W]")
         highest = float(power.sum(axis=1).max(initial=0.0))
         upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
-        upper.set_title(f"most together {quantity(highest, 'W')}", loc="right", color=QUIET, fontsize=SMALL)
-        lower.fill_between(t, e.kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
-        lower.plot(t, e.potential - e.potential[0], color=ORANGE, label="potential energy gained")
+        upper.set_title(f"most together {quantity(highest, 'W')}", loc="right", color=style.QUIET, fontsize=style.SMALL)
+        lower.fill_between(t, e.kinetic, color=style.SKY, alpha=0.5, linewidth=0, label="kinetic energy")
+        lower.plot(t, e.potential - e.potential[0], color=style.ORANGE, label="potential energy gained")
         lower.plot(
-            t, e.kinetic + e.potential - e.kinetic[0] - e.potential[0], color=INK, linewidth=1.6, label="both gained"
+            t,
+            e.kinetic + e.potential - e.kinetic[0] - e.potential[0],
+            color=style.INK,
+            linewidth=1.6,
+            label="both gained",
         )
-        lower.plot(t, e.work, color=VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
+        lower.plot(t, e.work, color=style.VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
         for x, colour, label in (
-            (e.friction, GREY, "lost to friction"),
-            (e.springs, GREEN, "of it in springs"),
-            (e.wrenches, PURPLE, "work of the wrenches"),
+            (e.friction, style.GREY, "lost to friction"),
+            (e.springs, style.GREEN, "of it in springs"),
+            (e.wrenches, style.PURPLE, "work of the wrenches"),
         ):
             if np.abs(x).max(initial=0.0) > _ZERO * max(1.0, float(np.abs(e.work).max(initial=0.0))):
                 lower.plot(t, x, color=colour, label=label)
-        lower.axhline(0, color=AXIS, linewidth=0.7)
+        lower.axhline(0, color=style.AXIS, linewidth=0.7)
         lower.set_ylabel("energy [J]")
         lower.set_xlabel("time [s]")
         lower.set_title("Work and energy since the beginning", loc="left", fontweight="bold")
         for axis in (upper, lower):
             axis.margins(x=0)
-            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SMALL)
-        return save(drawn, path)
+            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=style.SMALL)
+        return style.save(drawn, path)
 
 
 def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
@@ -275,7 +258,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     ...     plot_phase(motion, f"{folder}/phase.svg").name
     'phase.svg'
     """
-    require_matplotlib("Drawing (plot)")
+    style.require_matplotlib("Drawing (plot)")
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
@@ -289,7 +272,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         for share in (0.1, 0.5, 0.8, 1.0)
     }
 
-    def draw(axis: Axes, k: int) -> None:
+    def draw(axis: style.Axes, k: int) -> None:
         place = int(coordinates.position_of[k])
         # Of ball, planar and floating joints a velocity is no coordinate's rate; its own integral stands in.
         x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
@@ -298,28 +281,30 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.add_collection(
             LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), colors=colours, linewidths=1.3)
         )
-        (seen["beginning"],) = axis.plot(*points[0], "o", color=INK, markersize=4, linestyle="none")
-        (seen["end"],) = axis.plot(*points[-1], "s", color=INK, markersize=4, markerfacecolor="white", linestyle="none")
+        (seen["beginning"],) = axis.plot(*points[0], "o", color=style.INK, markersize=4, linestyle="none")
+        (seen["end"],) = axis.plot(
+            *points[-1], "s", color=style.INK, markersize=4, markerfacecolor="white", linestyle="none"
+        )
         low, high = points.min(axis=0), points.max(axis=0)
         pad = np.maximum(0.12 * (high - low), 0.02)
         for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
             if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
-                seen["limit"] = axis.axvline(bound, **LIMIT)
+                seen["limit"] = axis.axvline(bound, **style.LIMIT)
                 low[0], high[0] = min(low[0], bound), max(high[0], bound)
         for bound in (-limits.velocity[k], limits.velocity[k]):
             if low[1] - 6 * pad[1] <= bound <= high[1] + 6 * pad[1]:
-                seen["limit"] = axis.axhline(bound, **LIMIT)
+                seen["limit"] = axis.axhline(bound, **style.LIMIT)
                 low[1], high[1] = min(low[1], bound), max(high[1], bound)
         axis.set_xlim(low[0] - pad[0], high[0] + pad[0])
         axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
-        axis.axhline(0, color=AXIS, linewidth=0.6)
+        axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
         axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
         most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
         used = f"torque {percent_of_limit(most)}" if some[k] else "no torque limit"
-        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if over_limit(most) else QUIET)
-        axis.set_ylabel(unit_of("dq", angular), fontsize=SMALL)
-        axis.set_xlabel(unit_of("q", angular), fontsize=SMALL)
+        axis.set_title(used, loc="right", fontsize=style.SMALL, color=style.OVER if over_limit(most) else style.QUIET)
+        axis.set_ylabel(unit_of("dq", angular), fontsize=style.SMALL)
+        axis.set_xlabel(unit_of("q", angular), fontsize=style.SMALL)
 
     return _panels(motion, path, joints, "velocity over position", draw, seen, "")
 
@@ -333,29 +318,29 @@ def _panels(
     path: str | Path,
     joints: Sequence[str],
     what: str,
-    draw: Callable[[Axes, int], None],
+    draw: Callable[[style.Axes, int], None],
     seen: dict[str, Any],
     below: str,
 ) -> Path:
     """A panel for each joint, and one legend of what was ``seen`` in any."""
     chosen = _chosen(motion, joints)
-    rows, columns = panel_grid(len(chosen))
+    rows, columns = style.panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
-    with figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
-        for k, axis in enumerate(panels(drawn, len(chosen), sharex=bool(below))):
+    with style.figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
+        for k, axis in enumerate(style.panels(drawn, len(chosen), sharex=bool(below))):
             draw(axis, chosen[k])
             if below and len(chosen) <= k + columns:
                 axis.tick_params(labelbottom=True)
-                axis.set_xlabel(below, fontsize=SMALL)
+                axis.set_xlabel(below, fontsize=style.SMALL)
         drawn.legend(
             list(seen.values()),
             list(seen),
             loc="outside lower left",
             ncols=min(int(size[0] // 2), len(seen)),  # inches: the longest label takes two
             frameon=False,
-            fontsize=SMALL,
+            fontsize=style.SMALL,
         )
-        return save(drawn, path)
+        return style.save(drawn, path)
 
 
 def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
@@ -383,7 +368,7 @@ def _work(t: Array, power: Array) -> Array:
 
 # ── Velocities and torques as shares of their limits
 
-COLOURS = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, GREY, YELLOW)
+COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.PURPLE, style.SKY, style.GREY, style.YELLOW)
 _JOINTS = 24
 
 
@@ -419,16 +404,16 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, 
     """
     bounds, names = bounds_or_own(motion.robot, bounds), motion.robot.model.velocity_names
     tau = motion.torques(friction=friction)
-    with figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s") as drawn:
+    with style.figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s") as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
         curves(above, motion.time, motion.dq, bounds.velocity, names, "velocity")
         curves(below, motion.time, tau, bounds.effort, names, "torque")
         below.set_xlabel("time [s]")
         legend(above)
-        return save(drawn, path)
+        return style.save(drawn, path)
 
 
-def legend(axis: Axes) -> None:
+def legend(axis: style.Axes) -> None:
     """Legend of the joints above a panel.
 
     Parameters
@@ -445,10 +430,12 @@ def legend(axis: Axes) -> None:
     >>> len(axis.get_legend().get_texts())
     1
     """
-    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3, frameon=False, fontsize=SMALL - 0.5, borderpad=0)
+    axis.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3, frameon=False, fontsize=style.SMALL - 0.5, borderpad=0
+    )
 
 
-def curves(axis: Axes, t: Array, values: Array, limits: Array, names: tuple[str, ...], what: str) -> None:
+def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tuple[str, ...], what: str) -> None:
     """Curves of a quantity of each joint, as shares of its limits where all have one that moves, else the values themselves.
 
     Parameters
@@ -476,9 +463,9 @@ def curves(axis: Axes, t: Array, values: Array, limits: Array, names: tuple[str,
         axis.plot(t, y, color=COLOURS[k % len(COLOURS)], linewidth=1.2, label=name)
     if shares:
         for side in (-1, 1):
-            axis.axhline(side, **LIMIT)
+            axis.axhline(side, **style.LIMIT)
         most = max(1.12, 1.05 * float(np.abs(values / limits).max()))
         axis.set_ylim(-most, most)
-    axis.axhline(0, color=QUIET, linewidth=0.6)
+    axis.axhline(0, color=style.QUIET, linewidth=0.6)
     axis.set_ylabel(f"{what} / limit" if shares else what)
     axis.margins(x=0)

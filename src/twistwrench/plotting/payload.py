@@ -21,7 +21,8 @@ from ..statics.force_capability import (
 )
 from ..statics.payload import SLICES, LargestPayload, PayloadMap
 from ..typing import Array
-from .style import AXIS, INK, LIMIT, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
+from . import style
+from .style import figure
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -50,9 +51,9 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
         names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
         axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
-        (cross,) = axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
+        (cross,) = axis.plot(*place, "x", color=style.OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
     axes[0].set_ylabel(f"{names[1]} [m]")
-    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
+    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=style.SMALL)
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
     ticks = _round_ticks(low, high)
     bar.set_ticks(ticks, labels=[number(x) for x in ticks], minor=False)
@@ -130,7 +131,7 @@ def plot_payload(
         _draw_shares(right.subplots(), found, carried)
         if chart is not None:
             draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
-        save(drawn, path)
+        style.save(drawn, path)
 
 
 def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
@@ -147,7 +148,7 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
     except ValueRangeError as problem:
         axis = part.subplots()
         axis.set_axis_off()
-        axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=QUIET)
+        axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=style.QUIET)
         return
     flat = polytope.borne.shape[1]
     if flat == 0:
@@ -159,7 +160,7 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
     else:
         axis = part.subplots()
         axis.set_axis_off()
-        axis.text(0.5, 0.5, _flat_words(polytope), ha="center", color=QUIET)
+        axis.text(0.5, 0.5, _flat_words(polytope), ha="center", color=style.QUIET)
         return
     weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     if weakest.magnitude > 0:
@@ -175,7 +176,7 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
     place = (
         {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}
     )  # in space there is room beside the figure, in a plane none
-    axis.legend(loc="upper left", frameon=False, fontsize=SMALL, **place)
+    axis.legend(loc="upper left", frameon=False, fontsize=style.SMALL, **place)
 
 
 def _flat_words(polytope: WrenchPolytope) -> str:
@@ -199,14 +200,16 @@ def _own(robot: Robot, limits: ArrayLike | None) -> ArrayLike:
 def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    faces = Poly3DCollection(_faces(polytope), facecolor=SKY, edgecolor=LINE, linewidth=0.8, alpha=0.22, zorder=1)
+    faces = Poly3DCollection(
+        _faces(polytope), facecolor=style.SKY, edgecolor=style.LINE, linewidth=0.8, alpha=0.22, zorder=1
+    )
     faces.set_label(_POLYTOPE)
     axis.add_collection3d(faces)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
     ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
     axis.plot_wireframe(
-        shell[..., 0], shell[..., 1], shell[..., 2], color=ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
+        shell[..., 0], shell[..., 1], shell[..., 2], color=style.ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
         label=_ELLIPSOID,
     )  # fmt: skip
     every = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
@@ -214,7 +217,7 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
     middle, reach = (low + high) / 2, 0.5 * (high - low).max()
     for k, letter in enumerate("xyz"):
         getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
-        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=SMALL, labelpad=7 if letter == "y" else 3)
+        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=style.SMALL, labelpad=7 if letter == "y" else 3)
     axis.tick_params(labelsize=7, pad=1)
     axis.tick_params(axis="z", pad=4)
     axis.set_box_aspect((1, 1, 1))
@@ -242,11 +245,11 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
     corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
     spokes = corners - corners.mean(axis=0)
     ring = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
-    axis.fill(*ring.T, facecolor=SKY, edgecolor=LINE, alpha=0.35, label=_POLYTOPE)
+    axis.fill(*ring.T, facecolor=style.SKY, edgecolor=style.LINE, alpha=0.35, label=_POLYTOPE)
     turn = np.linspace(0, 2 * np.pi, 181)
     round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     reach = ellipsoid.reach(round_)
-    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=ORANGE, label=_ELLIPSOID)
+    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=style.ORANGE, label=_ELLIPSOID)
     axis.set_aspect("equal", "datalim")
     axis.margins(0.12)
     axis.set_xlabel(f"force along {_words(first)} [N]")
@@ -278,15 +281,17 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     n = tip / np.linalg.norm(tip)
     nearest = _face(polytope, n, float(n @ tip))
     if len(nearest) >= 3:
-        shade = Poly3DCollection([nearest], facecolor=OVER, edgecolor=OVER, linewidth=1.2, alpha=0.25, zorder=3)
+        shade = Poly3DCollection(
+            [nearest], facecolor=style.OVER, edgecolor=style.OVER, linewidth=1.2, alpha=0.25, zorder=3
+        )
         axis.add_collection3d(shade)
     rim = [Stroke(linewidth=6, foreground="white"), Normal()]
-    axis.plot(*([0, x] for x in tip), color=OVER, linewidth=3, label=label, zorder=10, path_effects=rim)
+    axis.plot(*([0, x] for x in tip), color=style.OVER, linewidth=3, label=label, zorder=10, path_effects=rim)
     for place, shape, size in (((0, 0, 0), "o", 6), (tip, "o", 9)):
         axis.plot(
             *([x] for x in place),
             shape,
-            color=OVER if size > 6 else INK,
+            color=style.OVER if size > 6 else style.INK,
             markersize=size,
             markeredgecolor="white",
             zorder=11,
@@ -298,10 +303,10 @@ def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     first, second = _plane(polytope)
     n = tip / np.linalg.norm(tip)
     on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
-    axis.plot(on @ first, on @ second, color=OVER, linewidth=2.5, alpha=0.5, zorder=9)
-    axis.plot([0, tip @ first], [0, tip @ second], color=OVER, linewidth=3, label=label, zorder=10)
-    axis.plot(0, 0, "o", color=INK, markersize=5, markeredgecolor="white", zorder=11)
-    axis.plot(tip @ first, tip @ second, "o", color=OVER, markersize=8, markeredgecolor="white", zorder=11)
+    axis.plot(on @ first, on @ second, color=style.OVER, linewidth=2.5, alpha=0.5, zorder=9)
+    axis.plot([0, tip @ first], [0, tip @ second], color=style.OVER, linewidth=3, label=label, zorder=10)
+    axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor="white", zorder=11)
+    axis.plot(tip @ first, tip @ second, "o", color=style.OVER, markersize=8, markeredgecolor="white", zorder=11)
 
 
 def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
@@ -310,14 +315,14 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     rows = np.arange(len(found.joint_names))
     driven = np.where(found.limits > 0, found.limits, np.inf)  # a joint that can give nothing has no share to draw
     alone, full = found.unloaded / driven, found.torques / driven
-    colours = [OVER if k == int(found.joint) or over_limit(abs(full[k])) else SKY for k in rows]
+    colours = [style.OVER if k == int(found.joint) or over_limit(abs(full[k])) else style.SKY for k in rows]
     axis.barh(rows, full, color=colours, height=0.62)
-    axis.barh(rows, alone, color=LINE, height=0.22)
-    axis.axvline(0, color=AXIS, linewidth=0.7)
+    axis.barh(rows, alone, color=style.LINE, height=0.22)
+    axis.axvline(0, color=style.AXIS, linewidth=0.7)
     reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
     for side in (-1, 1):
-        axis.axvline(side, **LIMIT)
-        axis.axvspan(side, 2 * side * reach, color=OVER, alpha=0.08, linewidth=0)
+        axis.axvline(side, **style.LIMIT)
+        axis.axvspan(side, 2 * side * reach, color=style.OVER, alpha=0.08, linewidth=0)
     axis.set_xlim(-reach, reach)
     axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])
     axis.set_ylim(max(len(rows), 4) - 0.5, -0.5)
@@ -325,11 +330,11 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.grid(visible=False, axis="y")
     axis.set_title("Holding torques", loc="left", fontweight="bold")
     meanings = {
-        "robot as it is" if carried else "robot alone": LINE,
-        "with the payload": SKY,
-        "at its limit or over": OVER,
+        "robot as it is" if carried else "robot alone": style.LINE,
+        "with the payload": style.SKY,
+        "at its limit or over": style.OVER,
     }
     patches = [Patch(color=colour, label=label) for label, colour in meanings.items()]
     axis.legend(
-        handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=SMALL
+        handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=style.SMALL
     )

@@ -10,32 +10,15 @@ import numpy as np
 from ..core.numbers import number, residual
 from ..motion.bounds import Bounds, bounds_or_own
 from ..trajectories.fastest import Fastest
+from . import style
 from .motion import COLOURS, curves, legend
-from .style import (
-    AXIS,
-    BLUE,
-    GREEN,
-    GREY,
-    LINE,
-    ORANGE,
-    OVER,
-    PURPLE,
-    QUIET,
-    SKY,
-    SMALL,
-    VERMILION,
-    figure,
-    save,
-)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..simulation.result import SimulationResult
     from ..trajectories.trajectory import Trajectory
 
-_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
-_WORKS = {"torques": GREEN, "friction": GREY, "wrenches": PURPLE, "contacts": VERMILION}
+_COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY, style.GREY)
+_WORKS = {"torques": style.GREEN, "friction": style.GREY, "wrenches": style.PURPLE, "contacts": style.VERMILION}
 _MOST = 14
 """Curves of a panel, beyond which names no longer fit."""
 _PANELS = {"rad": "Angles [rad]", "m": "Positions [m]", "": "Orientations: quaternions", None: "Coordinates [rad, m]"}
@@ -73,7 +56,7 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     title = f"{result.robot} · {result.method} · {end if len(end) < 70 else end[:68] + '…'}"
     panels = _panels(result)
     heights = [2.6] * len(panels) + [2.6, 1.6]
-    with figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
+    with style.figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
         *coordinates, energies, drift = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         for axis, (said, places) in zip(coordinates, panels.items(), strict=True):
             _draw_coordinates(axis, result, said, places)
@@ -81,9 +64,9 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
         _draw_drift(drift, result)
         for axis in (*coordinates, energies, drift):
             for event in result.events[:50]:
-                axis.axvline(event.time, color=QUIET, linewidth=0.8, linestyle=":")
+                axis.axvline(event.time, color=style.QUIET, linewidth=0.8, linestyle=":")
             axis.margins(x=0)
-        return save(drawn, path)
+        return style.save(drawn, path)
 
 
 def _panels(result: SimulationResult) -> dict[str, list[int]]:
@@ -99,10 +82,10 @@ def _panels(result: SimulationResult) -> dict[str, list[int]]:
     return found
 
 
-def _draw_coordinates(axis: Axes, result: SimulationResult, said: str, places: list[int]) -> None:
+def _draw_coordinates(axis: style.Axes, result: SimulationResult, said: str, places: list[int]) -> None:
     for n, (k, colour) in enumerate(zip(places, _colours(len(places)), strict=True)):
-        style = "--" if n % 2 and len(places) > len(_COLOURS) else "-"
-        axis.plot(result.times, result.q[:, k], style, color=colour, label=result.coordinate_names[k])
+        dashes = "--" if n % 2 and len(places) > len(_COLOURS) else "-"
+        axis.plot(result.times, result.q[:, k], dashes, color=colour, label=result.coordinate_names[k])
     axis.set_title(said, loc="left")
     _legend(axis)
 
@@ -116,21 +99,21 @@ def _colours(n: int) -> list[Any]:
     return [colormaps["turbo"](0.03 + 0.94 * k / (n - 1)) for k in range(n)]
 
 
-def _draw_energies(axis: Axes, result: SimulationResult) -> None:
-    axis.plot(result.times, result.kinetic_energy, color=BLUE, label="kinetic")
-    axis.plot(result.times, result.potential_energy, color=ORANGE, label="potential")
-    axis.plot(result.times, result.energy, color=LINE, linewidth=2, label="both")
+def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
+    axis.plot(result.times, result.kinetic_energy, color=style.BLUE, label="kinetic")
+    axis.plot(result.times, result.potential_energy, color=style.ORANGE, label="potential")
+    axis.plot(result.times, result.energy, color=style.LINE, linewidth=2, label="both")
     for name, work in result.work.items():
         if np.any(work):
             axis.plot(result.times, work, "--", color=_WORKS[name], label=f"work of {name}")
-    axis.axhline(0.0, color=AXIS, linewidth=0.8)
+    axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axis.set_title("Energies [J]", loc="left")
     _legend(axis)
 
 
-def _draw_drift(axis: Axes, result: SimulationResult) -> None:
-    axis.plot(result.times, result.drift, color=OVER)
-    axis.axhline(0.0, color=AXIS, linewidth=0.8)
+def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
+    axis.plot(result.times, result.drift, color=style.OVER)
+    axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axis.set_title(
         f"Drift [J]: gain of energy that no work accounts for; at most {residual(result.relative_drift)} of what moved",
         loc="left",
@@ -138,9 +121,9 @@ def _draw_drift(axis: Axes, result: SimulationResult) -> None:
     axis.set_xlabel("time [s]")
 
 
-def _legend(axis: Axes) -> None:
+def _legend(axis: style.Axes) -> None:
     cast("Any", axis).legend(
-        fontsize=SMALL, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2
+        fontsize=style.SMALL, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2
     )
 
 
@@ -188,7 +171,7 @@ def plot_trajectory(
     q, dq, ddq = trajectory(t)
     tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
-    with figure(11.25 if fast else 7.5, 6.3 if fast else 5.6, title) as drawn:
+    with style.figure(11.25 if fast else 7.5, 6.3 if fast else 5.6, title) as drawn:
         if fast:
             left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))
         else:
@@ -203,10 +186,10 @@ def plot_trajectory(
             _phase_plane(right.subplots(), fast, names)
         axes[-1].set_xlabel("time [s]")
         legend(axes[0])
-        return save(drawn, path)
+        return style.save(drawn, path)
 
 
-def _bar(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     for touch in fast.limit_contacts:
         k = names.index(touch.joint)
         axis.barh(
@@ -224,24 +207,24 @@ def _bar(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     axis.set_title(
         "what is at its limit: torques plain, velocities hatched (dotted beside)",
         loc="left",
-        color=QUIET,
-        fontsize=SMALL,
+        color=style.QUIET,
+        fontsize=style.SMALL,
     )
     axis.set_xlim(0, fast.duration)
 
 
-def _phase_plane(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     curves = fast.limit_curves()
     s, rate = curves.path
     top = 1.9 * float(rate.max())
     bound = np.minimum(np.minimum(curves.torque, curves.velocity), 10 * top)
-    axis.fill_between(curves.s, bound, 10 * top, color=OVER, alpha=0.08, linewidth=0)
-    axis.fill_between(curves.s, 0, bound, color=GREEN, alpha=0.07, linewidth=0)
+    axis.fill_between(curves.s, bound, 10 * top, color=style.OVER, alpha=0.08, linewidth=0)
+    axis.fill_between(curves.s, 0, bound, color=style.GREEN, alpha=0.07, linewidth=0)
     if curves.torque.min() < top:
         axis.plot(
             curves.s,
             np.minimum(curves.torque, 10 * top),
-            color=OVER,
+            color=style.OVER,
             linewidth=1.2,
             label="limit curve: torques leave one acceleration",
         )
@@ -249,19 +232,19 @@ def _phase_plane(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
         axis.plot(
             curves.s,
             np.minimum(curves.velocity, 10 * top),
-            color=QUIET,
+            color=style.QUIET,
             linewidth=1.2,
             linestyle="--",
             label="largest joint velocity",
         )
-    axis.plot(s, rate, color=LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
+    axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
     for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
         colour = COLOURS[names.index(touch.joint) % len(COLOURS)]
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=":" if touch.kind == "velocity" else "-")
     axis.plot(
-        *curves.switches, "o", color="white", markeredgecolor=LINE, markersize=5, label="another limit takes over"
+        *curves.switches, "o", color="white", markeredgecolor=style.LINE, markersize=5, label="another limit takes over"
     )
     axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
     axis.set_title("phase plane", loc="left", fontweight="bold")
-    axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=SMALL)
+    axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=style.SMALL)

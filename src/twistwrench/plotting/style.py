@@ -13,6 +13,7 @@ from ..core.files import picture_path, replacing
 from ..errors import MissingExtraError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure
 
 __all__ = ["figure", "require_matplotlib", "save"]

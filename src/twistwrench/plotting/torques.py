@@ -16,41 +16,19 @@ from ..reports.motors import MotorUse
 from ..reports.statistics import INTERVAL
 from ..reports.torque_report import ZERO, JointTorque, TorqueReport
 from ..typing import Array
-from .style import (
-    AXIS,
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    LIMIT,
-    LINE,
-    ORANGE,
-    OVER,
-    PALE,
-    PURPLE,
-    QUIET,
-    SKY,
-    SMALL,
-    VERMILION,
-    figure,
-    panel_grid,
-    panels,
-    save,
-)
+from . import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from ..reports.torque_report import TorqueReport
 
 _COLOURS = {
-    "inertia": BLUE,
-    "coriolis": SKY,
-    "gravity": ORANGE,
-    "spring": GREEN,
-    "payload": VERMILION,
-    "friction": GREY,
-    "wrench": PURPLE,
+    "inertia": style.BLUE,
+    "coriolis": style.SKY,
+    "gravity": style.ORANGE,
+    "spring": style.GREEN,
+    "payload": style.VERMILION,
+    "friction": style.GREY,
+    "wrench": style.PURPLE,
 }
 _SEEN = 0.02
 """Share of the curve's range from which an interval shows."""
@@ -73,18 +51,18 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
         The file cannot be written.
     """
     count = len(report.joints)
-    rows, columns = panel_grid(count)
+    rows, columns = style.panel_grid(count)
     height = 1.95 * rows + 0.3
     width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
-    with figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
+    with style.figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
         if report.noisy:
             _draw_key(upper, report)
-        for k, axis in enumerate(panels(upper, count, sharex=True)):
+        for k, axis in enumerate(style.panels(upper, count, sharex=True)):
             _draw_joint(axis, report, k, last=k + columns >= count)
         if report.worst is not None:
             _draw_split(lower.subplots(), report, report.worst)
-        save(drawn, path)
+        style.save(drawn, path)
 
 
 def report_title(report: TorqueReport) -> str:
@@ -116,16 +94,16 @@ def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
     return [np.insert(time, at, time[at - 1]), *(np.insert(x, at, np.nan) for x in curves)]
 
 
-def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None:
+def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -> None:
     joint = report.joints[k]
-    colour = OVER if over_limit(joint.share) else LINE
-    axis.axhline(0, color=QUIET, linewidth=0.6)
+    colour = style.OVER if over_limit(joint.share) else style.LINE
+    axis.axhline(0, color=style.QUIET, linewidth=0.6)
     if report.derived is not None:  # pale, and cut off where it would flatten the answer
-        _draw_band(axis, report, report.derived.envelope, k, PALE, 1)
-    time, least, greatest = _draw_band(axis, report, report.envelope, k, LINE, 3)
+        _draw_band(axis, report, report.derived.envelope, k, style.PALE, 1)
+    time, least, greatest = _draw_band(axis, report, report.envelope, k, style.LINE, 3)
     if report.band is not None:
         time, low, high = _broken(report.band[0], report.gaps.threshold, *(x[:, k] for x in report.band[1:]))
-        axis.fill_between(time, low, high, color=SKY, alpha=0.35, linewidth=0, zorder=2)
+        axis.fill_between(time, low, high, color=style.SKY, alpha=0.35, linewidth=0, zorder=2)
     half = INTERVAL * report.reach(joint) if report.noisy else 0.0
     if half > _SEEN * float(np.nanmax(greatest) - np.nanmin(least)):
         axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
@@ -149,7 +127,7 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
         ha="right" if late else "left",
         va="bottom" if up else "top",
         color=colour,
-        fontsize=SMALL,
+        fontsize=style.SMALL,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
     axis.set_title(joint.joint, loc="left", fontweight="bold")
@@ -158,12 +136,14 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
         if math.isfinite(joint.limit)
         else joint.unit
     )
-    axis.set_title(limit, loc="right", color=OVER if over_limit(joint.share) else QUIET, fontsize=SMALL)
-    axis.set_ylabel(joint.unit, color=QUIET, fontsize=SMALL)
+    axis.set_title(
+        limit, loc="right", color=style.OVER if over_limit(joint.share) else style.QUIET, fontsize=style.SMALL
+    )
+    axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL)
     axis.margins(x=0)
     if last:
         axis.tick_params(labelbottom=True)
-        axis.set_xlabel("time [s]", color=QUIET, fontsize=SMALL)
+        axis.set_xlabel("time [s]", color=style.QUIET, fontsize=style.SMALL)
 
 
 def _draw_key(figure_: Any, report: TorqueReport) -> None:
@@ -172,16 +152,16 @@ def _draw_key(figure_: Any, report: TorqueReport) -> None:
     from matplotlib.patches import Patch
 
     key: list[Any] = [
-        Line2D([], [], color=LINE, label="less noise"),
-        Patch(color=SKY, alpha=0.35, linewidth=0, label="95 % of single torques"),
-        Line2D([], [], color=LINE, marker="|", markersize=8, linestyle="none", label="95 % interval of the peak"),
+        Line2D([], [], color=style.LINE, label="less noise"),
+        Patch(color=style.SKY, alpha=0.35, linewidth=0, label="95 % of single torques"),
+        Line2D([], [], color=style.LINE, marker="|", markersize=8, linestyle="none", label="95 % interval of the peak"),
     ]
-    key += [Patch(color=PALE, label="raw")] if report.derived is not None else []
-    figure_.legend(handles=key, loc="outside upper right", ncols=4, frameon=False, fontsize=SMALL)
+    key += [Patch(color=style.PALE, label="raw")] if report.derived is not None else []
+    figure_.legend(handles=key, loc="outside upper right", ncols=4, frameon=False, fontsize=style.SMALL)
 
 
 def _draw_band(
-    axis: Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
+    axis: style.Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
 ) -> tuple[Array, Array, Array]:
     """A joint's torque, from the least to the greatest of each bin of rows; what was drawn."""
     size = ZERO * report.scale
@@ -193,7 +173,7 @@ def _draw_band(
     return time, least, greatest
 
 
-def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> None:
+def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float) -> None:
     """Choose the range of torques shown: the curve with room for its label, and the limit on sides that near it."""
     span = max(high, 0.0) - min(low, 0.0) or 1.0
     bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
@@ -201,12 +181,12 @@ def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> No
         if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
             continue
         bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
-        axis.axhline(side * joint.limit, **LIMIT)
-        axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=OVER, alpha=0.08, linewidth=0)
+        axis.axhline(side * joint.limit, **style.LIMIT)
+        axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=style.OVER, alpha=0.08, linewidth=0)
     axis.set_ylim(bottom, top)
 
 
-def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
+def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
     joint, states = report.joints[k], report.around
     terms = {name: values[:, k] for name, values in report.load.terms(states).items()}
     time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
@@ -217,13 +197,13 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
         if np.nanmax(np.abs(values), initial=0.0) <= ZERO * report.scale:
             continue
         up, down = np.maximum(values, 0.0), np.minimum(values, 0.0)
-        style: dict[str, Any] = {"color": _COLOURS[name], "alpha": 0.85, "linewidth": 0}
-        axis.fill_between(time, above, above + up, label=cause_label(name), **style)
-        axis.fill_between(time, below, below + down, **style)
+        area: dict[str, Any] = {"color": _COLOURS[name], "alpha": 0.85, "linewidth": 0}
+        axis.fill_between(time, above, above + up, label=cause_label(name), **area)
+        axis.fill_between(time, below, below + down, **area)
         above, below = above + up, below + down
         lowest, highest = float(np.nanmin(below)), float(np.nanmax(above))
     axis.plot(time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
-    axis.axhline(0, color=AXIS, linewidth=0.7)
+    axis.axhline(0, color=style.AXIS, linewidth=0.7)
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
     _frame_limits(axis, joint, lowest, highest)
     whole = len(states) == report.rows
@@ -236,7 +216,7 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
     )
     doubt = f" ± {deviation(report.reach(joint))}" if report.noisy else ""
     peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {seconds(joint.time)} s"
-    axis.set_title(peak, loc="right", color=QUIET, fontsize=SMALL)
+    axis.set_title(peak, loc="right", color=style.QUIET, fontsize=style.SMALL)
     axis.set_xlabel("time [s]")
     axis.set_ylabel(torque_word(joint.unit))
     axis.margins(x=0)
@@ -268,19 +248,19 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
         As :func:`twistwrench.plotting.style.save`.
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
-    rows, columns = panel_grid(len(motors), _ABREAST)
-    with figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--motor-plot)") as drawn:
-        axes = panels(drawn, len(motors), _ABREAST)
+    rows, columns = style.panel_grid(len(motors), _ABREAST)
+    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--motor-plot)") as drawn:
+        axes = style.panels(drawn, len(motors), _ABREAST)
         for axis, motor in zip(axes, motors, strict=True):
             _draw(axis, motor)
         handles, labels = axes[0].get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, fontsize=SMALL)
-        drawn.supxlabel("speed [rad/s]", fontsize=SMALL)
-        drawn.supylabel("torque at the rotor [N m]", fontsize=SMALL)
-        return save(drawn, path)
+        drawn.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, fontsize=style.SMALL)
+        drawn.supxlabel("speed [rad/s]", fontsize=style.SMALL)
+        drawn.supylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+        return style.save(drawn, path)
 
 
-def _draw(axis: Axes, use: MotorUse) -> None:
+def _draw(axis: style.Axes, use: MotorUse) -> None:
     motor, speed, torque = use.motor, use.speed, use.torque
     top = _top_speed(use)
     w = np.linspace(-top, top, 401)
@@ -294,22 +274,22 @@ def _draw(axis: Axes, use: MotorUse) -> None:
         low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
         axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0, label=name)
     within = _within(use)
-    axis.plot(speed, torque, color=LINE, linewidth=0.7, alpha=0.8, label="this motion")
+    axis.plot(speed, torque, color=style.LINE, linewidth=0.7, alpha=0.8, label="this motion")
     if not within.all():
-        axis.plot(speed[~within], torque[~within], ".", color=OVER, markersize=3, label="beyond the motor")
+        axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
     for side in (rms, -rms):
         label = "rms torque, either way" if side is rms else None
-        axis.axhline(side, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
-    axis.axhline(0, color=QUIET, linewidth=0.6)
-    axis.axvline(0, color=QUIET, linewidth=0.6)
+        axis.axhline(side, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
+    axis.axhline(0, color=style.QUIET, linewidth=0.6)
+    axis.axvline(0, color=style.QUIET, linewidth=0.6)
     axis.set_xlim(-top, top)
     axis.set_ylim(-reach, reach)
     axis.locator_params(axis="x", nbins=5)
     axis.set_title(use.joint, loc="left", fontweight="bold")
     d = use.tightest
     used = f"{d.what} {percent_of_limit(d.share)}" if d.share else ""
-    axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if use.too_small else QUIET)
+    axis.set_title(used, loc="right", fontsize=style.SMALL, color=style.OVER if use.too_small else style.QUIET)
 
 
 def _top_speed(use: MotorUse) -> float:

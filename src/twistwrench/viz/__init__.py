@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 from .drawn_motion import DrawnMotion, motion_of, read_motion
-from .movie import Camera, film, movie
+from .movie import Camera, draw, film, movie
 from .page import write_page
 from .scene import Scene, Shape, scene_of
 
@@ -31,13 +31,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from ..plotting.motion import Energies, energies, plot_phase, plot_power, plot_split
-    from ..plotting.robot import draw
 
-_DRAWN = dict.fromkeys(("Energies", "energies", "plot_phase", "plot_power", "plot_split"), "motion") | {"draw": "robot"}
-"""Where pictures are drawn: ``plotting`` imports what is here, so it is imported when first asked for."""
+_PLOTS = ("Energies", "energies", "plot_phase", "plot_power", "plot_split")
+"""Names of ``plotting.motion``, which imports this package: imported at first use."""
 
 
 def __getattr__(name: str) -> object:
-    if name in _DRAWN:
-        return getattr(importlib.import_module(f"..plotting.{_DRAWN[name]}", __name__), name)
+    if name in _PLOTS:
+        return getattr(importlib.import_module("..plotting.motion", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..lie import se3, so3
-from ..plotting.style import BLUE, GREEN, GREY, LINE, ORANGE, PURPLE, SKY, VERMILION
+from ..plotting import style
 from ..typing import Array
 from .scene import turned_z
 from .surface import Surface
@@ -39,7 +39,16 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "grasp": (0.10, 0.34, 0.62),
         "path": (0.12, 0.31, 0.47),
         "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
-        "lines": (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY),
+        "lines": (
+            style.BLUE,
+            style.ORANGE,
+            style.GREEN,
+            style.VERMILION,
+            style.SKY,
+            style.PURPLE,
+            style.LINE,
+            style.GREY,
+        ),
     }
 )
 _POSES = 16

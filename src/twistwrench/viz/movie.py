@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import arguments
 from ..core.files import replacing
 from ..core.numbers import printed, seconds
-from ..errors import MissingExtraError, ValueRangeError
+from ..errors import MissingExtraError, ShapeError, ValueRangeError
 from ..model.model import BASE
-from ..plotting.style import AXIS, INK, LIMIT, QUIET, SMALL, figure, require_matplotlib
+from ..plotting import style
 from ..typing import Array
 from .colours import share_colours
 from .drawn_motion import DrawnMotion, motion_of
@@ -22,7 +23,7 @@ from .scene import Scene, scene_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from .scene import Scene, Shape
+    from .scene import Shape
     from .surface import Surface
 
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
@@ -154,6 +155,87 @@ def _moved(shape: Shape, surface: Surface, poses: Array) -> Array:
     return np.asarray(corners @ T[:3, :3].T + T[:3, 3])
 
 
+# ── A robot in the axes of a figure
+
+_PALEST = 0.28
+
+
+def draw(
+    axes: style.Axes,
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    azimuth: float = -0.9,
+    elevation: float = 0.35,
+    floor: float | None = None,
+    inertia: bool = True,
+    scene: Scene | None = None,
+) -> Camera:
+    """Draw a robot into Matplotlib's axes, at one configuration or at some of a motion.
+
+    Parameters
+    ----------
+    axes : Matplotlib's Axes
+    robot : Robot
+    q : (nq,) or (n, nq) array_like, configurations; the first is the palest
+    azimuth : float, where it is seen from, about z [rad]
+    elevation : float, above the horizontal [rad]
+    floor : float, optional, height where its shadow falls [m]; None: under its lowest point
+    inertia : bool, draw ellipsoids of bodies without looks
+    scene : Scene, optional, the robot's looks
+
+    Returns
+    -------
+    camera : Camera
+        Its ``project`` says where points (..., 3) [m] of the base frame are in the axes.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        ``q`` is of another size or not finite.
+    MissingExtraError
+        There is no matplotlib.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> from twistwrench.plotting.style import figure
+    >>> from twistwrench.viz import draw
+    >>> with figure(4, 3, "two poses") as drawn:
+    ...     camera = draw(drawn.subplots(), tw.robots.planar_2r(), [[0.0, 0.5], [0.3, 0.8]])
+    >>> camera.project([0.0, 0.0, 0.0])[0].shape
+    (2,)
+    """
+    style.require_matplotlib("Drawing a robot")
+    from matplotlib.collections import PolyCollection
+
+    poses = np.atleast_2d(arguments.finite(q, "draw: q", robot.nq, names=robot.coordinate_names))
+    if poses.ndim > 2 or not len(poses):
+        raise ShapeError(f"draw: q has shape {np.shape(q)}, expected ({robot.nq},), or (n, {robot.nq}) for n poses.")
+    scene = scene_of(robot) if scene is None else scene
+    camera, lowest = overview(scene, poses, azimuth, elevation)
+    painter = Painter(scene, camera, lowest if floor is None else arguments.number(floor, "draw: floor"))
+    shadows = sum(len(surface.faces) for _, surface in painter.shades)
+    for k, pose in enumerate(poses):
+        triangles, colours = painter.paint(pose)
+        shade = _PALEST + (1.0 - _PALEST) * (k + 1) / len(poses) if len(poses) > 1 else 1.0
+        colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
+        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # hides the seams of what is solid
+        under = np.arange(len(triangles)) < shadows  # no pose shades another
+        for shown, order in ((under, 1), (~under & (inertia | (colours[:, 3] == 1.0)), 2)):
+            look: dict[str, Any] = {
+                "facecolors": colours[shown],
+                "edgecolors": edges[shown],
+                "linewidths": 0.3,
+                "zorder": order,
+            }
+            axes.add_collection(PolyCollection(list(triangles[shown]), **look))
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_axis_off()
+    return camera
+
+
 # ── The film
 
 MOVIES = (".gif", ".mp4")
@@ -258,7 +340,7 @@ def film(
     robot = motion.load.with_load
     scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
     painter = _painter(scene, motion, moments)
-    with replacing(target) as scratch, figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
+    with replacing(target) as scratch, style.figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(100)
         left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
         stage = _Stage(left.subplots(), painter)
@@ -287,7 +369,7 @@ def movie_path(path: str | Path) -> str:
         raise ValueRangeError(
             f"cannot film to {Path(path).name!r}: films of kind {suffix[1:]!r} are not made. Choose one of {', '.join(MOVIES)}."
         )
-    require_matplotlib("Filming a motion")
+    style.require_matplotlib("Filming a motion")
     if suffix == ".mp4":
         from matplotlib.animation import FFMpegWriter
 
@@ -360,19 +442,19 @@ class _Bars:
         rows = np.arange(len(names))
         self.axis = axis
         self.bars = axis.barh(rows, np.zeros(len(names)), height=0.62)
-        axis.axvline(0, color=AXIS, linewidth=0.7)
+        axis.axvline(0, color=style.AXIS, linewidth=0.7)
         reach = max(1.15, 1.05 * float(np.max(motion.peaks / self.scale, initial=0.0)))
         for side in (-1, 1):
-            axis.axvline(side, **LIMIT)
+            axis.axvline(side, **style.LIMIT)
         axis.set_xlim(-reach, reach)
-        axis.set_yticks(rows, names, fontsize=SMALL)
+        axis.set_yticks(rows, names, fontsize=style.SMALL)
         axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)
         axis.grid(visible=False, axis="y")
         axis.set_xlabel(
-            "torque / limit" if self.limited[self.chosen].all() else "torque / limit, or / peak", fontsize=SMALL
+            "torque / limit" if self.limited[self.chosen].all() else "torque / limit, or / peak", fontsize=style.SMALL
         )
-        self.clock = axis.set_title("", loc="right", color=QUIET, fontsize=SMALL + 1)
-        axis.tick_params(labelcolor=INK)
+        self.clock = axis.set_title("", loc="right", color=style.QUIET, fontsize=style.SMALL + 1)
+        axis.tick_params(labelcolor=style.INK)
 
     def show(self, tau: Array, moment: float) -> None:
         shares = (tau / self.scale)[self.chosen]
