@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .core import arguments
+from .core.glossary import complete
 from .errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from .model.model import BASE, Body
 from .robot import Robot
@@ -97,22 +98,12 @@ def to_mujoco(
 
     Parameters
     ----------
-    robot : Robot
-    model : the other library's model of the same robot
-    q : (nq,) array_like, configuration
     dq : (nv,) array_like, optional, joint velocities [rad/s, m/s]
     ddq : (nv,) array_like, optional, joint accelerations [rad/s², m/s²]
 
     Returns
     -------
     arrays : tuple, q, and dq and ddq where given, as ``model`` takes them
-
-    Raises
-    ------
-    UnknownNameError
-        A joint is in one of the two only.
-    ShapeError
-        The last axes are not the robot's sizes, or batch shapes do not broadcast.
     """
     require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
@@ -130,8 +121,6 @@ def from_mujoco(
 
     Parameters
     ----------
-    robot : Robot
-    model : the other library's model of the same robot
     q : (model.nq,) array_like, qpos
     dq : (model.nv,) array_like, optional, qvel
     ddq : (model.nv,) array_like, optional, qacc
@@ -139,13 +128,6 @@ def from_mujoco(
     Returns
     -------
     arrays : tuple, q (nq,), and dq and ddq (nv,) where given
-
-    Raises
-    ------
-    UnknownNameError
-        A joint is in one of the two only.
-    ShapeError
-        An array is of another size.
 
     Notes
     -----
@@ -165,20 +147,9 @@ def from_mujoco(
 def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
     """Matrix between the velocities of robot and MuJoCo model: P with dq* = P dq at q, dq* MuJoCo's.
 
-    Parameters
-    ----------
-    robot : Robot
-    model : the other library's model of the same robot
-    q : (nq,) array_like, configuration
-
     Returns
     -------
     P : (model.nv, nv) array
-
-    Raises
-    ------
-    UnknownNameError
-        A joint is in one of the two only.
 
     Notes
     -----
@@ -232,21 +203,11 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
 
     Parameters
     ----------
-    robot : Robot
-    model : the other library's model of the same robot
-    q : (nq,) array_like, configuration
     *rates : (..., nv) array_like, any number of dq, ddq
 
     Returns
     -------
     arrays : tuple, q and the rates as ``model`` takes them
-
-    Raises
-    ------
-    UnknownNameError
-        A joint is in one of the two only.
-    ShapeError
-        The last axes are not the robot's sizes, or batch shapes do not broadcast.
     """
     require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
@@ -270,21 +231,12 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
 
     Parameters
     ----------
-    robot : Robot
-    model : the other library's model of the same robot
     q : (..., model.nq) array_like, configuration there
     *rates : (..., model.nv) array_like, any number of dq, ddq there
 
     Returns
     -------
     arrays : tuple, q (..., nq) and the rates (..., nv)
-
-    Raises
-    ------
-    UnknownNameError
-        A joint is in one of the two only.
-    ShapeError
-        An array is of another size.
 
     Notes
     -----
@@ -310,19 +262,9 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
 def pinocchio_rates(robot: Robot, model: Any) -> Array:
     """Matrix between the velocities of robot and Pinocchio model: P with dq* = P dq, dq* Pinocchio's.
 
-    Parameters
-    ----------
-    robot : Robot
-    model : the other library's model of the same robot
-
     Returns
     -------
     P : (model.nv, nv) array
-
-    Raises
-    ------
-    UnknownNameError
-        A joint is in one of the two only.
 
     Notes
     -----
@@ -439,3 +381,6 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
             f"swap_halves: rows has shape {x.shape}, and {several if found else 'no axis of 6 where they are wanted'}."
         )
     return np.roll(x, 3, axis=found[0])
+
+
+complete(globals())

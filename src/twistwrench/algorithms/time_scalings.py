@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3, so3
@@ -42,18 +43,9 @@ class Polynomial:
     def stretched(self, duration: float) -> Polynomial:
         """The same shape over another duration.
 
-        Parameters
-        ----------
-        duration : float, T, above 0 [s]
-
         Returns
         -------
         scaling : Polynomial
-
-        Raises
-        ------
-        ValueRangeError
-            ``duration`` is not above 0.
 
         Examples
         --------
@@ -89,18 +81,9 @@ def quintic_share(x: Any) -> Any:
 def cubic(duration: float) -> Polynomial:
     """Cubic time scaling s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends.
 
-    Parameters
-    ----------
-    duration : float, T, above 0 [s]
-
     Returns
     -------
     scaling : Polynomial
-
-    Raises
-    ------
-    ValueRangeError
-        ``duration`` is not above 0.
 
     Notes
     -----
@@ -118,18 +101,9 @@ def cubic(duration: float) -> Polynomial:
 def quintic(duration: float) -> Polynomial:
     """Quintic time scaling s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: accelerations are zero at both ends too.
 
-    Parameters
-    ----------
-    duration : float, T, above 0 [s]
-
     Returns
     -------
     scaling : Polynomial
-
-    Raises
-    ------
-    ValueRangeError
-        ``duration`` is not above 0.
 
     Notes
     -----
@@ -147,18 +121,9 @@ def quintic(duration: float) -> Polynomial:
 def uniform(duration: float) -> Polynomial:
     """Uniform time scaling s = t/T.
 
-    Parameters
-    ----------
-    duration : float, T, above 0 [s]
-
     Returns
     -------
     scaling : Polynomial
-
-    Raises
-    ------
-    ValueRangeError
-        ``duration`` is not above 0.
 
     Notes
     -----
@@ -211,18 +176,9 @@ class Trapezoid:
     def stretched(self, duration: float) -> Trapezoid:
         """The same shape over another duration.
 
-        Parameters
-        ----------
-        duration : float, T, above 0 [s]
-
         Returns
         -------
         scaling : Trapezoid
-
-        Raises
-        ------
-        ValueRangeError
-            ``duration`` is not above 0.
 
         Examples
         --------
@@ -362,11 +318,6 @@ def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
     -------
     path : PosePath
 
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An end is no pose (4, 4).
-
     Notes
     -----
     MR eq. 9.23.
@@ -393,11 +344,6 @@ def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
     -------
     path : PosePath
 
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An end is no pose (4, 4).
-
     Notes
     -----
     MR eq. 9.24, 9.25.
@@ -421,3 +367,6 @@ def _poses(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
             raise ShapeError(f"{name} has shape {M.shape}: a path leads from one pose (4, 4) to another.")
         found.append(M)
     return found[0], found[1]
+
+
+complete(globals())

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
 from ..errors import InertiaError, ValueRangeError
 from ..lie import so3
@@ -24,7 +25,6 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
 
     Parameters
     ----------
-    G : SpatialInertia
     size : float, moments [kg m²] that these came from, where they are differences of larger ones
         As of bodies moved from frame to frame: their rounding is no defect.
 
@@ -70,10 +70,6 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
 def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
     """Nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
 
-    Parameters
-    ----------
-    G : SpatialInertia
-
     Returns
     -------
     G : SpatialInertia
@@ -104,10 +100,6 @@ def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
 
 def repair(G: SpatialInertia) -> Repair:
     """Repaired inertia, :meth:`nearest_consistent`, with a report of what moved and why.
-
-    Parameters
-    ----------
-    G : SpatialInertia
 
     Returns
     -------
@@ -268,10 +260,6 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
 def log_cholesky(G: SpatialInertia) -> Array:
     """Log-Cholesky parameters of an inertia, ten numbers with J = U U' for the pseudo-inertia J.
 
-    Parameters
-    ----------
-    G : SpatialInertia
-
     Returns
     -------
     theta : (10,) array, (α, d1, d2, d3, s12, s23, s13, t1, t2, t3)
@@ -359,3 +347,6 @@ def aligned_axes(moments: Array, axes: Array) -> Array:
         axes[:, (alone + 2) % 3] = so3.cross(n, axes[:, (alone + 1) % 3])
     axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
     return axes
+
+
+complete(globals())

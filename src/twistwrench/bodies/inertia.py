@@ -261,11 +261,6 @@ class SpatialInertia:
         -------
         G_a : SpatialInertia
 
-        Raises
-        ------
-        ValueRangeError
-            ``T_ab`` is no pose.
-
         Notes
         -----
         G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
@@ -302,11 +297,6 @@ class SpatialInertia:
         Returns
         -------
         G : SpatialInertia
-
-        Raises
-        ------
-        ValueRangeError
-            ``k`` is no axis.
 
         Notes
         -----

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..errors import FrameError, InertiaError, SingularMassMatrixError
 from ..lie import so3
@@ -92,7 +93,6 @@ class RigidBody:
 
         Parameters
         ----------
-        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
         dV : (..., 6) array_like or Twist, rate of the body twist [rad/s², m/s²]
 
         Returns
@@ -126,7 +126,6 @@ class RigidBody:
 
         Parameters
         ----------
-        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
         F : (..., 6) array_like or Wrench, (m, f) [N m, N]
 
         Returns
@@ -161,10 +160,6 @@ class RigidBody:
     def momentum(self, V: ArrayLike) -> Array:
         """Spatial momentum of a rigid body, P = G V, in the body's frame.
 
-        Parameters
-        ----------
-        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
-
         Returns
         -------
         P : (..., 6) array, (angular, linear) [N m s, N s]
@@ -183,10 +178,6 @@ class RigidBody:
 
     def kinetic_energy(self, V: ArrayLike) -> Array:
         """Kinetic energy of a rigid body, K = ½ Vᵀ G V, the same in every frame.
-
-        Parameters
-        ----------
-        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
 
         Returns
         -------
@@ -217,11 +208,6 @@ class RigidBody:
         -------
         F : (..., 6) array, (m, f) in {b} [N m, N]
 
-        Raises
-        ------
-        ValueRangeError
-            ``T_sb`` is no pose.
-
         Examples
         --------
         >>> from twistwrench import SpatialInertia
@@ -243,7 +229,6 @@ class RigidBody:
 
         Parameters
         ----------
-        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
         r : (..., 3) array_like, the body's point in {b} [m]
 
         Returns
@@ -268,7 +253,6 @@ class RigidBody:
 
         Parameters
         ----------
-        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
         dV : (..., 6) array_like or Twist, rate of the body twist [rad/s², m/s²]
         r : (..., 3) array_like, the body's point in {b} [m]
 
@@ -301,11 +285,6 @@ class RigidBody:
         Returns
         -------
         body : RigidBody
-
-        Raises
-        ------
-        ValueRangeError
-            ``T_ab`` is no pose.
 
         Notes
         -----
@@ -354,8 +333,6 @@ class RigidBody:
         ------
         FrameError
             Labelled poses, twists and wrenches do not agree on {b}.
-        ShapeError, ValueRangeError
-            An argument is invalid.
         InertiaError
             The body has no inertia about some axis.
         SimulationError
@@ -406,3 +383,6 @@ def _ad_transposed(V: Array, P: Array) -> Array:
     out[4] = r * a - p * c
     out[5] = p * b - q * a
     return out
+
+
+complete(globals())

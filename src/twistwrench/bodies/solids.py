@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..typing import Array
@@ -72,8 +73,6 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
     ------
     ShapeError
         There are not as many points as masses.
-    ValueRangeError
-        A number is not finite.
 
     Notes
     -----
@@ -108,8 +107,6 @@ def box(
     Parameters
     ----------
     size : (3,) array_like, full edge lengths along x, y, z [m]
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
 
     Returns
     -------
@@ -138,8 +135,6 @@ def ellipsoid(
     Parameters
     ----------
     semi_axes : (3,) array_like, along x, y, z [m]
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
 
     Returns
     -------
@@ -164,12 +159,6 @@ def sphere(
     cls: type[SpatialInertia], radius: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
     """Spatial inertia of a uniform ball; the origin is its centre.
-
-    Parameters
-    ----------
-    radius : float [m]
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
 
     Returns
     -------
@@ -202,10 +191,7 @@ def cylinder(
 
     Parameters
     ----------
-    radius : float [m]
     length : float [m]
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
 
     Returns
     -------
@@ -239,10 +225,7 @@ def capsule(
 
     Parameters
     ----------
-    radius : float [m]
     length : float, of the cylinder; from tip to tip the capsule measures length + 2 radius [m]
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
 
     Returns
     -------
@@ -282,8 +265,6 @@ def cone(
     ----------
     radius : float, of the base [m]
     height : float [m]
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
 
     Returns
     -------
@@ -479,3 +460,6 @@ def _pierced(p: Array, q: Array, faces: Array, least: float) -> Array:
     through = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
     sides = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
     return np.asarray(through & ((np.min(sides, axis=0) > least) | (np.max(sides, axis=0) < -least)))
+
+
+complete(globals())

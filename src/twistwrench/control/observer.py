@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from ..algorithms.kinematics import KINDS
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..lie.labelled import WRENCH
@@ -130,8 +131,6 @@ class MomentumObserver:
         Parameters
         ----------
         t : float, after the last one [s]
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
         tau : (nv,) array_like, torques since then [N m, sliding joints: N]; those of the first call count for nothing
 
         Returns
@@ -142,8 +141,6 @@ class MomentumObserver:
         ------
         ValueRangeError
             ``t`` is not after the last one.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
 
         Examples
         --------
@@ -178,11 +175,6 @@ class MomentumObserver:
         Returns
         -------
         residuals : (n, nv) array [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The arrays do not fit each other.
 
         Notes
         -----
@@ -263,9 +255,6 @@ class MomentumObserver:
 
         Parameters
         ----------
-        q : (nq,) array_like, configuration
-        frame : str, optional, a link of the robot; its tip if None
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
         rows : str or iterable, optional, what the wrench may have: ``"vx vy vz"`` is a force at the frame's origin
             alone
             Fewer unknowns than six need fewer joints.
@@ -274,15 +263,6 @@ class MomentumObserver:
         Returns
         -------
         found : ContactWrench
-
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            An argument is of another size or not finite.
-        UnknownNameError
-            The robot has no such frame or row.
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Examples
         --------
@@ -334,3 +314,6 @@ class MomentumObserver:
             tau = 0.5 * np.asarray(self._past(dq0, tau) + self._past(dq1, tau))
         x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)  # the mean of τ_ext since then
         return np.asarray(x + np.exp(-self.gain * dt) * (r - x))
+
+
+complete(globals())

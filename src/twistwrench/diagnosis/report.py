@@ -292,8 +292,6 @@ def doctor(
         There is no such file.
     ModelError
         It cannot be read, or makes no robot.
-    ValueRangeError
-        There is no such check or metric.
 
     Notes
     -----

@@ -53,25 +53,7 @@ class NormalEquations:
         root: Array | None = None,
         rows: Array | slice | None = None,
     ) -> NormalEquations:
-        """Of rows W (n, nv, r) and τ (n, nv), one joint after another, so that no second W is made.
-
-        Parameters
-        ----------
-        W : (n, nv, r) array
-        tau : (n, nv) array
-        felt : (nv, r) bool array, optional, columns that are not zero in the rows of each joint
-        root : (n, nv) array, optional, what each row is multiplied by, the root of its weight
-        rows : slice or (n,) bool array, optional, those that count; None: all
-
-        Returns
-        -------
-        equations : NormalEquations
-
-        Examples
-        --------
-        >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([2.0])).tolist()
-        [4.0]
-        """
+        """Of rows W (n, nv, r) and τ (n, nv), one joint after another, so that no second W is made."""
         nv, r = W.shape[1:]
         N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
         mine = slice(None) if rows is None else rows
@@ -92,59 +74,16 @@ class NormalEquations:
         return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
 
     def together(self) -> tuple[Array, Array, float]:
-        """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals.
-
-        Returns
-        -------
-        N : (r, r) array
-        c : (r,) array
-        y : float
-
-        Examples
-        --------
-        >>> NormalEquations.of(np.ones((4, 2, 1)), np.full((4, 2), 3.0)).together()
-        (array([[8.]]), array([24.]), 72.0)
-        """
+        """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals."""
         return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
     def squares(self, x: Array) -> Array:
-        """Sums of squared residuals (nv,) at x (r,).
-
-        Parameters
-        ----------
-        x : (r,) array
-
-        Returns
-        -------
-        squares : (nv,) array
-
-        Examples
-        --------
-        >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([1.0])).tolist()
-        [16.0]
-        """
+        """Sums of squared residuals (nv,) at x (r,)."""
         found = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
         return np.asarray(np.maximum(found, _LEAST_SHARE * self.y))
 
     def solve(self, prior: Prior) -> tuple[Array, Array]:
-        """Weighted least squares.
-
-        Parameters
-        ----------
-        prior : Prior
-
-        Returns
-        -------
-        x : (r,) array
-        sigma : (nv,) array, standard deviations of the residuals by joint
-
-        Examples
-        --------
-        >>> prior = Prior(np.zeros(1), np.full(1, 1e6))
-        >>> x, _ = NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).solve(prior)
-        >>> round(float(x[0]), 6)
-        3.0
-        """
+        """Weighted least squares."""
         variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
         x = prior.mean
         for _ in range(_ROUNDS):
@@ -180,23 +119,7 @@ class FeltEquations:
 
     @classmethod
     def of(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
-        """Of equations whose other entries are zero.
-
-        Parameters
-        ----------
-        equations : NormalEquations
-        felt : (nv, r) bool array
-
-        Returns
-        -------
-        equations : FeltEquations
-
-        Examples
-        --------
-        >>> whole = NormalEquations.of(np.array([[[1.0, 0.0]]]), np.array([[3.0]]))
-        >>> FeltEquations.of(whole, np.array([[True, False]])).whole().N.tolist()
-        [[[1.0, 0.0], [0.0, 0.0]]]
-        """
+        """Of equations whose other entries are zero."""
         N = tuple(A[np.ix_(mine, mine)] for A, mine in zip(equations.N, felt, strict=True))
         c = tuple(b[mine] for b, mine in zip(equations.c, felt, strict=True))
         return cls(N, c, equations.y, equations.rows, felt)
@@ -229,22 +152,7 @@ class Prior:
     size: Array
 
     def solve(self, A: Array, b: Array) -> Array:
-        """x of (A + size⁻²) x = b + size⁻² mean, in units in which sizes are 1.
-
-        Parameters
-        ----------
-        A : (r, r) array
-        b : (r,) array
-
-        Returns
-        -------
-        x : (r,) array
-
-        Examples
-        --------
-        >>> Prior(np.zeros(1), np.ones(1)).solve(np.ones((1, 1)), np.array([2.0])).round(6).tolist()
-        [1.0]
-        """
+        """x of (A + size⁻²) x = b + size⁻² mean, in units in which sizes are 1."""
         import scipy.linalg
 
         S = self.size

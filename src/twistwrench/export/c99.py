@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.files import check_outputs, replacing_together
+from ..core.glossary import complete
 from ..core.gravity import STRENGTH
 from ..core.numbers import in_file
 from ..errors import KernelError, ValueRangeError
@@ -176,10 +177,7 @@ def export_c(
 
     Parameters
     ----------
-    robot : Robot
-    quantities : names as for :meth:`twistwrench.Robot.kernel`, with options as ``(name, {option: value})``
     path : str or Path, a folder, or the .c file
-    precision : "double" or "float"
     prefix : str, optional, what the functions' names begin with; None: the robot's name
     test : bool, write a program that compares the functions with the kernels, too
     label : str, what the user calls ``path``, for messages
@@ -233,10 +231,7 @@ def export_cuda(
 
     Parameters
     ----------
-    robot : Robot
-    quantities : names as for :meth:`twistwrench.Robot.kernel`, with options as ``(name, {option: value})``
     path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
-    precision : "double" or "float"
     prefix : str, optional, first part of the kernels' names; None: the robot's name
 
     Returns
@@ -473,3 +468,6 @@ def _hex(value: float, precision: str) -> str:
     """A number by its bits."""
     exact = float(np.float32(value)) if precision == "float" else float(value)
     return f"{exact.hex()}{PRECISIONS[precision]}"
+
+
+complete(globals())

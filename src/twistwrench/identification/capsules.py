@@ -67,21 +67,6 @@ class LinkCapsules:
         """Capsules around the shapes that the robot's file gives its links: those for contact, else those to be seen.
 
         Bodies of which a link with mass has none have assumed ones.
-
-        Parameters
-        ----------
-        robot : Robot
-
-        Returns
-        -------
-        capsules : LinkCapsules
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> found = LinkCapsules.of(tw.robots.planar_2r())
-        >>> float(found.radii.max()), found.assumed
-        (0.08, ('link1', 'link2'))
         """
         described = read_subject(robot).robot
         names, frames = robot.link_names, robot.model.frames
@@ -112,22 +97,7 @@ class LinkCapsules:
         )
 
     def placed(self, poses: Array) -> Array:
-        """Ends of the capsules.
-
-        Parameters
-        ----------
-        poses : (n, nlinks, 4, 4) array, as ``robot.link_poses`` gives them
-
-        Returns
-        -------
-        ends : (2, 3, n, k) array, in the base frame [m]
-
-        Examples
-        --------
-        >>> one = LinkCapsules(np.array([0]), np.array([[[0, 0, 0], [0, 0, 1.0]]]), np.array([0.1]))
-        >>> one.placed(np.eye(4)[None, None]).ravel().tolist()
-        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-        """
+        """Ends of the capsules."""
         n, count = poses.shape[:2]
         rows = np.moveaxis(poses[:, :, :3, :], 2, 0).reshape(3 * n, 4 * count)
         placed = (rows @ self._columns(count)).reshape(3, n, 2, len(self.links))
@@ -218,23 +188,7 @@ def _volume(ends: Array, r: float) -> float:
 
 
 def capsule_around(points: Array) -> tuple[Array, float]:
-    """The least capsule that a short search finds around points.
-
-    Parameters
-    ----------
-    points : (n, 3) array [m]
-
-    Returns
-    -------
-    ends : (2, 3) array, of its segment [m]
-    radius : float [m]
-
-    Examples
-    --------
-    >>> ends, radius = capsule_around(np.array([[0, 0, 0], [0, 0, 1.0]]))
-    >>> round(float(np.linalg.norm(ends[1] - ends[0]) + 2 * radius), 9)
-    1.0
-    """
+    """The least capsule that a short search finds around points."""
     from scipy.optimize import minimize
 
     middle = points.mean(axis=0)
@@ -288,22 +242,7 @@ _PARALLEL = 1e-12
 
 
 def nearest_points(a: Array, b: Array) -> tuple[Array, Array]:
-    """Where segments come nearest to each other, as shares of their lengths.
-
-    Parameters
-    ----------
-    a, b : (2, 3, ...) arrays, ends
-
-    Returns
-    -------
-    s, t : (...) arrays, from 0 to 1
-
-    Examples
-    --------
-    >>> s, t = nearest_points(np.array([[0, 0, 0], [2, 0, 0.0]]), np.array([[1, 1, 0], [1, 3, 0.0]]))
-    >>> float(s), float(t)
-    (0.5, 0.0)
-    """
+    """Where segments come nearest to each other, as shares of their lengths."""
     d, e, r = a[1] - a[0], b[1] - b[0], a[0] - b[0]
     dd, ee, de, dr, er = _dot(d, d), _dot(e, e), _dot(d, e), _dot(d, r), _dot(e, r)
     det = dd * ee - de**2
@@ -355,17 +294,6 @@ class CapsuleDistances:
         """The pairs that can touch: of links that no joint connects, and that are not always near each other.
 
         The capsules of a link whose origin stays at one height, and that are always near the floor, are left out likewise.
-
-        Parameters
-        ----------
-        robot : Robot
-        capsules : LinkCapsules
-        floor : float or None, height [m]
-        itself : bool, whether links are kept clear of each other
-
-        Returns
-        -------
-        distances : CapsuleDistances
         """
         names = robot.link_names
         bodies = np.array([robot.model.frames[names[k]].body for k in capsules.links], int)
@@ -409,17 +337,7 @@ class CapsuleDistances:
         return len(self.pairs) + 2 * len(self.above)
 
     def distances(self, q: Array, near: float = np.inf) -> Array:
-        """(n, m + 2 k) distances of the pairs, and of the ends above the floor [m]; below 0 where capsules overlap.
-
-        Parameters
-        ----------
-        q : (n, nq) array
-        near : float, beyond which a bound from below will do [m]
-
-        Returns
-        -------
-        distances : (n, m + 2 k) array
-        """
+        """(n, m + 2 k) distances of the pairs, and of the ends above the floor [m]; below 0 where capsules overlap."""
         ends = self.capsules.placed(self.robot.link_poses(q))
         i, j = self.pairs.T
         middle, r = 0.5 * (ends[0] + ends[1]), self.capsules.radii
@@ -436,17 +354,7 @@ class CapsuleDistances:
         return np.concatenate([found, *heights], axis=1)
 
     def slopes(self, q: Array, weights: Array) -> Array:
-        """Derivative by the joints of a weighted sum of the distances.
-
-        Parameters
-        ----------
-        q : (n, nq) array, of joints of one degree of freedom
-        weights : (n, m + 2 k) array
-
-        Returns
-        -------
-        slopes : (n, nq) array
-        """
+        """Derivative by the joints of a weighted sum of the distances."""
         found = np.zeros(q.shape)
         rows = np.flatnonzero(weights.any(axis=1))
         if not rows.size:

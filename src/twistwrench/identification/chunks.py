@@ -48,28 +48,7 @@ class LogClock:
 
     @classmethod
     def of(cls, stamps: Iterator[Array], where: str) -> LogClock:
-        """From times that do not run back; ``where`` begins the error of a log too short.
-
-        Parameters
-        ----------
-        stamps : iterator of (n,) arrays [s]
-        where : str
-
-        Returns
-        -------
-        clock : LogClock
-
-        Raises
-        ------
-        TrajectoryError
-            There are fewer than two times.
-
-        Examples
-        --------
-        >>> clock = LogClock.of(iter([np.array([0.0, 0.5, 1.0]), np.array([5.0, 5.5])]), "a log")
-        >>> clock.step, clock.begins.tolist(), clock.ends.tolist()
-        (0.5, [0.0, 5.0], [1.0, 5.5])
-        """
+        """From times that do not run back; ``where`` begins the error of a log too short."""
         rows, last = 0, np.zeros(0)
         total, count, usual = 0.0, 0, 0.0
         begins, ends, marks = list[float](), list[float](), list[float]()
@@ -127,25 +106,7 @@ class LogSource:
 
     @classmethod
     def of(cls, robot: Robot, log: Motion | str | Path, number: int, **reading: Any) -> LogSource:
-        """A log that is given as either; ``number`` names one without a file.
-
-        Parameters
-        ----------
-        robot : Robot
-        log : Motion, str or Path
-        number : int, counting from 1
-        **reading : ``columns``, ``rate``, ``degrees``, ``side`` of files
-
-        Returns
-        -------
-        source : LogSource
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> LogSource.of(tw.robots.ur5(), "monday.csv", 1).path
-        'monday.csv'
-        """
+        """A log that is given as either; ``number`` names one without a file."""
         if isinstance(log, Motion):
             return cls(robot, f"logs number {number}", motion=log)
         return cls(robot, str(log), **reading)

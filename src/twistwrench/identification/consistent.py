@@ -104,26 +104,7 @@ class PositivePrior:
 
     @classmethod
     def of(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:
-        """The file's bodies, thickened where they have no extent, and the drives as the groups have them.
-
-        Parameters
-        ----------
-        base : BaseParameters
-        values : (r,) array, of the groups
-        sizes : (p,) array, that parameters could have at most
-
-        Returns
-        -------
-        prior : PositivePrior
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
-        >>> PositivePrior.of(base, np.ones(base.count), np.ones(28)).repaired
-        ('link1', 'link2')
-        """
+        """The file's bodies, thickened where they have no extent, and the drives as the groups have them."""
         model = base.unknown.model
         mass, length = base.unknown.lengths
         bodies, repaired = [], []
@@ -535,21 +516,7 @@ def model_residuals(
     sizes: Array,
     strength: float,
 ) -> ModelResiduals:
-    """Predict each fifth from the others by all four.
-
-    Parameters
-    ----------
-    base : BaseParameters
-    folds : sequence of NormalEquations, of fifths of the weighted rows
-    weak : Prior, of the groups
-    values : (r,) array, of the groups as identified
-    sizes : (p,) array, that parameters could have at most
-    strength : float, γ of the pull to the file's bodies
-
-    Returns
-    -------
-    residuals : ModelResiduals
-    """
+    """Predict each fifth from the others by all four."""
     near = PositivePrior.of(base, values, sizes)
     strengths = (*(s for s in STRENGTHS if s > strength), strength)
     models: tuple[Callable[[tuple[Array, Array, float]], Array], ...] = (

@@ -211,20 +211,7 @@ class EssentialGroups:
 def essential_groups(
     names: Sequence[str], folds: Sequence[Information], size: Array, held: Array, values: Array
 ) -> EssentialGroups:
-    """The fewest groups that predict as well as any.
-
-    Parameters
-    ----------
-    names : sequence of str, of the groups
-    folds : sequence of N (r, r), c (r,), |τ|², of fifths of the weighted rows
-    size : (r,) array, that each group could have at most
-    held : (r,) bool array, groups that are known
-    values : (r,) array, of which those known are used
-
-    Returns
-    -------
-    found : EssentialGroups
-    """
+    """The fewest groups that predict as well as any."""
     parts = [_less_known(fold, held, values) for fold in folds if fold[2] > 0]
     total = _sum(parts)
     order = _order(total, size, held)

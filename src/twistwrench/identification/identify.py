@@ -88,8 +88,6 @@ def identify(
         A log is too short, or of another robot.
     UnknownNameError
         A name is none of the robot's.
-    ValueRangeError
-        An option is out of range.
 
     Notes
     -----

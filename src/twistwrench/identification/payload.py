@@ -274,24 +274,7 @@ class IdentifiedPayload:
 
 
 def payload_body(robot: Robot, frame: str) -> str:
-    """The link of the moving body that a frame is fixed to.
-
-    Parameters
-    ----------
-    robot : Robot
-    frame : str
-
-    Returns
-    -------
-    link : str
-
-    Raises
-    ------
-    UnknownNameError
-        There is no such frame.
-    ValueRangeError
-        It does not move.
-    """
+    """The link of the moving body that a frame is fixed to."""
     carrier = robot.model.frame(frame).body
     if carrier == BASE:
         raise ValueRangeError(f"frame {frame!r} does not move, so no torque tells what is fixed to it.")
@@ -299,24 +282,7 @@ def payload_body(robot: Robot, frame: str) -> str:
 
 
 def known_but_for(robot: Robot, link: str) -> dict[str, float]:
-    """The file's values of all parameters but the ten of a moving body and the offsets of the joints.
-
-    Parameters
-    ----------
-    robot : Robot
-    link : str, of the moving body
-
-    Returns
-    -------
-    known : {name: value}
-
-    Examples
-    --------
-    >>> import twistwrench as tw
-    >>> found = known_but_for(tw.robots.planar_2r(), "link2")
-    >>> len(found), found["link1.m"], found["joint1.viscous"]
-    (16, 1.0, 0.0)
-    """
+    """The file's values of all parameters but the ten of a moving body and the offsets of the joints."""
     model, own = robot.model, robot.parameters
     known = {
         f"{body.link}.{name}": float(own[10 * i + k])
@@ -335,20 +301,7 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
 
 
 def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> IdentifiedPayload:
-    """The payload: what the groups have beyond the file, of the ten parameters of the body that carries it.
-
-    Parameters
-    ----------
-    robot : Robot, as its file has it
-    frame : str
-    base : BaseParameters, in which all but these ten and the offsets are known
-    values : (r,) array, of the groups
-    covariance : (r, r) array
-
-    Returns
-    -------
-    payload : IdentifiedPayload
-    """
+    """The payload: what the groups have beyond the file, of the ten parameters of the body that carries it."""
     place, names = robot.model.frames[frame], list(base.unknown.names)
     ten = [f"{payload_body(robot, frame)}.{name}" for name in PARAMETER_NAMES]
     beyond = values - base.project(base.unknown.file_values)

@@ -426,11 +426,6 @@ def without_links(robot: Robot, links: Iterable[str]) -> Robot:
     -------
     robot : Robot
 
-    Raises
-    ------
-    UnknownNameError
-        There is no such link, or it does not move.
-
     Examples
     --------
     >>> import twistwrench as tw

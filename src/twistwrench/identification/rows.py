@@ -39,23 +39,7 @@ class BaseColumns:
 
     @classmethod
     def of(cls, base: BaseParameters) -> BaseColumns:
-        """Of all groups.
-
-        Parameters
-        ----------
-        base : BaseParameters
-
-        Returns
-        -------
-        columns : BaseColumns
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> BaseColumns.of(BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))).slices
-        (slice(0, 9, None), slice(9, 16, None))
-        """
+        """Of all groups."""
         groups = tuple(np.flatnonzero(felt) for felt in base.felt)
         ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
         return cls(base, groups, tuple(slice(a, b) for a, b in pairwise(ends)))
@@ -66,25 +50,7 @@ class BaseColumns:
         return self.slices[-1].stop if self.slices else 0
 
     def rows(self, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
-        """Entries of the columns in states.
-
-        Parameters
-        ----------
-        q, dq, ddq : (n, nv) arrays
-        friction_speed : (nv,) array, v_0 [rad/s or m/s]
-
-        Returns
-        -------
-        entries : (n, count) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> columns = BaseColumns.of(BaseParameters.of(UnknownParameters(tw.robots.planar_2r())))
-        >>> columns.rows(*np.zeros((3, 4, 2)), np.ones(2)).shape
-        (4, 16)
-        """
+        """Entries of the columns in states."""
         unknown, kept = self.base.unknown, self.base.kept
         found = np.empty((len(q), self.count))
         bodies = np.concatenate(
@@ -200,20 +166,7 @@ class FilteredRows:
         friction_speed: Array,
         most: float = MOST_ROWS,
     ) -> FilteredRows:
-        """Rows of logs below a cut-off.
-
-        Parameters
-        ----------
-        base : BaseParameters
-        samples : sequence of SteadySamples
-        cutoff : float [Hz]
-        friction_speed : (nv,) array [rad/s or m/s]
-        most : float, rows of all logs together
-
-        Returns
-        -------
-        rows : FilteredRows
-        """
+        """Rows of logs below a cut-off."""
         W, known, times, logs = list[Array](), list[Array](), list[Array](), list[Array]()
         parts = list[_LogRows]()
         total = sum(log.seconds for log in samples)

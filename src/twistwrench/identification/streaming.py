@@ -209,8 +209,6 @@ def accumulate(
         There is no log, or one has no torques.
     TrajectoryError
         No log can be read. One of several that cannot is left out, and a doubt says so.
-    ValueRangeError
-        An option is out of range.
 
     Notes
     -----

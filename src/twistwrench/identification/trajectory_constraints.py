@@ -165,24 +165,7 @@ def half_and_middle(bounds: Bounds) -> tuple[Array, Array]:
 
 
 def shared_bounds(bounds: Bounds, share: float) -> Bounds:
-    """A share of the limits of positions, about their middle, of velocities and of torques; accelerations as they are.
-
-    Parameters
-    ----------
-    bounds : Bounds
-    share : float, above 0, at most 1
-
-    Returns
-    -------
-    bounds : Bounds
-
-    Examples
-    --------
-    >>> import twistwrench as tw
-    >>> found = shared_bounds(tw.trajectories.bounds_of(tw.robots.planar_2r(), velocity=2.0), 0.5)
-    >>> found.velocity.tolist()
-    [1.0, 1.0]
-    """
+    """A share of the limits of positions, about their middle, of velocities and of torques; accelerations as they are."""
     half, middle = half_and_middle(bounds)
     both = np.isfinite(half)
     with np.errstate(invalid="ignore"):

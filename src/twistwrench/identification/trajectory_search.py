@@ -124,22 +124,7 @@ class WindowedFourierSeries:
         return np.linalg.solve(conditions, wanted)
 
     def basis(self, t: Array) -> Array:
-        """Functions and their first and second rates at times.
-
-        Parameters
-        ----------
-        t : (n,) array [s]; before 0 and after T all rest
-
-        Returns
-        -------
-        basis : (3, n, 1 + 2 N) array
-
-        Examples
-        --------
-        >>> found = WindowedFourierSeries(10.0, 3).basis(np.array([0.0, 10.0]))
-        >>> bool(np.abs(found[:, :, 1:]).max() < 1e-12), found[0, :, 0].tolist()
-        (True, [1.0, 1.0])
-        """
+        """Functions and their first and second rates at times."""
         t = np.asarray(t, float)
         x, w = np.clip(t / self.duration, 0.0, 1.0), self._rates
         sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
@@ -154,23 +139,7 @@ class WindowedFourierSeries:
         return found
 
     def states(self, coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
-        """States of joints at times.
-
-        Parameters
-        ----------
-        coefficients : (nv, 1 + 2 N) array
-        t : (n,) array [s]
-
-        Returns
-        -------
-        q, dq, ddq : (n, nv) arrays
-
-        Examples
-        --------
-        >>> q, dq, ddq = WindowedFourierSeries(10.0, 1).states(np.array([[0.5, 0.1, 0.2]]), np.array([0.0, 5.0]))
-        >>> round(float(q[0, 0]), 12), float(dq[0, 0])
-        (0.5, 0.0)
-        """
+        """States of joints at times."""
         q, dq, ddq = self.basis(t) @ coefficients.T
         return q, dq, ddq
 
@@ -220,16 +189,7 @@ class MotionInformation:
     criterion: Criterion = "log_det"
 
     def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Columns of the torques that belong to base parameters.
-
-        Parameters
-        ----------
-        q, dq, ddq : (n, nv) arrays
-
-        Returns
-        -------
-        W : (n, nv, r) array
-        """
+        """Columns of the torques that belong to base parameters."""
         return self.base.unknown.columns(self.base.kept, q, dq, ddq, self.friction_speed)
 
     def _inverse(self, W: Array) -> tuple[float, Array]:
@@ -418,18 +378,7 @@ class MotionSearch:
         return None
 
     def fitted(self, z: Array, *, widen: bool = False, finer: int | None = None) -> Array | None:
-        """The motion with each joint as narrow as its own limits ask for, then all together as the others do; None if none is.
-
-        Parameters
-        ----------
-        z : (nv, K) array
-        widen : bool, whether joints are made wider, too
-        finer : int, times as many instants as the search's; None: those at which a motion is judged in the end
-
-        Returns
-        -------
-        z : (nv, K) array or None
-        """
+        """Fit the motion with each joint as narrow as its own limits require, then all joints together; None if none fits."""
         finer = self._fine if finer is None else finer
         q, dq, ddq = self._states(z, finer)
         rest, bounds = self.coefficients(z)[:, 0], self.constraints.bounds

@@ -56,30 +56,7 @@ class SteadySamples:
 
     @classmethod
     def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
-        """Split a log at its pauses, each piece on a steady clock of its own; pieces too short to tell anything are left out.
-
-        Parameters
-        ----------
-        time : (n,) array [s], increasing
-        q : (n, nv) array
-        tau : (n, nv) array
-        where : str, what errors begin with
-
-        Returns
-        -------
-        pieces : list of SteadySamples
-
-        Raises
-        ------
-        TrajectoryError
-            There are too few samples.
-
-        Examples
-        --------
-        >>> t = np.r_[np.arange(100), np.arange(300, 400)] * 0.01
-        >>> [len(x) for x in SteadySamples.pieces(t, np.zeros((200, 1)), np.zeros((200, 1)), "a log")]
-        [100, 100]
-        """
+        """Split a log at its pauses, each piece on a steady clock of its own; pieces that are too short are left out."""
         edges = [0, *(pauses(time) + 1).tolist(), len(time)]
         rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
         if len(rows) < 2:
@@ -91,30 +68,7 @@ class SteadySamples:
 
     @classmethod
     def of(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
-        """Samples at times that need not be steady: positions by a cubic spline, torques linearly between their stamps.
-
-        Parameters
-        ----------
-        time : (n,) array [s], increasing
-        q : (n, nv) array
-        tau : (n, nv) array
-        where : str, what errors begin with
-
-        Returns
-        -------
-        samples : SteadySamples
-
-        Raises
-        ------
-        TrajectoryError
-            There are too few samples.
-
-        Examples
-        --------
-        >>> t = np.arange(100) * 0.01
-        >>> round(SteadySamples.of(t, np.zeros((100, 1)), np.zeros((100, 1)), "a log").rate, 9)
-        100.0
-        """
+        """Samples at times that need not be steady: positions by a cubic spline, torques linearly between their stamps."""
         if len(time) < FEWEST:
             raise TrajectoryError(
                 f"{where}: {len(time)} rows are too few to identify a robot from. Give {FEWEST} at least."
@@ -188,26 +142,7 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
 
 
 def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
-    """States below a cut-off [Hz], at twenty samples a period of it, or at about ``rate`` samples a second.
-
-    Parameters
-    ----------
-    samples : SteadySamples
-    cutoff : float [Hz]
-    rate : float, optional [Hz]
-
-    Returns
-    -------
-    states : Filtered
-
-    Examples
-    --------
-    >>> t = np.arange(2000) * 1e-3
-    >>> samples = SteadySamples.of(t, np.sin(t)[:, None], np.zeros((2000, 1)), "a log")
-    >>> found = states_below(samples, 10.0)
-    >>> bool(np.abs(found.ddq[60:-60, 0] + np.sin(found.time[60:-60])).max() < 1e-3)
-    True
-    """
+    """States below a cut-off [Hz], at twenty samples a period of it, or at about ``rate`` samples a second."""
     every = _every(samples, rate or STATE_RATE * cutoff)
     step = 1.0 / samples.rate
     time = samples.start + step * np.arange(len(samples))
@@ -215,25 +150,7 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
 
 
 def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
-    """Times (m,) and torques (m, nv) of the states below a cut-off [Hz].
-
-    Parameters
-    ----------
-    samples : SteadySamples
-    cutoff : float [Hz]
-
-    Returns
-    -------
-    time : (m,) array [s]
-    tau : (m, nv) array
-
-    Examples
-    --------
-    >>> t = np.arange(2000) * 1e-3
-    >>> samples = SteadySamples.of(t, np.zeros((2000, 1)), np.sin(t)[:, None], "a log")
-    >>> torques_below(samples, 10.0)[1].shape
-    (400, 1)
-    """
+    """Times (m,) and torques (m, nv) of the states below a cut-off [Hz]."""
     rows = slice(None, None, _every(samples, STATE_RATE * cutoff))
     time = samples.start + np.arange(len(samples)) / samples.rate
     return time[rows], np.stack([low_pass(x, cutoff, samples.rate)[rows] for x in samples.tau.T], axis=1)

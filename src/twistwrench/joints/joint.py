@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.glossary import complete
 from ..lie import quaternion
 from ..typing import Array
 
@@ -194,10 +195,6 @@ class Joint:
     def pose(self, q: Array) -> Array:
         """Pose T_jc of the child's frame in the joint's frame; works on symbols.
 
-        Parameters
-        ----------
-        q : (nq,) array, coordinates of the joint
-
         Returns
         -------
         T : (4, 4) array
@@ -210,7 +207,6 @@ class Joint:
         Parameters
         ----------
         G : SpatialInertia, of the body in the child's frame
-        q : (nq,) array, coordinates of the joint
 
         Returns
         -------
@@ -225,7 +221,6 @@ class Joint:
 
         Parameters
         ----------
-        q : (nq,) array, coordinates of the joint
         dv : (nv,) array
         angles : (nq,) array, q again, for sines, cosines and rotations
 
@@ -251,10 +246,6 @@ class Joint:
     def rates(self, q: Array) -> Array:
         """Matrix N with dq/dt = N dq, on symbols.
 
-        Parameters
-        ----------
-        q : (nq,) array, coordinates of the joint
-
         Returns
         -------
         N : (nq, nv) array
@@ -263,10 +254,6 @@ class Joint:
 
     def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
         """Derivatives of a rotation by a quaternion, on symbols; of other joints nothing.
-
-        Parameters
-        ----------
-        q : (nq,) array, coordinates of the joint
 
         Returns
         -------
@@ -395,10 +382,6 @@ class Joint:
     def mujoco_rates(self, q: Array) -> Array:
         """Matrix P between velocities: MuJoCo's are P dq at q.
 
-        Parameters
-        ----------
-        q : (nq,) array, coordinates of the joint
-
         Returns
         -------
         P : (nv, nv) array
@@ -445,7 +428,6 @@ class Joint:
 
         Parameters
         ----------
-        cosine_sine : gives cosine and sine of a chart's entry
         coordinate : gives the value of a chart's entry
 
         Returns
@@ -464,7 +446,6 @@ class Joint:
         ----------
         k : int, number of the entry
         into_child : turns vectors of the joint
-        cosine_sine : gives cosine and sine of a chart's entry
 
         Returns
         -------
@@ -499,3 +480,6 @@ class Fixed(Joint):
     def pose(self, q: Array) -> Array:
         """The identity."""
         return np.eye(4)
+
+
+complete(globals())

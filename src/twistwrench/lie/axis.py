@@ -44,11 +44,6 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
     -------
     S : (..., 6) array; (0, ŝ) at infinite pitch
 
-    Raises
-    ------
-    ValueRangeError
-        A direction is zero.
-
     Notes
     -----
     MR section 3.3.2.2.
@@ -79,11 +74,6 @@ def axis_of(S: ArrayLike) -> Axis:
     -------
     axis : Axis
 
-    Raises
-    ------
-    ValueRangeError
-        A twist is zero, which has no axis.
-
     Notes
     -----
     MR section 3.3.2.2. With ω = 0 the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
@@ -109,11 +99,6 @@ def line_of_action(F: ArrayLike) -> Axis:
     Returns
     -------
     axis : Axis
-
-    Raises
-    ------
-    ValueRangeError
-        A wrench is zero, which has no axis.
 
     Notes
     -----
@@ -141,11 +126,6 @@ def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch
     Returns
     -------
     F : (..., 6) array, (m, f) [N m, N]
-
-    Raises
-    ------
-    ValueRangeError
-        A direction is zero.
 
     Notes
     -----

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import gaps
+from ..core.glossary import complete
 from ..errors import MissingExtraError
 from ..typing import Array
 from . import compiled, series, so3
@@ -71,10 +72,6 @@ def pose(R: ArrayLike, p: ArrayLike) -> Array:
 def hat(V: ArrayLike) -> Array:
     """Matrix [V] of se(3), 4×4, of a twist.
 
-    Parameters
-    ----------
-    V : (..., 6) array_like, twist (omega, v)
-
     Returns
     -------
     X : (..., 4, 4) array
@@ -130,11 +127,6 @@ def inverse(T: ArrayLike) -> Array:
     -------
     T : (..., 4, 4) array, T_ba
 
-    Raises
-    ------
-    ValueRangeError
-        ``T`` is no pose; it says how far off it is.
-
     Notes
     -----
     MR eq. 3.64.
@@ -152,18 +144,9 @@ def inverse(T: ArrayLike) -> Array:
 def exp(V: ArrayLike) -> Array:
     """Matrix exponential of se(3): the pose reached by following the twist V for unit time.
 
-    Parameters
-    ----------
-    V : (..., 6) array_like, exponential coordinates (omega, v) [rad, m]
-
     Returns
     -------
     T : (..., 4, 4) array
-
-    Raises
-    ------
-    ShapeError
-        ``V`` is of another size.
 
     Notes
     -----
@@ -191,18 +174,9 @@ def _exp(V: Array) -> Array:
 def log(T: ArrayLike) -> Array:
     """Matrix logarithm of SE(3): the twist, with |omega| ≤ π, that leads from the identity to T in unit time.
 
-    Parameters
-    ----------
-    T : (..., 4, 4) array_like, pose
-
     Returns
     -------
     V : (..., 6) array, (omega, v) [rad, m]
-
-    Raises
-    ------
-    ValueRangeError
-        ``T`` is no pose; it says how far off it is.
 
     Notes
     -----
@@ -228,10 +202,6 @@ def _log(T: Array) -> Array:
 def left_jacobian(V: ArrayLike) -> Array:
     """Left Jacobian of SE(3): J with exp(V + dV) = exp(J dV) exp(V) to first order, [[J, 0], [Q, J]].
 
-    Parameters
-    ----------
-    V : (..., 6) array_like, exponential coordinates (omega, v) [rad, m]
-
     Returns
     -------
     J : (..., 6, 6) array
@@ -256,10 +226,6 @@ def left_jacobian(V: ArrayLike) -> Array:
 
 def left_jacobian_inverse(V: ArrayLike) -> Array:
     """Inverse of the left Jacobian of SE(3); see :func:`left_jacobian`.
-
-    Parameters
-    ----------
-    V : (..., 6) array_like, exponential coordinates (omega, v) [rad, m]
 
     Returns
     -------
@@ -315,10 +281,6 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
 def as_scipy(T: ArrayLike) -> RigidTransform:
     """SciPy's ``RigidTransform`` (SciPy ≥ 1.16) of a pose; exponential coordinates have the same order (omega, v).
 
-    Parameters
-    ----------
-    T : (..., 4, 4) array_like, pose
-
     Returns
     -------
     transform : scipy.spatial.transform.RigidTransform
@@ -327,8 +289,6 @@ def as_scipy(T: ArrayLike) -> RigidTransform:
     ------
     MissingExtraError
         SciPy is older.
-    ValueRangeError
-        ``T`` is no pose.
 
     Examples
     --------
@@ -434,3 +394,6 @@ def _quaternion(R: Array) -> Array:
         better = 0.5 - 0.5 * short_way(largest - size)  # 1 or 0
         largest, Q = largest + better * (size - largest), Q + better * (np.array(row) - Q)
     return np.asarray(Q / np.sqrt(Q @ Q))
+
+
+complete(globals())

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ShapeError
 from ..typing import Array
 from . import compiled, quaternion, series
@@ -121,18 +122,9 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
 def exp(w: ArrayLike) -> Array:
     """Matrix exponential of so(3): the rotation matrix of exponential coordinates w = ω̂θ.
 
-    Parameters
-    ----------
-    w : (..., 3) array_like, exponential coordinates [rad]
-
     Returns
     -------
     R : (..., 3, 3) array
-
-    Raises
-    ------
-    ShapeError
-        ``w`` is of another size.
 
     Notes
     -----
@@ -156,18 +148,9 @@ def _exp(w: Array) -> Array:
 def log(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): exponential coordinates of a rotation matrix, 0 ≤ |w| ≤ π.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like, rotation matrix
-
     Returns
     -------
     w : (..., 3) array [rad]
-
-    Raises
-    ------
-    ValueRangeError
-        ``R`` is no rotation.
 
     Notes
     -----
@@ -193,10 +176,6 @@ def _log(R: Array) -> Array:
 def left_jacobian(w: ArrayLike) -> Array:
     """Left Jacobian of SO(3): J with exp(w + dw) = exp(J dw) exp(w) to first order.
 
-    Parameters
-    ----------
-    w : (..., 3) array_like, exponential coordinates [rad]
-
     Returns
     -------
     J : (..., 3, 3) array
@@ -216,10 +195,6 @@ def left_jacobian(w: ArrayLike) -> Array:
 
 def left_jacobian_inverse(w: ArrayLike) -> Array:
     """Inverse of the left Jacobian of SO(3); see :func:`left_jacobian`.
-
-    Parameters
-    ----------
-    w : (..., 3) array_like, exponential coordinates [rad]
 
     Returns
     -------
@@ -282,18 +257,12 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
 def as_scipy(R: ArrayLike) -> Rotation:
     """SciPy's ``Rotation`` of a rotation matrix.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like, rotation matrix
-
     Returns
     -------
     rotation : scipy.spatial.transform.Rotation
 
     Raises
     ------
-    ValueRangeError
-        ``R`` is no rotation.
     ShapeError
         The batch is empty, and SciPy is too old for that.
 
@@ -332,3 +301,6 @@ def from_scipy(rotation: Rotation) -> Array:
     True
     """
     return arguments.as_matrix(rotation, "so3.from_scipy", "scipy.spatial.transform.Rotation")
+
+
+complete(globals())

@@ -232,11 +232,6 @@ def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
     -------
     C_a : (..., 6, 6) array, covariance of F_a
 
-    Raises
-    ------
-    ValueRangeError
-        ``T_ab`` is no pose.
-
     Examples
     --------
     >>> C_b = np.diag([0, 0, 0, 1.0, 1.0, 1.0])            # 1 N of noise in each direction

@@ -8,6 +8,7 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
 from ..core.text import listed
@@ -111,7 +112,6 @@ class ModelBuilder:
         ----------
         name : str
         inertia : SpatialInertia, optional; None is a link without mass
-        where : str, where it was described, for messages
         shaped : bool, the link has a shape in its file, so that it cannot be a mere frame
         hidden : bool, the link only stands between two joints of one body and is no frame to ask about
 
@@ -172,7 +172,6 @@ class ModelBuilder:
         friction : float, Coulomb friction [N m or N]
         armature : float, inertia of the drive that each velocity of the joint feels [kg m² or kg]
         mimic : (leader, multiplier, offset), optional
-        where : str, where it was described, for messages
 
         Raises
         ------
@@ -223,7 +222,6 @@ class ModelBuilder:
         name : str
         link : str
         pose : (4, 4) array_like, optional, of the site in the link's frame; None: the identity
-        where : str, where it was described, for messages
 
         Returns
         -------
@@ -256,7 +254,6 @@ class ModelBuilder:
         terms : {joint: weight}
         stiffness : float [N m/rad or N/m]
         rest : float, the sum at which it stores nothing [rad or m]
-        where : str, where it was described, for messages
 
         Raises
         ------
@@ -343,7 +340,6 @@ class ModelBuilder:
         lock : {joint: position}, optional, joints that are fixed [rad, m]
         tip : str, optional, the frame meant when none is named
         mimic : "follow" or "independent"
-        inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
         snap : float, entries of fixed rotations this near to 0 or ±1 are set to it
         gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what was described
         quiet : bool, issue no warnings; remarks are in ``model.defects`` all the same
@@ -360,8 +356,6 @@ class ModelBuilder:
             A moving body cannot exist.
         UnknownNameError
             A joint to lock or a tip is not there.
-        ValueRangeError
-            ``mimic`` or ``inertia`` is none of these.
 
         Warns
         -----
@@ -442,3 +436,6 @@ def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | N
 def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise ValueRangeError(f"{option}={value!r} is not allowed. Choose from: {', '.join(map(repr, choices))}.")
+
+
+complete(globals())

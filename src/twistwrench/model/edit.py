@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..joints import Joint
@@ -23,9 +24,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
 
     Parameters
     ----------
-    model : Model
     inertia : SpatialInertia, about the frame's origin, in its axes
-    frame : str, optional; None: the tip
 
     Returns
     -------
@@ -35,10 +34,6 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     ------
     InertiaError
         No body has that inertia, or the body that carries it becomes one that cannot exist.
-    UnknownNameError
-        There is no such frame.
-    FrameError
-        No frame is named, and there is no single tip.
 
     Examples
     --------
@@ -74,17 +69,11 @@ def with_gravity(model: Model, g: ArrayLike) -> Model:
 
     Parameters
     ----------
-    model : Model
     g : (3,) array_like, gravity in the base frame [m/s²]
 
     Returns
     -------
     model : Model
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        ``g`` is no three finite numbers.
 
     Examples
     --------
@@ -100,7 +89,6 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
 
     Parameters
     ----------
-    model : Model
     joints : {joint: armature} [kg m², sliding joints: kg]; a number, or one for each velocity of the joint
 
     Returns
@@ -109,12 +97,8 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
 
     Raises
     ------
-    UnknownNameError
-        There is no such joint.
     ShapeError
         A value has another number of entries than the joint has velocities.
-    ValueRangeError
-        A value is negative or not finite.
 
     Examples
     --------
@@ -158,13 +142,6 @@ def gravity_vector(g: ArrayLike) -> Array:
     -------
     g : (3,) array [m/s²]
 
-    Raises
-    ------
-    ShapeError
-        ``g`` is of another size.
-    ValueRangeError
-        A number is not finite.
-
     Examples
     --------
     >>> gravity_vector([0, 0, -1.62]).tolist()
@@ -187,19 +164,11 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
 
     Parameters
     ----------
-    model : Model
     positions : {joint: position}, a number each, (x, y, theta) for planar, 7 for floating [rad, m]
 
     Returns
     -------
     model : Model
-
-    Raises
-    ------
-    UnknownNameError
-        There is no such moving joint.
-    ShapeError, ValueRangeError
-        A position has another number of entries, or is not finite.
 
     Notes
     -----
@@ -252,3 +221,6 @@ def _coordinates(joint: Joint, value: ArrayLike) -> Array:
             f"joint {joint.name!r} cannot be locked at {q.tolist()}: numbers must be finite, and a quaternion nonzero."
         )
     return q
+
+
+complete(globals())

@@ -136,26 +136,6 @@ def massless_links(model: Model) -> tuple[str, ...]:
     Other massless bodies join several joints to one, such as the three of a ball joint or those of a base that slides
     and turns, and are left alone. So are bodies with moments and no mass, such as rotors whose mass is counted with
     their housing. A massless frame on a fixed joint is part of the body it is fixed to.
-
-    Parameters
-    ----------
-    model
-        The robot's model, fixed links fused.
-
-    Returns
-    -------
-    tuple of str
-        The links' names; empty where every moving body has what it needs.
-
-    Examples
-    --------
-    >>> from twistwrench.model.builder import ModelBuilder
-    >>> builder = ModelBuilder("swing")
-    >>> builder.add_link("base")
-    >>> builder.add_link("rod")
-    >>> builder.add_joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0))
-    >>> massless_links(builder.build())
-    ('rod',)
     """
     n = len(model.bodies)
     has = [_has_inertia(body) for body in model.bodies]

@@ -356,13 +356,6 @@ class Model:
         -------
         frame : Frame
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such frame; the choices are listed.
-        FrameError
-            ``name`` is None, and there is no single tip.
-
         Examples
         --------
         >>> import twistwrench as tw

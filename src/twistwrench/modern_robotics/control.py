@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import MissingExtraError
 from ..typing import Array
 from . import matrix_arguments
@@ -32,13 +33,7 @@ def ComputedTorque(
 
     Parameters
     ----------
-    thetalist : (..., n) array_like, joint angles
-    dthetalist : (..., n) array_like, joint rates
     eint : (..., n) array_like, integral of the error up to the step before
-    g : (3,) array_like, gravity in the space frame [m/s²]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
     thetalistd, dthetalistd, ddthetalistd : (..., n) array_like, reference motion
     Kp : float or (n,) array_like, proportional gain
     Ki : float or (n,) array_like, integral gain
@@ -118,11 +113,7 @@ def SimulateControl(
     ----------
     thetalist : (n,) array_like, joint angles at the start
     dthetalist : (n,) array_like, joint rates at the start
-    g : (3,) array_like, gravity in the space frame [m/s²]
     Ftipmat : (N, 6) array_like, wrenches applied at the tip, or 0 [N m, N]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
     thetamatd, dthetamatd, ddthetamatd : (N, n) array_like, reference motion
     gtilde, Mtildelist, Gtildelist : what the controller believes; the robot obeys ``g, Mlist, Glist``
     Kp : float or (n,) array_like, proportional gain
@@ -189,3 +180,6 @@ def _show(t: Array, actual: Array, wanted: Array) -> None:
     axes.set(xlabel="time [s]", ylabel="joint angle [rad]", title="Actual and wanted joint angles")
     axes.legend(loc="upper left")
     plt.show()
+
+
+complete(globals())

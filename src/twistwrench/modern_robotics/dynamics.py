@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ShapeError
 from ..typing import Array
 from . import matrix_arguments
@@ -27,17 +28,6 @@ def InverseDynamics(
     Slist: ArrayLike,
 ) -> Array:
     """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip.
-
-    Parameters
-    ----------
-    thetalist : (..., n) array_like, joint angles
-    dthetalist : (..., n) array_like, joint rates
-    ddthetalist : (..., n) array_like, joint accelerations
-    g : (3,) array_like, gravity in the space frame [m/s²]
-    Ftip : (..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
 
     Returns
     -------
@@ -74,13 +64,6 @@ def InverseDynamics(
 def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
     """Mass matrix M(theta), exactly symmetric, by composite inertias.
 
-    Parameters
-    ----------
-    thetalist : (..., n) array_like, joint angles
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
-
     Returns
     -------
     M : (..., n, n) array [kg m², sliding joints: kg]
@@ -110,14 +93,6 @@ def VelQuadraticForces(
 ) -> Array:
     """Coriolis and centripetal forces c(theta, dtheta).
 
-    Parameters
-    ----------
-    thetalist : (..., n) array_like, joint angles
-    dthetalist : (..., n) array_like, joint rates
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
-
     Returns
     -------
     c : (..., n) array [N m, sliding joints: N]
@@ -145,14 +120,6 @@ def VelQuadraticForces(
 
 def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
     """Gravity forces g(theta), what holds the chain against gravity.
-
-    Parameters
-    ----------
-    thetalist : (..., n) array_like, joint angles
-    g : (3,) array_like, gravity in the space frame [m/s²]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
 
     Returns
     -------
@@ -183,14 +150,6 @@ def EndEffectorForces(
     thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> Array:
     """Joint torques J_b' F_tip of a wrench at the end-effector: what it takes to apply it and nothing else.
-
-    Parameters
-    ----------
-    thetalist : (..., n) array_like, joint angles
-    Ftip : (..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
 
     Returns
     -------
@@ -231,14 +190,7 @@ def ForwardDynamics(
 
     Parameters
     ----------
-    thetalist : (..., n) array_like, joint angles
-    dthetalist : (..., n) array_like, joint rates
     taulist : (..., n) array_like, joint torques [N m, sliding joints: N]
-    g : (3,) array_like, gravity in the space frame [m/s²]
-    Ftip : (..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
 
     Returns
     -------
@@ -280,20 +232,12 @@ def EulerStep(
 
     Parameters
     ----------
-    thetalist : (..., n) array_like, joint angles
-    dthetalist : (..., n) array_like, joint rates
-    ddthetalist : (..., n) array_like, joint accelerations
     dt : (...) array_like, time step [s]
 
     Returns
     -------
     theta : (..., n) array
     dtheta : (..., n) array
-
-    Raises
-    ------
-    ShapeError
-        The arrays do not broadcast.
 
     Notes
     -----
@@ -328,11 +272,7 @@ def InverseDynamicsTrajectory(
     Parameters
     ----------
     thetamat, dthetamat, ddthetamat : (N, n) array_like, joint angles, rates and accelerations
-    g : (3,) array_like, gravity in the space frame [m/s²]
     Ftipmat : (N, 6) array_like, wrenches the end-effector applies, or 0 for none [N m, N]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
 
     Returns
     -------
@@ -380,11 +320,7 @@ def ForwardDynamicsTrajectory(
     thetalist : (n,) array_like, joint angles at the start
     dthetalist : (n,) array_like, joint rates at the start
     taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row moves nothing
-    g : (3,) array_like, gravity in the space frame [m/s²]
     Ftipmat : (N, 6) array_like, wrenches the end-effector applies, or 0 for none [N m, N]
-    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
-    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
-    Slist : (6, n) array_like, space screw axes as columns
     dt : float, how long each row is held [s]
     intRes : int, Euler steps a row
 
@@ -463,3 +399,6 @@ def tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
             f"Ftipmat has shape {F.shape}, expected ({N}, 6): a wrench (m, f) for each row, or 0 for none."
         )
     return F
+
+
+complete(globals())

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..lie import se3
 from ..lie.adjoint import Ad
@@ -23,20 +24,9 @@ STEPS = 20
 def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
     """Forward kinematics by body screws: M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose.
 
-    Parameters
-    ----------
-    M : (4, 4) array_like, home pose of the end-effector in the space frame
-    Blist : (6, n) array_like, body screw axes as columns
-    thetalist : (..., n) array_like, joint angles
-
     Returns
     -------
     T : (..., 4, 4) array
-
-    Raises
-    ------
-    ShapeError
-        An argument is of another size.
 
     Notes
     -----
@@ -56,20 +46,9 @@ def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
 def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
     """Forward kinematics by space screws: exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose.
 
-    Parameters
-    ----------
-    M : (4, 4) array_like, home pose of the end-effector in the space frame
-    Slist : (6, n) array_like, space screw axes as columns
-    thetalist : (..., n) array_like, joint angles
-
     Returns
     -------
     T : (..., 4, 4) array
-
-    Raises
-    ------
-    ShapeError
-        An argument is of another size.
 
     Notes
     -----
@@ -89,19 +68,9 @@ def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
 def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
     """Body Jacobian J_b with V_b = J_b dtheta, in the end-effector's frame.
 
-    Parameters
-    ----------
-    Blist : (6, n) array_like, body screw axes as columns
-    thetalist : (..., n) array_like, joint angles
-
     Returns
     -------
     J : (..., 6, n) array, angular rows first
-
-    Raises
-    ------
-    ShapeError
-        An argument is of another size.
 
     Notes
     -----
@@ -120,19 +89,9 @@ def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
 def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
     """Space Jacobian J_s with V_s = J_s dtheta, in the space frame.
 
-    Parameters
-    ----------
-    Slist : (6, n) array_like, space screw axes as columns
-    thetalist : (..., n) array_like, joint angles
-
     Returns
     -------
     J : (..., 6, n) array, angular rows first
-
-    Raises
-    ------
-    ShapeError
-        An argument is of another size.
 
     Notes
     -----
@@ -155,22 +114,12 @@ def IKinBody(
 
     Parameters
     ----------
-    Blist : (6, n) array_like, body screw axes as columns
-    M : (4, 4) array_like, home pose of the end-effector in the space frame
     T : (4, 4) array_like, wanted pose of the end-effector
-    thetalist0 : (n,) array_like, guess nearby
-    eomg : float, the body twist that is left turns less than this [rad]
-    ev : float, and moves less than this [m]
 
     Returns
     -------
     thetalist : (n,) array
     success : bool, whether they reach it
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument, named, is of another size or not finite.
 
     Notes
     -----
@@ -200,22 +149,12 @@ def IKinSpace(
 
     Parameters
     ----------
-    Slist : (6, n) array_like, space screw axes as columns
-    M : (4, 4) array_like, home pose of the end-effector in the space frame
     T : (4, 4) array_like, wanted pose of the end-effector
-    thetalist0 : (n,) array_like, guess nearby
-    eomg : float, the body twist that is left turns less than this [rad]
-    ev : float, and moves less than this [m]
 
     Returns
     -------
     thetalist : (n,) array
     success : bool, whether they reach it
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument, named, is of another size or not finite.
 
     Notes
     -----
@@ -273,3 +212,6 @@ def _newton(
         theta = theta + np.linalg.pinv(jacobian(theta)) @ V
         V = left(theta)
     return theta, there(V)
+
+
+complete(globals())

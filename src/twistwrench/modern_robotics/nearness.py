@@ -51,11 +51,6 @@ def Normalize(V: ArrayLike) -> Array:
     -------
     unit : (..., n) array
 
-    Raises
-    ------
-    ValueRangeError
-        A vector is zero, which has no direction.
-
     Examples
     --------
     >>> Normalize([1, 2, 3]).round(8).tolist()
@@ -82,11 +77,6 @@ def ProjectToSO3(mat: ArrayLike) -> Array:
     -------
     R : (..., 3, 3) array
 
-    Raises
-    ------
-    ShapeError
-        ``mat`` is of another size.
-
     Notes
     -----
     :func:`twistwrench.so3.project` is the same with a limit.
@@ -110,11 +100,6 @@ def ProjectToSE3(mat: ArrayLike) -> Array:
     -------
     T : (..., 4, 4) array
 
-    Raises
-    ------
-    ShapeError
-        ``mat`` is of another size.
-
     Examples
     --------
     >>> mat = [[0.675, 0.150, 0.720, 1.2], [0.370, 0.771, -0.511, 5.4], [-0.630, 0.619, 0.472, 3.6], [0.003, 0.002, 0.010, 0.9]]
@@ -136,11 +121,6 @@ def DistanceToSO3(mat: ArrayLike) -> Any:
     -------
     distance : (...) array, 1e9 where the determinant is not positive
 
-    Raises
-    ------
-    ShapeError
-        ``mat`` is of another size.
-
     Examples
     --------
     >>> round(float(DistanceToSO3([[1.0, 0.0, 0.0], [0.0, 0.1, -0.95], [0.0, 1.0, 0.1]])), 5)
@@ -159,11 +139,6 @@ def DistanceToSE3(mat: ArrayLike) -> Any:
     Returns
     -------
     distance : (...) array; the last row is measured against (0, 0, 0, 1)
-
-    Raises
-    ------
-    ShapeError
-        ``mat`` is of another size.
 
     Examples
     --------
@@ -192,11 +167,6 @@ def TestIfSO3(mat: ArrayLike) -> Any:
     -------
     answer : (...) array of bool
 
-    Raises
-    ------
-    ShapeError
-        ``mat`` is of another size.
-
     Examples
     --------
     >>> bool(TestIfSO3([[1.0, 0.0, 0.0], [0.0, 0.1, -0.95], [0.0, 1.0, 0.1]]))
@@ -215,11 +185,6 @@ def TestIfSE3(mat: ArrayLike) -> Any:
     Returns
     -------
     answer : (...) array of bool
-
-    Raises
-    ------
-    ShapeError
-        ``mat`` is of another size.
 
     Examples
     --------

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..lie import se3, so3
 from ..typing import Array
 from . import matrix_arguments
@@ -26,11 +27,6 @@ def RotInv(R: ArrayLike) -> Array:
     Returns
     -------
     inverse : (..., 3, 3) array
-
-    Raises
-    ------
-    ShapeError
-        ``R`` is of another size.
 
     Notes
     -----
@@ -218,10 +214,6 @@ def RpToTrans(R: ArrayLike, p: ArrayLike) -> Array:
 def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
     """Rotation and position of a homogeneous matrix.
 
-    Parameters
-    ----------
-    T : (..., 4, 4) array_like, pose
-
     Returns
     -------
     R : (..., 3, 3) array
@@ -238,10 +230,6 @@ def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
 
 def TransInv(T: ArrayLike) -> Array:
     """Inverse of a pose, by transposing the rotation.
-
-    Parameters
-    ----------
-    T : (..., 4, 4) array_like, pose
 
     Returns
     -------
@@ -271,10 +259,6 @@ def TransInv(T: ArrayLike) -> Array:
 
 def VecTose3(V: ArrayLike) -> Array:
     """Matrix [V] of a twist.
-
-    Parameters
-    ----------
-    V : (..., 6) array_like, twist (omega, v)
 
     Returns
     -------
@@ -319,18 +303,9 @@ def se3ToVec(se3mat: ArrayLike) -> Array:
 def Adjoint(T: ArrayLike) -> Array:
     """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without making it.
 
-    Parameters
-    ----------
-    T : (..., 4, 4) array_like, pose
-
     Returns
     -------
     AdT : (..., 6, 6) array
-
-    Raises
-    ------
-    ShapeError
-        ``T`` is of another size.
 
     Notes
     -----
@@ -348,10 +323,6 @@ def Adjoint(T: ArrayLike) -> Array:
 
 def ad(V: ArrayLike) -> Array:
     """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]].
-
-    Parameters
-    ----------
-    V : (..., 6) array_like, twist (omega, v)
 
     Returns
     -------
@@ -467,10 +438,6 @@ def MatrixExp6(se3mat: ArrayLike) -> Array:
 def MatrixLog6(T: ArrayLike) -> Array:
     """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π whose exponential is T, at every angle.
 
-    Parameters
-    ----------
-    T : (..., 4, 4) array_like, pose
-
     Returns
     -------
     se3mat : (..., 4, 4) array
@@ -512,3 +479,6 @@ def _length(v: Array) -> Any:
 
 def _over(v: Array, theta: Any) -> Array:
     return np.asarray(v / np.where(theta > 0, theta, 1.0)[..., None])
+
+
+complete(globals())

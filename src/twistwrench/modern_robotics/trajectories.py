@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3
 from ..typing import Array
@@ -21,17 +22,11 @@ def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
 
     Parameters
     ----------
-    Tf : float, duration, above 0 [s]
     t : (...) array_like, time [s]
 
     Returns
     -------
     s : (...) array
-
-    Raises
-    ------
-    ValueRangeError
-        ``Tf`` is not above 0.
 
     Notes
     -----
@@ -50,17 +45,11 @@ def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
 
     Parameters
     ----------
-    Tf : float, duration, above 0 [s]
     t : (...) array_like, time [s]
 
     Returns
     -------
     s : (...) array
-
-    Raises
-    ------
-    ValueRangeError
-        ``Tf`` is not above 0.
 
     Notes
     -----
@@ -90,9 +79,6 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
     ----------
     thetastart : (n,) array_like, joint angles at the start
     thetaend : (n,) array_like, joint angles at the end
-    Tf : float, duration, above 0 [s]
-    N : int, number of points, 2 or more
-    method : 3, cubic time scaling, or 5, quintic
 
     Returns
     -------
@@ -102,8 +88,6 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
     ------
     ValueRangeError
         ``method`` is neither 3 nor 5, ``N`` under 2 or ``Tf`` ≤ 0.
-    ShapeError
-        The two vectors are not of one size.
 
     Notes
     -----
@@ -128,9 +112,6 @@ def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, met
     ----------
     Xstart : (4, 4) array_like, pose at the start
     Xend : (4, 4) array_like, pose at the end
-    Tf : float, duration, above 0 [s]
-    N : int, number of points, 2 or more
-    method : 3, cubic time scaling, or 5, quintic
 
     Returns
     -------
@@ -163,9 +144,6 @@ def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float,
     ----------
     Xstart : (4, 4) array_like, pose at the start
     Xend : (4, 4) array_like, pose at the end
-    Tf : float, duration, above 0 [s]
-    N : int, number of points, 2 or more
-    method : 3, cubic time scaling, or 5, quintic
 
     Returns
     -------
@@ -207,3 +185,6 @@ def _scaling(Tf: float, N: float, method: int) -> Array:
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
     _fraction(arguments.number(Tf, "Tf"), 0.0)
     return np.asarray(scalings[method](1.0, np.arange(n) / (n - 1.0)))
+
+
+complete(globals())

@@ -135,11 +135,6 @@ def bounds_of(
     -------
     bounds : Bounds
 
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        A limit is of another size, or not above zero.
-
     Examples
     --------
     >>> import twistwrench as tw

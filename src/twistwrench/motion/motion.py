@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
 from ..robot.task_space_methods import require_robot
@@ -135,7 +136,6 @@ class Motion(MotionFiles):
 
         Parameters
         ----------
-        path : str or Path
         robot : Robot, that moves
         columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, where names do not say it
         rate : float, optional, samples a second of a file without a column of time [Hz]
@@ -189,8 +189,6 @@ class Motion(MotionFiles):
 
         Raises
         ------
-        ShapeError
-            ``frame`` is no DataFrame.
         TrajectoryError, ValueRangeError
             Columns and numbers make no motion.
 
@@ -356,10 +354,6 @@ class Motion(MotionFiles):
     def torques(self, *, friction: bool = False) -> Array:
         """Torques that the motion takes, by inverse dynamics.
 
-        Parameters
-        ----------
-        friction : bool, count the friction of the joints
-
         Returns
         -------
         tau : (n, nv) array [N m, sliding joints: N]
@@ -380,10 +374,6 @@ class Motion(MotionFiles):
 
     def terms(self, *, friction: bool = False) -> dict[str, Array]:
         """Torques split into the terms of the equation of motion.
-
-        Parameters
-        ----------
-        friction : bool, count the friction of the joints
 
         Returns
         -------
@@ -412,19 +402,12 @@ class Motion(MotionFiles):
 
         Parameters
         ----------
-        bounds : Bounds, optional; None: the robot's own
-        friction : bool, count the friction of the joints
         tau : (n, nv) array, optional, torques that are judged, such as those of a closed robot's motors [N m, sliding
             joints: N]; None: those of inverse dynamics
 
         Returns
         -------
         found : tuple of Violation
-
-        Raises
-        ------
-        ShapeError
-            ``tau`` has not a row for each state.
 
         Examples
         --------
@@ -451,8 +434,6 @@ class Motion(MotionFiles):
         Parameters
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-        bounds : Bounds, optional; None: the robot's own
-        friction : bool, count the friction of the joints
 
         Returns
         -------
@@ -481,10 +462,6 @@ class Motion(MotionFiles):
 
     def of(self, robot: Robot) -> Motion:
         """The same states of another robot with the same coordinates, such as one that carries a payload.
-
-        Parameters
-        ----------
-        robot : Robot
 
         Returns
         -------
@@ -522,3 +499,6 @@ def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array,
         return dq, spline_rates(t, dq)[0]
     q = continuous(robot.model, q)
     return joint_rates(robot.model, q, *spline_rates(t, q))
+
+
+complete(globals())

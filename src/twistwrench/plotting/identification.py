@@ -33,37 +33,7 @@ VIEWS = ((0, 1), (0, 2), (1, 2))
 
 
 def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
-    """Draw the links whose inertia the doctor repairs: shapes, and ellipsoids of inertia before and after.
-
-    Parameters
-    ----------
-    report : DoctorReport
-    path : str or Path; the suffix says the kind, .png if there is none
-
-    Returns
-    -------
-    path : Path of the file written
-
-    Raises
-    ------
-    ValueRangeError
-        No finding changes an inertia, so there is nothing to draw; or nothing can be written.
-    MissingExtraError
-        There is no matplotlib.
-
-    Notes
-    -----
-    The ellipsoid is the uniform solid with the same mass and moments, seen along an axis of the link. It is as large as the
-    body would be. Of a tensor that cannot exist, what is negative is drawn as nearly nothing.
-
-    Examples
-    --------
-    >>> import tempfile, twistwrench as tw
-    >>> text = tw.robots.path_of("ur5").read_text().replace('iyz="0" izz="0.0021942"', 'iyz="0" izz="0.21942"')
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     plot_diagnosis(tw.doctor(text), f"{folder}/wrists").suffix
-    '.png'
-    """
+    """Draw the links whose inertia the doctor repairs: shapes, and ellipsoids of inertia before and after."""
     pairs = links_drawn(report)
     if not pairs:
         raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
@@ -268,35 +238,7 @@ _PURPOSE = "Drawing the identification"
 
 
 def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
-    """Draw measured and predicted torques of rows held out, the groups with their intervals, and the pull to the file.
-
-    Parameters
-    ----------
-    found : IdentifiedRobot
-    path : str or Path; the suffix says the kind, .png if there is none
-
-    Returns
-    -------
-    path : Path of the file written
-
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        Nothing can be written.
-
-    Examples
-    --------
-    >>> import tempfile, numpy as np, twistwrench as tw
-    >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-    >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     plot_identification(found, f"{folder}/fit").suffix
-    '.png'
-    """
+    """Draw measured and predicted torques of rows held out, the groups with their intervals, and the pull to the file."""
     names = found.held_out.names
     height = 1.5 * len(names) + 4.6
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
@@ -310,31 +252,7 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
 
 
 def identification_page(found: IdentifiedRobot) -> str:
-    """Page of HTML that says and shows what was found, whole in itself.
-
-    Parameters
-    ----------
-    found : IdentifiedRobot
-
-    Returns
-    -------
-    page : str
-
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-
-    Examples
-    --------
-    >>> import numpy as np, twistwrench as tw
-    >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-    >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-    >>> identification_page(found).count("<svg")
-    6
-    """
+    """Page of HTML that says and shows what was found, whole in itself."""
     return "\n".join(_page(found)) + "\n"
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..core.numbers import number, percent, percent_of_limit, quantity
 from ..errors import UnknownNameError
 from ..joints.units import torque_word, unit_of
@@ -96,7 +97,6 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     Parameters
     ----------
     motion : DrawnMotion
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
     joints : sequence of str, those that are drawn; none: all
 
     Returns
@@ -105,8 +105,6 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
     Raises
     ------
-    UnknownNameError
-        There is no such joint.
     MissingExtraError
         There is no matplotlib.
     ValueRangeError
@@ -160,7 +158,6 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     Parameters
     ----------
     motion : DrawnMotion
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
 
     Returns
     -------
@@ -231,7 +228,6 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     Parameters
     ----------
     motion : DrawnMotion
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
     joints : sequence of str, those that are drawn; none: all
 
     Returns
@@ -378,9 +374,6 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, 
     Parameters
     ----------
     motion : Motion
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-    bounds : Bounds, optional; None: the robot's own
-    friction : bool, torques count the friction of the joints
 
     Returns
     -------
@@ -469,3 +462,6 @@ def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tupl
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
     axis.set_ylabel(f"{what} / limit" if shares else what)
     axis.margins(x=0)
+
+
+complete(globals())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
@@ -93,14 +94,10 @@ def plot_payload(
 
     Parameters
     ----------
-    robot : Robot
     q : (nq,) array, configuration
     found : LargestPayload, there
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-    frame : str, optional, a link of the robot; its tip if None
     where : str, where the payload is, for the title; the frame if empty
     carried : str, what is carried besides
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
     chart : PayloadMap, optional
 
     Raises
@@ -338,3 +335,6 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.legend(
         handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=style.SMALL
     )
+
+
+complete(globals())

@@ -159,28 +159,7 @@ class LogQuality:
 
     @classmethod
     def of(cls, path: str | Path) -> LogQuality:
-        """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it.
-
-        Parameters
-        ----------
-        path : str or Path, as :meth:`twistwrench.Motion.from_file` takes it
-
-        Returns
-        -------
-        quality : LogQuality
-
-        Raises
-        ------
-        NotFoundError, TrajectoryError
-            The file cannot be read.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> quality = LogQuality.of(tw.robots.path_of("ur5").with_name("ur5_demo.csv"))
-        >>> quality.rows, round(quality.rate), quality.repeated
-        (751, 125, 0)
-        """
+        """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it."""
         file = open_motion_file(path)
         if (large := large_quality(file)) is not None:
             return large

@@ -35,27 +35,7 @@ COLUMNS = (
 
 
 def summary(robot: Robot) -> dict[str, Any]:
-    """The robot as a dictionary that ``json.dumps`` takes: joints, links, frames, masses, defects.
-
-    Parameters
-    ----------
-    robot
-        Any robot.
-
-    Returns
-    -------
-    dict
-        ``name``, ``nq``, ``nv``, ``gravity`` [m/s^2], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``
-        (:func:`joint_rows`), ``links`` (those with mass: ``mass`` [kg], ``com`` [m] and ``moment_about_com`` [kg m^2]
-        in the link's frame), ``frames`` of links, ``sites``, ``configurations`` (the q of each name), ``defects``. Angles
-        are in rad. What is not known or not limited is None.
-
-    Examples
-    --------
-    >>> import twistwrench as tw
-    >>> summary(tw.robots.planar_2r())["joints"][0]["effort"] is None
-    True
-    """
+    """The robot as a dictionary that ``json.dumps`` takes: joints, links, frames, masses, defects."""
     model = robot.model
     return {
         "name": model.name,

@@ -60,11 +60,6 @@ def path_of(name: str) -> Path:
     -------
     path : Path of a URDF file
 
-    Raises
-    ------
-    UnknownNameError
-        There is no such robot; the names are listed.
-
     Examples
     --------
     >>> path_of("ur5").name

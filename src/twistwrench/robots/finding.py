@@ -45,8 +45,6 @@ def find(name: str, *, download: bool = False) -> Path:
 
     Raises
     ------
-    UnknownNameError
-        There is no such robot; near names are suggested.
     MissingExtraError
         ``download=True``, and ``robot_descriptions`` is not installed.
     NotFoundError

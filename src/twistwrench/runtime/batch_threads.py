@@ -209,11 +209,6 @@ def set_threads(count: int) -> None:
     ----------
     count : int, 1 to 1024; 1 (default) is off
 
-    Raises
-    ------
-    ValueRangeError
-        ``count`` is no whole number from 1 to 1024.
-
     Notes
     -----
     Results are the same to the bit. One thread is what still computes a call with less than some 0.2 ms of work, one
@@ -238,11 +233,6 @@ def get_threads() -> int:
     -------
     count : int
         What :func:`set_threads` said, else ``TWISTWRENCH_THREADS``, else 1.
-
-    Raises
-    ------
-    ValueRangeError
-        The variable is not a whole number from 1 to 1024.
 
     Notes
     -----

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ShapeError, TwistWrenchError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import WRENCH
@@ -97,7 +98,6 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
     ----------
     F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
     centre : (..., 3) array_like, in the frame of F [m]
-    radius : float [m]
 
     Returns
     -------
@@ -176,17 +176,11 @@ class CollisionThreshold:
         Parameters
         ----------
         sigma : (6,) array_like, mx, my, mz [N m], fx, fy, fz [N]
-        false_alarms : float, share of readings without contact that pass
         axes : slice, which of the six are looked at; ``slice(3, 6)`` for the forces
 
         Returns
         -------
         threshold : CollisionThreshold
-
-        Raises
-        ------
-        ValueRangeError
-            ``sigma`` is not six standard deviations, or ``false_alarms`` is not between 0 and 1.
 
         Examples
         --------
@@ -205,7 +199,6 @@ class CollisionThreshold:
         ----------
         covariance : (6, 6) or (n, 6, 6) array_like, S
         freedom : (6,) array_like or None, degrees of freedom of the variances; None where they are known
-        false_alarms : float, share of readings without contact that pass
         axes : slice, which of the six are looked at; ``slice(3, 6)`` for the forces
 
         Returns
@@ -248,18 +241,12 @@ class CollisionThreshold:
         Parameters
         ----------
         noise : (moment [N m], force [N]), standard deviations
-        false_alarms : float, share of readings without contact that pass
         axes : slice, which of the six are looked at
             ``slice(3, 6)``, the forces, where a load's inertia is unknown and spoils the moments.
 
         Returns
         -------
         threshold : CollisionThreshold
-
-        Raises
-        ------
-        ValueRangeError
-            A number is invalid.
 
         Examples
         --------
@@ -276,7 +263,6 @@ class CollisionThreshold:
         Parameters
         ----------
         residuals : (n, 6) array_like, n > 6 [N m, N]
-        false_alarms : float, share of readings without contact that pass
 
         Returns
         -------
@@ -334,11 +320,6 @@ class CollisionThreshold:
         Returns
         -------
         distance : (...) array
-
-        Raises
-        ------
-        ShapeError
-            The readings are of another size.
 
         Examples
         --------
@@ -402,3 +383,6 @@ def _check_rate(false_alarms: float) -> None:
         raise ValueRangeError(
             f"a false-alarm rate of {false_alarms!r} is not between 0 and 1. Give 1e-6 for one in a million."
         )
+
+
+complete(globals())

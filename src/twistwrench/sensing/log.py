@@ -96,8 +96,6 @@ class ReadingLog:
 
         Raises
         ------
-        ShapeError
-            An array is of another size.
         ValueRangeError
             The log is empty, values are not finite, or orientations are none.
 

@@ -63,11 +63,6 @@ def propose_poses(
     -------
     proposal : PoseProposal
 
-    Raises
-    ------
-    ValueRangeError
-        There is nothing to choose from, or a number is invalid.
-
     Notes
     -----
     Source: Fedorov, "Theory of Optimal Experiments", 1972: det(M + A'A) = det M · det(1 + A M⁻¹ A').
@@ -178,11 +173,6 @@ def simulate(
     Returns
     -------
     log : ReadingLog
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument is invalid.
 
     Examples
     --------

@@ -121,11 +121,6 @@ class Identification:
         -------
         interval : (float, float), in the unknown's SI unit
 
-        Raises
-        ------
-        ValueRangeError
-            There is no such unknown.
-
         Examples
         --------
         >>> from twistwrench import SpatialInertia, sensing
@@ -179,11 +174,6 @@ class Identification:
         Returns
         -------
         answer : bool
-
-        Raises
-        ------
-        ShapeError
-            ``com`` is of another size.
 
         Examples
         --------

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
 from ..errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
@@ -267,8 +268,6 @@ class ForceTorqueSensor:
         Parameters
         ----------
         pose : (..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf
-        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
-        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
         gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
 
         Returns
@@ -277,8 +276,6 @@ class ForceTorqueSensor:
 
         Raises
         ------
-        ShapeError, ValueRangeError
-            An argument is of another size, or the pose is none.
         FrameError
             A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other.
 
@@ -315,8 +312,6 @@ class ForceTorqueSensor:
             A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is
             turned.
         pose : (..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf
-        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
-        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
         gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
 
         Returns
@@ -378,11 +373,6 @@ class ForceTorqueSensor:
     def missing_signals(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
         """What a motion leaves in the moments because the load's inertia is unknown.
 
-        Parameters
-        ----------
-        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
-        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
-
         Returns
         -------
         text : str, or None if nothing
@@ -399,11 +389,6 @@ class ForceTorqueSensor:
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
         """Warn of what :meth:`missing_signals` says.
-
-        Parameters
-        ----------
-        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
-        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
 
         Warns
         -----
@@ -447,3 +432,6 @@ def _broadcast(**arrays: Array | None) -> None:
     except ValueError:
         listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         raise ShapeError(f"these batches do not broadcast: {listed}.") from None
+
+
+complete(globals())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..core.numbers import number, residual
 from ..errors import ValueRangeError
 from ..robot.task_space_methods import require_robot
@@ -143,10 +144,6 @@ class SimulationResult:
     def of(self, robot: Robot) -> SimulationResult:
         """The same with the robot that was simulated, for a result from a file.
 
-        Parameters
-        ----------
-        robot : Robot
-
         Returns
         -------
         result : SimulationResult
@@ -174,7 +171,6 @@ class SimulationResult:
 
         Parameters
         ----------
-        path : str or Path
         degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
@@ -208,10 +204,6 @@ class SimulationResult:
     def to_npz(self, path: str | Path) -> Path:
         """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
 
-        Parameters
-        ----------
-        path : str or Path
-
         Returns
         -------
         path : Path of the file written
@@ -237,10 +229,6 @@ class SimulationResult:
     @staticmethod
     def load(path: str | Path) -> SimulationResult:
         """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called.
-
-        Parameters
-        ----------
-        path : str or Path
 
         Returns
         -------
@@ -381,3 +369,6 @@ class Record:
             new[: self.count] = old[: self.count]
             parts.append(new)
         self._parts = tuple(parts)  # type: ignore[assignment]
+
+
+complete(globals())

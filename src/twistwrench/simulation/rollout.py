@@ -68,11 +68,6 @@ class Rollout:
         -------
         motion : Motion
 
-        Raises
-        ------
-        ValueRangeError
-            There is no such motion in the batch.
-
         Notes
         -----
         Its robot is the one that was rolled out, whatever ``parameters=`` said for the sample: for torques with a

@@ -76,11 +76,6 @@ class Contact:
         -------
         forces : (count, 3) array; (1, 3) for μ = 0
 
-        Raises
-        ------
-        ValueRangeError
-            ``count`` is no such number.
-
         Notes
         -----
         Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
@@ -110,11 +105,6 @@ class Contact:
         Returns
         -------
         answer : (...) array of bool
-
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            ``force`` is of another size, or not finite.
 
         Examples
         --------

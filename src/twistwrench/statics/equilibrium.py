@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
 from ..errors import FrameError, ValueRangeError
 from ..lie.labelled import TWIST, WRENCH
@@ -100,8 +101,6 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
 
     Raises
     ------
-    ShapeError, ValueRangeError
-        An argument is of another size or not finite.
     FrameError
         A contact has a ``frame``: that is a link of a robot, and its normal in the base frame.
 
@@ -153,23 +152,12 @@ def robot_equilibrium(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
     contacts : sequence of Contact, each at a link of the robot
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
-    wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
     edges : int, edges of each friction cone to begin with
 
     Returns
     -------
     answer : Equilibrium
-
-    Raises
-    ------
-    ShapeError
-        An argument is of another size, or q is a batch; it says how to loop.
-    ValueRangeError, UnknownNameError, FrameError
-        An argument is invalid, or the robot has no such frame.
 
     Notes
     -----
@@ -498,3 +486,6 @@ def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) ->
             stop = low if value < low else high
             found.append(BeyondStop(b.joint.name, value, stop, bool(b.joint.axes[0][:3].any())))
     return tuple(sorted(found, key=lambda f: -f.by))
+
+
+complete(globals())

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, vector
 from ..errors import UnknownNameError, ValueRangeError
 from ..typing import Array
@@ -79,11 +80,6 @@ class WrenchEllipsoid:
         -------
         reach : (...) array [N or N m for each unit of torque]
 
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            ``direction`` is of another size, or zero.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -110,23 +106,14 @@ def wrench_ellipsoid(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
-    frame : str, optional, a link of the robot; its tip if None
     part : "force", "moment" or "wrench"
         "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench", all
         six numbers (m, f), whose axes depend on the unit of length.
-    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
     limits : (nv,) array_like, optional, each torque then counts as a share of its limit [N m, sliding joints: N]
 
     Returns
     -------
     ellipsoid : WrenchEllipsoid, with n semi-axes, for any batch of q; rows with NaN have NaN
-
-    Raises
-    ------
-    UnknownNameError, ShapeError, ValueRangeError
-        An argument is none of the choices, or of another size.
 
     Notes
     -----
@@ -219,25 +206,11 @@ def largest_wrench(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
     direction : (3,) or (6,) array_like, a force at zero moment, or a wrench (m, f); made of unit length
-    frame : str, optional, a link of the robot; its tip if None
-    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
     Returns
     -------
     found : LargestWrench, ``magnitude`` () [N, moments: N m]
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument is of another size, or the direction is zero.
-    UnknownNameError
-        The robot has no such frame.
-    FrameError
-        No frame is named, and the robot has no single tip.
 
     Notes
     -----
@@ -271,12 +244,7 @@ def weakest_direction(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
-    frame : str, optional, a link of the robot; its tip if None
     part : "force", "moment" or "wrench", as in :func:`wrench_ellipsoid`
-    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
     Returns
     -------
@@ -373,11 +341,6 @@ class WrenchPolytope:
         -------
         answer : (...) array of bool
 
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            ``x`` is of another size, or not finite.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -398,11 +361,6 @@ class WrenchPolytope:
         Returns
         -------
         largest : (...) array, inf where the structure bears part of the direction
-
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            ``direction`` is of another size, or not finite.
 
         Examples
         --------
@@ -445,14 +403,9 @@ def wrench_polytope(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
-    frame : str, optional, a link of the robot; its tip if None
     part : "force", "moment" or "wrench" (m, f)
     rest : "zero" or "any", what the other three numbers are
         "zero", the section of the six-dimensional polytope; "any", its projection.
-    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
     Returns
     -------
@@ -462,8 +415,6 @@ def wrench_polytope(
     ------
     ValueRangeError
         No wrench at all keeps the limits, the base floats, or there are no limits.
-    ShapeError
-        q is a batch; it says how to loop.
     UnknownNameError, FrameError
         As the robot's methods.
 
@@ -571,3 +522,6 @@ def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> Wrench
     else:
         kept, normals, offsets = np.zeros((1, 0)), np.zeros((0, 0)), np.zeros(0)
     return WrenchPolytope(normals @ Q.T, offsets, kept @ Q.T, borne, (), *labels)
+
+
+complete(globals())

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.assembly import follower_torques
@@ -92,10 +93,7 @@ def torques_per_kilogram(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
     com : (3,) array_like, centre of mass of the payload in the frame [m]
-    frame : str, optional, a link of the robot; its tip if None
 
     Returns
     -------
@@ -161,11 +159,7 @@ def largest_payload(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
     com : (3,) array_like, centre of mass of the payload in the frame [m]
-    frame : str, optional, a link of the robot; its tip if None
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
     Returns
     -------
@@ -239,11 +233,7 @@ def payload_in_region(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
     region : (k, 3) array_like, corners in the frame [m]
-    frame : str, optional, a link of the robot; its tip if None
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
     Returns
     -------
@@ -359,7 +349,6 @@ def payload_map(
 
     Parameters
     ----------
-    robot : Robot
     plane : "xz", "yz" or "xy" of the base frame, or "rz"
         A slab of ``thickness`` about ``at`` on the axis across it; "rz", the distance from the base's z axis and the
         height, wastes no sample.
@@ -369,18 +358,10 @@ def payload_map(
         If None as many as the configurations in the slice fill, 8 to 60, so that extremes are not those of a handful.
     samples : int, random configurations within the limits
     com : (3,) array_like, centre of mass of the payload in the frame [m]
-    frame : str, optional, a link of the robot; its tip if None
-    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
-    rng : numpy Generator or seed
 
     Returns
     -------
     found : PayloadMap
-
-    Raises
-    ------
-    ValueRangeError, UnknownNameError
-        An argument is invalid, or as :func:`largest_payload`.
 
     Examples
     --------
@@ -448,3 +429,6 @@ def _binned(found: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array
     best[count == 0] = worst[count == 0] = np.nan
     edges = (low[0] + size * np.arange(nx + 1), low[1] + size * np.arange(ny + 1))
     return edges, best, worst, count
+
+
+complete(globals())

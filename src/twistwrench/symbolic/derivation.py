@@ -332,8 +332,6 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
 
     Raises
     ------
-    UnknownNameError
-        The robot has not such symbols.
     ValueRangeError
         The robot is too large; said before starting.
     MissingExtraError

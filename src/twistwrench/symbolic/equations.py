@@ -142,11 +142,6 @@ class Equations:
         -------
         step : Step
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such step; they are listed.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -170,11 +165,6 @@ class Equations:
         -------
         steps : tuple of Step
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such step.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -195,11 +185,6 @@ class Equations:
         Returns
         -------
         text : str
-
-        Raises
-        ------
-        UnknownNameError
-            There is no such step.
 
         Examples
         --------
@@ -255,11 +240,6 @@ class Equations:
         -------
         text : str
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such step.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -281,11 +261,6 @@ class Equations:
         Returns
         -------
         text : str
-
-        Raises
-        ------
-        UnknownNameError
-            There is no such step.
 
         Examples
         --------
@@ -364,8 +339,6 @@ class Equations:
 
         Raises
         ------
-        UnknownNameError
-            There is no such function.
         ValueRangeError
             No source can hold the equations (Max, Piecewise, what SymPy leaves as a derivative).
 

@@ -112,8 +112,6 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
 
     Raises
     ------
-    ShapeError
-        L is no expression (strings are not read), or coordinates, rates and a time are no symbols or do not match.
     ValueRangeError
         L depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t``
         that ``time`` does not name.

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..bodies.solids import rotational_inertia
+from ..core.glossary import complete
 from ..errors import ModelWarning, ValueRangeError
 from ..joints import JOINT_TYPES
 from ..joints.screw_joint import ScrewJoint
@@ -36,7 +37,6 @@ def random_robot(
 
     Parameters
     ----------
-    rng : numpy Generator or seed
     joints : int, how many, fixed and mimic ones counted
     kinds : sequence of str, joint types to choose from
     floating_base : bool, let the root link float
@@ -45,11 +45,6 @@ def random_robot(
     Returns
     -------
     robot : Robot, under gravity that points anywhere
-
-    Raises
-    ------
-    ValueRangeError
-        There is no such joint type.
 
     Examples
     --------
@@ -70,18 +65,12 @@ def random_builder(
 
     Parameters
     ----------
-    rng : numpy Generator or seed
     joints : int, how many, fixed and mimic ones counted
     kinds : sequence of str, joint types to choose from
 
     Returns
     -------
     builder : ModelBuilder, with links ``link0`` (the root), ``link1``, …, joints ``joint1``, …
-
-    Raises
-    ------
-    ValueRangeError
-        There is no such joint type.
 
     Notes
     -----
@@ -140,10 +129,6 @@ def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInert
 
     Second moments S about a centre of mass away from the origin, in rotated axes.
 
-    Parameters
-    ----------
-    rng : numpy Generator or seed
-
     Returns
     -------
     G : SpatialInertia
@@ -162,10 +147,6 @@ def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInert
 
 def random_pose(rng: np.random.Generator | int | None = None) -> Array:
     """Random pose with any rotation and a position within ±0.5 m.
-
-    Parameters
-    ----------
-    rng : numpy Generator or seed
 
     Returns
     -------
@@ -200,8 +181,6 @@ def random_state(robot: Robot, rng: np.random.Generator | int | None = None, siz
 
     Parameters
     ----------
-    robot : Robot
-    rng : numpy Generator or seed
     size : int or tuple of int, batch shape
 
     Returns
@@ -218,3 +197,6 @@ def random_state(robot: Robot, rng: np.random.Generator | int | None = None, siz
     shape = (size,) if isinstance(size, int) else tuple(size)
     q = robot.random_configuration(rng, shape)
     return State(q, rng.standard_normal((*shape, robot.nv)), rng.standard_normal((*shape, robot.nv)))
+
+
+complete(globals())

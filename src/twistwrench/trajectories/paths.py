@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
 from ..robot.ik import pose_finder, twist_left
@@ -43,17 +44,11 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
 
     Parameters
     ----------
-    robot : Robot
     q0, q1 : (nq,) array_like, configurations at the ends
 
     Returns
     -------
     path : JointPath
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An end is of another size or not finite, or the ends are the same.
 
     Notes
     -----
@@ -98,7 +93,6 @@ def spline(
 
     Parameters
     ----------
-    robot : Robot
     waypoints : (m, nq) array_like, m ≥ 2
     times : (m,) array_like, optional, rising [s]
         The path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is met at its time.
@@ -221,10 +215,8 @@ def follow_poses(
 
     Parameters
     ----------
-    robot : Robot
     poses : function, maps s (m,) from 0 to 1 to (m, 4, 4), as :func:`screw_path` and :func:`straight_path` do
     q0 : (nq,) array_like, configuration at the start
-    frame : str, optional, a link of the robot; its tip if None
     tolerance : float, how far the frame may be off between places [m, rad]
 
     Returns
@@ -236,8 +228,6 @@ def follow_poses(
     PathError
         The robot cannot go on at some s (singular, a limit, out of reach, a jump), which is said with why.
         The path until there is kept as ``partial``.
-    ShapeError, ValueRangeError, UnknownNameError, FrameError
-        An argument is invalid, or the robot has no such frame.
 
     Notes
     -----
@@ -389,3 +379,6 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
             )
         found.append(q)
     return np.array(found), ""
+
+
+complete(globals())

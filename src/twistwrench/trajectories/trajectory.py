@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
 from ..motion.bounds import Bounds, LimitCheck, Violation, bounds_or_own
@@ -38,10 +39,7 @@ def violations(
 
     Parameters
     ----------
-    robot : Robot
     trajectory : Trajectory or Motion, at its own samples
-    bounds : Bounds, optional; None: the robot's own
-    friction : bool, count the friction of the joints
     samples : int, instants at which a trajectory is looked at
 
     Returns
@@ -158,11 +156,6 @@ class Trajectory:
         -------
         motion : Motion
 
-        Raises
-        ------
-        ValueRangeError
-            ``dt`` is not above zero, or there are too many samples.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -186,11 +179,6 @@ class Trajectory:
     def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
         """Limits that it passes, worst first; see :func:`~twistwrench.trajectories.violations`.
 
-        Parameters
-        ----------
-        bounds : Bounds, optional; None: the robot's own
-        friction : bool, count the friction of the joints
-
         Returns
         -------
         found : tuple of Violation
@@ -208,7 +196,6 @@ class Trajectory:
 
         Parameters
         ----------
-        path : str or Path
         dt : float, above 0 [s]
         degrees : bool, angles in degrees
 
@@ -240,8 +227,6 @@ class Trajectory:
         Parameters
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-        bounds : Bounds, optional; None: the robot's own
-        friction : bool, count the friction of the joints
 
         Returns
         -------
@@ -274,7 +259,6 @@ def move(
 
     Parameters
     ----------
-    robot : Robot
     q0, q1 : (nq,) array_like, configurations at the ends
     scaling : optional, s(t); None: a quintic one that takes the time the robot's limits ask for
     waypoints : (m, nq) array_like, optional, between the ends
@@ -285,8 +269,6 @@ def move(
 
     Raises
     ------
-    ShapeError, ValueRangeError
-        An argument is invalid.
     PathError
         The robot cannot hold itself on the path.
 
@@ -318,10 +300,8 @@ def fitted(
 
     Parameters
     ----------
-    robot : Robot
     path : JointPath
     shape : a scaling, optional, whose shape it has; None: quintic
-    bounds : Bounds, optional; None: the robot's own
     friction : bool, count the friction of the joints, static friction wholly at all speeds
 
     Returns
@@ -409,3 +389,6 @@ def _shortest(robot: Robot, path: JointPath, unit: Any, bounds: Bounds, times: A
             k = np.where(np.isfinite(C) & (B * B + 4 * A * C >= 0), k, np.inf)
             shortest.append(1.0 / k)
     return np.asarray(np.concatenate(shortest, axis=1).max(axis=1, initial=0.0))
+
+
+complete(globals())

@@ -134,11 +134,6 @@ def motion_of(
     -------
     motion : DrawnMotion, whose torques include joint friction, as the command ``torques`` does
 
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        Arrays do not fit each other, or time does not increase.
-
     Notes
     -----
     Fewer samples than six are taken to be at rest, and a warning says so where they are not.

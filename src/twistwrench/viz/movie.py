@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.files import replacing
+from ..core.glossary import complete
 from ..core.numbers import printed, seconds
 from ..errors import MissingExtraError, ShapeError, ValueRangeError
 from ..model.model import BASE
@@ -263,10 +264,8 @@ def movie(
 
     Parameters
     ----------
-    robot : Robot
     time : (n,) array_like [s]
     q : (n, nq) array_like, configurations
-    path : str or Path, .gif or .mp4
     dq : (n, nv) array_like, optional, velocities [rad/s, m/s]
     ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²]
     fps : float, pictures a second of film
@@ -309,9 +308,6 @@ def film(
 
     Parameters
     ----------
-    motion : DrawnMotion
-    path : str or Path, .gif or .mp4
-    scene : Scene, optional, the robot's looks
     fps : float, pictures a second of film
     speed : float, seconds of motion that a second of film shows
     progress : callable, optional, told how many of how many pictures are drawn
@@ -463,3 +459,6 @@ class _Bars:
             bar.set_width(share)
             bar.set_color(colour)
         self.clock.set_text(f"t = {seconds(moment, 2)} s")
+
+
+complete(globals())

@@ -321,23 +321,7 @@ _NOTES = 40
 
 
 def findings_scene(report: DoctorReport) -> Scene:
-    """Scene of a robot with what the doctor found: bodies in the colour of their worst finding, notes in words.
-
-    Parameters
-    ----------
-    report : DoctorReport
-
-    Returns
-    -------
-    scene : Scene
-        Ellipsoids of inertia are drawn for the links that are repaired, orange as in the file and blue as repaired.
-
-    Examples
-    --------
-    >>> import twistwrench as tw
-    >>> findings_scene(tw.doctor(tw.robots.path_of("ur5"))).robot.name
-    'ur5'
-    """
+    """Scene of a robot with what the doctor found: bodies in the colour of their worst finding, notes in words."""
     model = report.subject.robot.model
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
@@ -360,28 +344,6 @@ def findings_scene(report: DoctorReport) -> Scene:
 
 
 def write_findings_page(report: DoctorReport, path: str | Path) -> Path:
-    """Write a page with the robot, its links in the colours of what the doctor found; it needs nothing but a browser.
-
-    Parameters
-    ----------
-    report : DoctorReport
-    path : str or Path, .html
-
-    Returns
-    -------
-    path : Path of the file written
-
-    Raises
-    ------
-    ValueRangeError
-        The file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile, twistwrench as tw
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_findings_page(tw.doctor(tw.robots.path_of("ur5")), f"{folder}/ur5.html").suffix
-    '.html'
-    """
+    """Write a page with the robot, its links in the colours of what the doctor found; it needs nothing but a browser."""
     scene = findings_scene(report)
     return write_page(scene.robot, path, scene=scene)

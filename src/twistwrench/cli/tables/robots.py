@@ -161,13 +161,7 @@ _BUNDLED = "twistwrench"
 
 
 def robot_tables(word: str = "") -> Iterator[PlainTable]:
-    """The bundled robots that have ``word`` in their name or description, and the others that have it in their name.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none; the message lists names.
-    """
+    """The bundled robots that have ``word`` in their name or description, and the others that have it in their name."""
     described = {name: (getattr(robots, name).__doc__ or "").strip().split("\n")[0] for name in robots.names()}
     chosen = [name for name, text in described.items() if word.lower() in f"{name} {text}".lower()]
     known = known_robots()
