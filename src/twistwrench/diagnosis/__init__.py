@@ -1,7 +1,9 @@
 """The doctor of robot files: checks, the effect of what they find, and repairs in the file itself."""
 
+from ..formats.edit import Edit
+from ..formats.element import Place
 from .checks import CHECKS
-from .findings import Edit, Effect, FileRepair, Finding, Place, Severity
+from .findings import Effect, FileRepair, Finding, Severity
 from .report import DoctorReport, doctor
 from .shapes import METRICS
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed, residual
+from ..formats.robot_text import WrittenInertia
 from ..formats.urdf import ENTRIES, IN_MJCF
 from ..typing import Array
-from .parsed_file import WrittenInertia
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,18 @@ from functools import cached_property
 
 import numpy as np
 
+from ..algorithms.recursion import ancestors, base_poses, joint_poses
 from ..bodies.inertia import SpatialInertia
-from ..core.numbers import in_file
 from ..errors import ModelError, TwistWrenchError, UnknownNameError
 from ..formats.element import Element
-from ..formats.urdf import ENTRIES, add_joint, add_link
+from ..formats.robot_text import WrittenInertia
+from ..formats.urdf import add_joint, add_link
 from ..lie import se3
 from ..model.assembly import random_configuration
 from ..model.builder import ModelBuilder
 from ..model.model import BASE, Body, Model
 from ..typing import Array
-from .findings import Edit, Effect, Place
+from .findings import Effect
 from .shapes import LinkShapes
 
 CONFIGURATIONS = 200
@@ -45,6 +46,7 @@ class Effects:
             depths.append(1 + (depths[body.parent] if body.parent != BASE else 0))
         self.count = int(np.clip(_STEPS // max(1, sum(depths)), 1, count))
         self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
+        self._screws: list[list[tuple[int, Array]] | None] = [None] * len(model.bodies)
 
     def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
         """The effect of links having other inertias, each about its link's origin: what they would be, not by how much."""
@@ -120,41 +122,28 @@ class Effects:
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
         """Of each velocity that moves a body: its column, and the twist (count, 4, 4) that a unit of it gives the body."""
         found: dict[int, Array] = {}
-        at = body
-        while at != BASE:
-            for column, A in self._screws(at):
+        for i in ancestors(self.model, body):
+            if self._screws[i] is None:
+                b, T = self.model.bodies[i], self.poses[i]
+                back = se3.inverse(T)
+                axes = enumerate(b.joint.axes, start=b.v_index)
+                self._screws[i] = [(column, T @ se3.hat(b.ratio * axis) @ back) for column, axis in axes]
+            for column, A in self._screws[i] or ():
                 found[column] = found[column] + A if column in found else A
-            at = self.model.bodies[at].parent
         yield from found.items()
-
-    def _screws(self, body: int) -> list[tuple[int, Array]]:
-        if body not in self._known:
-            b, T = self.model.bodies[body], self.poses[body]
-            back = se3.inverse(T)
-            self._known[body] = [
-                (b.v_index + k, T @ se3.hat(b.ratio * axis) @ back) for k, axis in enumerate(b.joint.axes)
-            ]
-        return self._known[body]
-
-    @cached_property
-    def _known(self) -> dict[int, list[tuple[int, Array]]]:
-        return {}
 
     @cached_property
     def poses(self) -> list[Array]:
-        """Of each body in the base frame, (count, 4, 4)."""
-        found: list[Array] = []
-        for body in self.model.bodies:
-            T = np.asarray(body.placement @ self._joint_poses(body))
-            found.append(T if body.parent == BASE else found[body.parent] @ T)
-        return found
+        """Poses (count, 4, 4) of the bodies in the base frame."""
+        return base_poses(
+            self.model, [np.asarray(body.placement @ self._joint_poses(body)) for body in self.model.bodies]
+        )
 
     def _joint_poses(self, body: Body) -> Array:
-        joint = body.joint
         q = body.ratio * self.q[:, body.places[0]] + body.offset
-        if joint.nq == 1:
-            return np.asarray(se3.exp(q * joint.axes[0]))
-        return np.stack([joint.pose(one) for one in q])
+        if body.joint.nq == 1:
+            return np.asarray(se3.exp(q * body.joint.axes[0]))
+        return np.stack([body.joint.pose(one) for one in q])
 
 
 # ── Load errors of a URDF, all of them
@@ -232,71 +221,6 @@ def _leaders(root: Element) -> Iterator[LoadError]:
 # ── Links and joints, with the places of their numbers
 
 
-def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
-    """About the origin, from a tensor (3, 3) about the centre of mass whose rounding need not be symmetric."""
-    return SpatialInertia.from_com(mass, com, 0.5 * (tensor + tensor.T))
-
-
-@dataclass(frozen=True, eq=False)
-class WrittenInertia:
-    """The inertia of a link as its file has it: about the centre of mass, along axes of its own."""
-
-    mass: float
-    com: Array
-    """(3,) in the link's frame [m]."""
-    R: Array
-    """(3, 3) the axes that the tensor is along, in the link's frame."""
-    tensor: Array
-    """(3, 3) about the centre of mass, along these axes [kg m²]."""
-    places: Mapping[str, Place] = field(default_factory=dict)
-    """Where mass and ixx, ixy, … stand; empty where nothing can be written."""
-    line: int = 0
-    file: str = ""
-
-    @cached_property
-    def inertia(self) -> SpatialInertia:
-        """About the link's origin, in its axes."""
-        return self.with_tensor(self.tensor)
-
-    def with_tensor(self, tensor: Array) -> SpatialInertia:
-        """About the link's origin, with another tensor about the centre of mass, along the written axes."""
-        return about_com(self.mass, self.com, self.R @ tensor @ self.R.T)
-
-    def edits(self, tensor: Array) -> tuple[tuple[Edit, ...], Array]:
-        """The edits that make another tensor of it, only of entries that change; and the tensor as written then.
-
-        No edits where an entry would have to change that has no place.
-        """
-        wanted = {
-            name: Edit(self.places[name], in_file(tensor[ENTRIES[name]])) for name in self.places if name in ENTRIES
-        }
-        found, written = [], self.tensor.copy()
-        scale = float(np.abs(tensor).max())
-        for name, (i, j) in ENTRIES.items():
-            if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
-                continue
-            if name not in wanted:
-                return (), tensor
-            found.append(wanted[name])
-            written[i, j] = written[j, i] = float(wanted[name].text)
-        return tuple(found), written
-
-    def edits_to(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
-        """The edits that make another inertia of it, mass and centre of mass too; none where a number has no place."""
-        moments = self.R.T @ inertia.moment_about_com @ self.R
-        size = float(np.abs(moments).max())
-        moments[np.abs(moments) < 1e-9 * size] = 0.0
-        found, _ = self.edits(moments)
-        if not found and np.abs(moments - self.tensor).max() > 1e-12 * size:
-            return ()
-        wanted = {"mass": inertia.mass, **dict(zip("xyz", inertia.com.tolist(), strict=True))}
-        given = {"mass": self.mass, **dict(zip("xyz", self.com.tolist(), strict=True))}
-        more = [name for name in wanted if abs(wanted[name] - given[name]) > 1e-12 * max(1.0, abs(given[name]))]
-        if any(name not in self.places for name in more):
-            return ()
-        return (*found, *(Edit(self.places[name], in_file(wanted[name])) for name in more))
-
-
 @dataclass(frozen=True, eq=False)
 class ParsedLink:
     """One link."""
@@ -316,25 +240,6 @@ class ParsedLink:
 
 
 @dataclass(frozen=True, eq=False)
-class ParsedJoint:
-    """One joint: its numbers as they are written, None where they are not."""
-
-    name: str
-    line: int
-    file: str = ""
-    single: bool = False
-    """Whether it has one degree of freedom."""
-    turns: bool = False
-    """Whether it is one that turns between limits."""
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    """lower, upper, velocity, effort, damping, friction."""
-    axis: Array | None = None
-    """As written, in any length."""
-    places: Mapping[str, Place] = field(default_factory=dict)
-    child: str = ""
-
-
-@dataclass(frozen=True, eq=False)
 class ParsedFile:
     """A robot file beside the model that was made of it, its impossible bodies accepted."""
 
@@ -342,7 +247,7 @@ class ParsedFile:
     format: str
     """"urdf", "mjcf", "sdf", or empty for a robot that has no file."""
     links: Mapping[str, ParsedLink]
-    joints: Mapping[str, ParsedJoint] = field(default_factory=dict)
+    joints: Mapping[str, Element] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
     """What settings of the file did to its inertias, a sentence each."""
     load_errors: tuple[LoadError, ...] = ()
@@ -356,12 +261,8 @@ class ParsedFile:
     @cached_property
     def neutral_poses(self) -> Mapping[str, Array]:
         """Of the links in the base frame, all joints at zero: (4, 4) each."""
-        model, q = self.model, self.model.neutral
-        bodies: list[Array] = []
-        for body in model.bodies:
-            own = body.ratio * q[body.places[0]] + body.offset
-            T = body.placement @ body.joint.pose(own)
-            bodies.append(T if body.parent == BASE else bodies[body.parent] @ T)
+        model = self.model
+        bodies = base_poses(model, joint_poses(model, model.neutral))
         return {
             name: np.asarray(frame.pose if frame.body == BASE else bodies[frame.body] @ frame.pose)
             for name, frame in model.frames.items()

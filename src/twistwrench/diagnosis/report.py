@@ -15,9 +15,11 @@ from ..core.files import refuse_existing, replacing
 from ..core.tables import html_table
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
+from ..formats.edit import edited, encoded
+from ..formats.element import Place
 from ..robot import Robot, load
 from .checks import CHECKS, Options
-from .findings import Effect, Finding, Place, Severity, edited, encoded
+from .findings import Effect, Finding, Severity
 from .readers import MOST_BODIES, Subject, read_subject
 from .shapes import METRICS
 

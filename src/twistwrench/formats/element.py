@@ -24,9 +24,25 @@ _NAMES = {"name", "reference"}
 """Attributes that tell an element from others of its tag; Gazebo's refer to a link or joint."""
 
 
+@dataclass(frozen=True)
+class Place:
+    """Position of a number in a robot file.
+
+    Attributes
+    ----------
+    element : int, number of the element in document order
+    attribute : str; empty: the text within the element
+    position : int, which of several numbers; -1: all there is
+    """
+
+    element: int
+    attribute: str = ""
+    position: int = -1
+
+
 @dataclass(eq=False, slots=True)
 class Element:
-    """One element: its tag (prefix and all), attributes, line in the file, the elements in it, and its text."""
+    """XML element with its tag (prefix included), attributes, line, children and text."""
 
     tag: str
     attributes: dict[str, str]
@@ -38,6 +54,8 @@ class Element:
     """The file it is from, where that is one that another includes."""
     content: str = ""
     """The text in it, as SDF has it."""
+    index: int = -1
+    """Position in the document order of its own file."""
 
     @property
     def place(self) -> str:
@@ -54,6 +72,10 @@ class Element:
         name = None if owner is None else owner.attributes.get("name", owner.attributes.get("reference", ""))
         of = f" of {clipped(owner.tag)} {clipped(name)!r}" if owner is not None and name is not None else ""
         return f"<{clipped(self.tag)}>{of} ({self.place})"
+
+    def locate(self, attribute: str = "", position: int = -1) -> Place:
+        """Place of an attribute, of one of its numbers, or of the text."""
+        return Place(self.index, attribute, position)
 
     def add(self, child: Element) -> None:
         """Append a child."""
@@ -153,7 +175,7 @@ class Element:
 
     def with_attributes(self, attributes: dict[str, str]) -> Element:
         """The same element with other attributes."""
-        return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content)
+        return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content, self.index)
 
     def _numbers(self, attribute: str, text: str) -> list[float]:
         if _NUMBERS.fullmatch(text):

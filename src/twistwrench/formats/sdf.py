@@ -37,9 +37,26 @@ def number(parent: Element | None, tag: str, default: float) -> float:
     return default if child is None else with_text(child).number("text")
 
 
-def moments(tensor: Element | None) -> Array:
-    """The tensor (3, 3) in an ``<inertia>``: what is left out, all of it for None, is that of 1 kg m² about every axis."""
-    return tensor_of(lambda name: number(tensor, name, float(name in ("ixx", "iyy", "izz"))))
+def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
+    """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²].
+
+    The format's values for what is left out are 1 kg and 1 kg m² about every axis.
+    """
+    tensor, place = (inertial.child(tag) if inertial is not None else None for tag in ("inertia", "pose"))
+    I = tensor_of(lambda name: number(tensor, name, float(name in ("ixx", "iyy", "izz"))))
+    return number(inertial, "mass", 1.0), pose(place), I
+
+
+def missing_of(inertial: Element | None) -> tuple[str, ...]:
+    """Parts that an ``<inertial>`` leaves out, of mass and inertia."""
+    return tuple(part for part in ("mass", "inertia") if inertial is None or inertial.child(part) is None)
+
+
+def assumed_text(missing: tuple[str, ...]) -> str:
+    """Values of the format for parts that are left out, in words."""
+    means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
+    text = " and ".join(f"no {part}, which means {means[part]}" for part in missing)
+    return f"{text}, in this format" if text else ""
 
 
 def vector(element: Element) -> Array:
@@ -317,16 +334,11 @@ class _SdfReader:
             raise RobotFileError(
                 f"{inertial} asks for inertia from shapes (auto), which is not computed. Write it out."
             )
-        tensor = inertial.child("inertia") if inertial is not None else None
-        missing = ["mass"] if inertial is None or inertial.child("mass") is None else []
-        missing += ["inertia"] if tensor is None else []
-        if missing:
-            means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
-            text = " and ".join(f"no {what}, which means {means[what]}" for what in missing)
-            self.builder.remark(ModelNote(str(link), f"has {text}, in this format"))
-        T = pose(inertial.child("pose") if inertial is not None else None)
-        R, I = T[:3, :3], moments(tensor)
-        return SpatialInertia.from_com(number(inertial, "mass", 1.0), T[:3, 3], R @ I @ R.T)
+        if text := assumed_text(missing_of(inertial)):
+            self.builder.remark(ModelNote(str(link), f"has {text}"))
+        mass, T, I = inertial_of(inertial)
+        R = T[:3, :3]
+        return SpatialInertia.from_com(mass, T[:3, 3], R @ I @ R.T)
 
     def _add_joint(self, name: str, joint: Element) -> str:
         """Add a joint; the link it carries."""

@@ -20,7 +20,7 @@ _BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
 _NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
 """What Python calls encodings, and no XML file is in."""
 
-_DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
+DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
 
 
 def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -> tuple[str, str]:
@@ -120,7 +120,7 @@ def _offer(names: list[str]) -> str:
 
 def _decoded(data: bytes, name: str) -> str:
     """The text of the bytes: by their byte order mark, else as XML declares, else UTF-8."""
-    declared = _DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
+    declared = DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
     if data.startswith(b"\xef\xbb\xbf"):
         encoding = "utf-8-sig"
     elif data.startswith((b"\xff\xfe", b"\xfe\xff")):

@@ -92,14 +92,19 @@ def _inertia(link: Element, snap: float) -> SpatialInertia | None:
     inertial = link.child("inertial")
     if inertial is None:
         return None
-    mass = inertial.required("mass", '<mass value="1.0"/>').number("value")
-    tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
-    T, I = origin_of(inertial), tensor_of(tensor.number)
+    mass, T, I = inertial_of(inertial)
     R = T[:3, :3]
     if R.tolist() != UPRIGHT:  # the tensor is about the centre of mass, in the axes of the inertial frame
         R = snap_rotation(R, snap)
         I = R @ I @ R.T
     return SpatialInertia.from_com(mass, T[:3, 3], I)
+
+
+def inertial_of(inertial: Element) -> tuple[float, Array, Array]:
+    """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²]."""
+    mass = inertial.required("mass", '<mass value="1.0"/>').number("value")
+    tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
+    return mass, origin_of(inertial), tensor_of(tensor.number)
 
 
 def origin_of(element: Element) -> Array:

@@ -63,12 +63,12 @@ class _Watcher:
             most = self.most if name in _BODIES else max(self.most, MOST_BODIES)
             if self.counts[name] > most:
                 kind = "bodies" if name in _BODIES else f"<{name}> elements"
-                place = self._made(name, attributes, None).place
+                place = self._element(name, attributes, None).place
                 raise RobotFileError(
                     f"it has more than {most:,} {kind} ({place}). Raise the limit, max_bodies=, if that is meant."
                 )
 
-    def _made(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
+    def _element(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
         return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, (), self.file)
 
     def _entity(self, name: str, *_: Any) -> None:
@@ -109,6 +109,7 @@ class _TreeMaker(_Watcher):
         self.parser.CharacterDataHandler = self._text
         self.root: Element | None = None
         self._open: list[Element] = []
+        self._count = 0
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if name in self.counts:
@@ -117,7 +118,9 @@ class _TreeMaker(_Watcher):
             self.parser.CharacterDataHandler = self._text
         path = self._open
         parent = path[-1] if path else None
-        element = self._made(name, attributes, parent)
+        element = self._element(name, attributes, parent)
+        element.index = self._count
+        self._count += 1
         if len(path) > self.most + _LEVELS:
             raise RobotFileError(
                 f"its elements lie more than {self.most + _LEVELS:,} deep in each other ({element.place})."

@@ -14,9 +14,10 @@ from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path, replacing
 from ..core.numbers import number, percent
 from ..core.verdict import Word
-from ..diagnosis.findings import encoded
 from ..diagnosis.readers import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
+from ..formats.edit import TextChanges, encoded
+from ..formats.robot_text import TEXTS
 from ..formats.xml import parse
 from ..joints.units import unit_of
 from ..lie import se3
@@ -24,7 +25,6 @@ from ..model.model import BASE, Model
 from ..robot import Robot, load
 from ..typing import Array
 from .consistent import ConsistentRobot
-from .file_text import MjcfText, SdfText, TextChanges, UrdfText
 
 if TYPE_CHECKING:
     from .result import IdentifiedRobot
@@ -103,11 +103,6 @@ _AS_GOOD = 1.05
 """Times what the file's bodies leave, with friction, of rows held out, up to which a robot is as good as they are."""
 _IMMATERIAL = 0.002
 """Share of the torques by which what is left may be more, too: both explain the log then."""
-_TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
-    "urdf": UrdfText,
-    "mjcf": MjcfText,
-    "sdf": SdfText,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +139,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
             f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
             "writes a new one."
         )
-    inertias, folded = _link_inertias(found, _TEXTS[subject.robot.format].share_left)
+    inertias, folded = _link_inertias(found, TEXTS[subject.robot.format].share_left)
     drives = _drives(found)
     wanted = drives
     again = _again(_text(subject, found, said, inertias, wanted), subject, found)
@@ -190,20 +185,20 @@ def _text(
 ) -> str:
     """The file's text with inertias of links and numbers of joints, those of joints that follow others at 0."""
     root = parse(subject.text)
-    changes = TextChanges(root, SIGNATURE)
+    changes = TextChanges(SIGNATURE)
     model = found.base.unknown.model
-    file = _TEXTS[subject.robot.format](root, changes, model.name, subject.path)
+    file = TEXTS[subject.robot.format](root, model.name, subject.path)
     before = subject.robot.model.link_inertias
-    file.write_links({
+    file.write_links(changes, {
         link: G
         for link, G in inertias.items()
         if link not in before or not np.array_equal(before[link].parameters, G.parameters)
     })  # fmt: skip
     for joint in model.velocity_names:
-        file.write_joint(joint, {kind: of_kind[joint] for kind, of_kind in drives.items() if joint in of_kind})
+        file.write_joint(changes, joint, {kind: of_kind[joint] for kind, of_kind in drives.items() if joint in of_kind})
     for body in model.bodies:
         if body.follows:
-            file.write_joint(body.joint.name, dict.fromkeys(drives, 0.0), "part of the joint that it follows")
+            file.write_joint(changes, body.joint.name, dict.fromkeys(drives, 0.0), "part of the joint that it follows")
     changes.add(root, f"<!-- {SIGNATURE}: {said.replace('--', '- -')} -->")
     return changes.apply(subject.text)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...core.numbers import number, percent
+from ...formats.robot_text import WrittenInertia
 from ...model.inertia_checks import reasons
 from ...model.model import BASE
 from ...typing import Array
@@ -19,7 +20,7 @@ from ..entry_errors import (
     small_tensor_errors,
 )
 from ..findings import FileRepair, Finding, Severity
-from ..parsed_file import ParsedFile, ParsedLink, WrittenInertia
+from ..parsed_file import ParsedFile, ParsedLink
 from ..shapes import METRICS, nearest
 
 _ABSORBED = 1.0
@@ -181,7 +182,7 @@ def shape_repair(
 
 def _repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, metric: str = "") -> FileRepair:
     assert link.written is not None
-    edits, tensor = link.written.edits(tensor)
+    edits, tensor = link.written.tensor_edits(tensor)
     return FileRepair(kind, sentence, {link.name: link.written.with_tensor(tensor)}, edits, metric)
 
 

@@ -9,13 +9,16 @@ import numpy as np
 
 from ...core.numbers import in_file, number, printed
 from ...core.text import listed
+from ...formats.edit import Edit
+from ...formats.element import Element
 from ...model.limits import margin
 from ...reports.load_case import arm_entries, placeholder_limits
 from ...robot import Robot
 from ..entry_errors import Options
-from ..findings import Edit, FileRepair, Finding, Severity
-from ..parsed_file import ParsedFile, ParsedJoint
+from ..findings import FileRepair, Finding, Severity
+from ..parsed_file import ParsedFile
 
+_SINGLE = ("revolute", "continuous", "prismatic")
 _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0
 """rad or m: a limit beyond says that there is none."""
@@ -31,16 +34,17 @@ def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Limits of revolute joints beyond two turns either way that are whole numbers: degrees."""
-    for joint in robot.joints.values():
-        limits = [joint.numbers.get(name, 0.0) for name in ("lower", "upper")]
-        largest = max(map(abs, limits))
-        whole = all(float(x).is_integer() for x in limits)
-        if not joint.turns or robot.format != "urdf" or not _TURNS < largest < _ENDLESS or not whole:
+    for joint in robot.joints.values() if robot.format == "urdf" else ():
+        limit = joint.child("limit")
+        if limit is None or joint.text("type") != "revolute":
+            continue
+        limits = [limit.optional_number(name) or 0.0 for name in ("lower", "upper")]
+        if not _TURNS < max(map(abs, limits)) < _ENDLESS or not all(x.is_integer() for x in limits):
             continue
         edits = tuple(
-            Edit(joint.places[name], in_file(math.radians(joint.numbers[name])))
-            for name in ("lower", "upper")
-            if joint.numbers.get(name)
+            Edit(limit.locate(name), in_file(math.radians(x)))
+            for name, x in zip(("lower", "upper"), limits, strict=True)
+            if x
         )
         yield _finding(
             joint, "degrees", Severity.WARNING,
@@ -68,20 +72,19 @@ def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Limits of effort and velocity that are none, and joints whose own weight is more than their effort."""
-    joints = [joint for joint in robot.joints.values() if joint.single]
     leaders = {body.joint.name for body in robot.model.leaders}
-    for what in ("effort", "velocity"):
-        if robot.format == "urdf":
-            none = [j.name for j in joints if not j.numbers.get(what) and j.name in leaders]
-            large = [j.name for j in joints if j.numbers.get(what, 0.0) >= 1e4 or j.numbers.get(what) == 1000.0]
-            arm = what == "effort" and len(arm_entries(robot.model)) > 1
-            said = ", so neither torques nor payloads can be judged" if arm else ""
-            severity = Severity.WARNING if arm else Severity.NOTE
-            yield from _of_several(robot, "effort", none, f"there is no limit of {what}{said}", severity)
-            yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
-    limits, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
+    for what in ("effort", "velocity") if robot.format == "urdf" else ():
+        limits = {name: _limit(joint, what) for name, joint in robot.joints.items() if joint.text("type") in _SINGLE}
+        none = [name for name, x in limits.items() if not x and name in leaders]
+        large = [name for name, x in limits.items() if x >= 1e4 or x == 1000.0]
+        arm = what == "effort" and len(arm_entries(robot.model)) > 1
+        said = ", so neither torques nor payloads can be judged" if arm else ""
+        severity = Severity.WARNING if arm else Severity.NOTE
+        yield from _of_several(robot, "effort", none, f"there is no limit of {what}{said}", severity)
+        yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
+    efforts, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
-    weak = [names[k] for k in range(robot.model.nv) if torques[k] > limits[k] + margin(limits[k])]
+    weak = [names[k] for k in range(robot.model.nv) if torques[k] > efforts[k] + margin(efforts[k])]
     yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
 
 
@@ -97,11 +100,14 @@ def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[F
 
 def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Axes that are not of unit length; they are normalised on loading, and other programs may not do so."""
-    for joint in robot.joints.values():
-        if joint.axis is None or abs(length := float(np.linalg.norm(joint.axis))) == 0 or abs(length - 1.0) < 1e-3:
+    for joint in robot.joints.values() if robot.format == "urdf" else ():
+        axis = joint.child("axis") if joint.text("type") not in ("fixed", "floating") else None
+        direction = np.zeros(3) if axis is None else axis.numbers("xyz", 3)
+        length = float(np.linalg.norm(direction))
+        if axis is None or length == 0 or abs(length - 1.0) < 1e-3:
             continue
-        text = " ".join(map(in_file, joint.axis / length))
-        repair = FileRepair("number", "the axis with unit length", edits=(Edit(joint.places["axis"], text),))
+        text = " ".join(map(in_file, direction / length))
+        repair = FileRepair("number", "the axis with unit length", edits=(Edit(axis.locate("xyz"), text),))
         yield _finding(
             joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair
         )
@@ -117,11 +123,16 @@ def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def _limit(joint: Element, what: str) -> float:
+    limit = joint.child("limit")
+    return (limit.optional_number(what) if limit is not None else None) or 0.0
+
+
 def _finding(
-    joint: ParsedJoint, check: str, severity: Severity, sentence: str, numbers: dict[str, float], repair: FileRepair
+    joint: Element, check: str, severity: Severity, sentence: str, numbers: dict[str, float], repair: FileRepair
 ) -> Finding:
     return Finding(
-        check, severity, f"joint {joint.name!r}", joint.line, sentence, numbers, repair=repair, file=joint.file
+        check, severity, f"joint {joint.text('name')!r}", joint.line, sentence, numbers, repair=repair, file=joint.file
     )
 
 

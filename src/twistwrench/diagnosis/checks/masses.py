@@ -9,13 +9,16 @@ import numpy as np
 from ...bodies.inertia import SpatialInertia
 from ...core.numbers import number, percent, printed
 from ...core.text import listed
+from ...formats.edit import Edit
+from ...formats.robot_text import WrittenInertia, about_com
+from ...formats.sdf import assumed_text
 from ...model.inertia_checks import massless_links, reasons
 from ...model.model import BASE
 from ...reports.load_case import reach
 from ...typing import Array
 from ..entry_errors import UNITS, Options
-from ..findings import Edit, Effect, FileRepair, Finding, Severity
-from ..parsed_file import ParsedFile, ParsedLink, SymmetricLinks, WrittenInertia, about_com, symmetric_links
+from ..findings import Effect, FileRepair, Finding, Severity
+from ..parsed_file import ParsedFile, ParsedLink, SymmetricLinks, symmetric_links
 from ..shapes import hull_solid
 from .inertia import MATTERS, identified, no_tensor, placeholder, shape_repair
 
@@ -119,13 +122,11 @@ def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Inertia that the file does not give: SDF's 1 kg and 1 kg m², and what MJCF's compiler settings change."""
-    means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
     for link in robot.links.values():
         if link.assumed:
-            said = " and ".join(f"no {part}, which means {means[part]}" for part in link.assumed)
             yield Finding(
                 "assumed", Severity.WARNING if robot.moves(link.name) else Severity.NOTE, f"link {link.name!r}", link.line,
-                f"it has {said}, in this format",
+                f"it has {assumed_text(link.assumed)}",
                 repair=FileRepair("advice", "give it a mass and a tensor"), file=link.file,
             )  # fmt: skip
     for text in robot.settings:
@@ -186,7 +187,7 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
             sentence = f"the {side} one, which cannot exist itself: repair it first"
         elif options.mirror_from:
             sentence = f"the {side} one, mirrored"
-            edits = link.written.edits_to(wanted) if link.written is not None and parts else ()
+            edits = link.written.edits(wanted) if link.written is not None and parts else ()
         else:
             sentence = f"copy one side to the other, mirrored; {_evidence(pair)}"
         yield Finding(
@@ -344,7 +345,7 @@ def _giant(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: f
     # Several units may be plausible; then nothing is written, and the effect is that of the largest.
     units = [k for k in UNITS if _SMALLEST <= radius * 10.0 ** (-k / 2) <= 0.5 * max(span, 1e-9)]
     tensor = written.tensor * 10.0 ** -(units[0] if units else 6)
-    edits, tensor = written.edits(tensor)
+    edits, tensor = written.tensor_edits(tensor)
     wanted = {link.name: written.with_tensor(tensor)}
     if len(units) == 1:
         said = f"all entries are 1e{units[0]} times too large, as {UNITS[units[0]]} for kg m²"

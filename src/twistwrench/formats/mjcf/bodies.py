@@ -458,9 +458,15 @@ def _selected(body: MjcfBody, settings: Settings) -> bool:
 
 def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
     """About the body's origin, in its axes."""
-    inertial = given.element
-    T = placement(inertial, settings)
-    mass = inertial.number("mass")
+    mass, T, moments = inertial_of(given.element, settings)
+    R = T[:3, :3]
+    G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
+    return G if is_identity(given.frame) else G.in_frame(given.frame)
+
+
+def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Array]:
+    """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²]."""
+    T, mass = placement(inertial, settings), inertial.number("mass")
     said = [name for name in ("diaginertia", "fullinertia") if name in inertial.attributes]
     if len(said) > 1:
         raise RobotFileError(f"{inertial} has both diaginertia and fullinertia. Keep one.")
@@ -469,19 +475,13 @@ def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
     elif said[0] == "diaginertia":
         moments = np.diag(inertial.numbers("diaginertia", 3))
     else:
-        moments = full_inertia(inertial)
-        if set(inertial.attributes) & {"quat", "axisangle", "xyaxes", "zaxis", "euler"}:
+        entries = dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True))
+        moments = tensor_of(entries.__getitem__)
+        if set(inertial.attributes) & _TURNED:
             raise RobotFileError(
                 f"{inertial} has fullinertia, which is along the body's axes, and an orientation. Keep one."
             )
-    R = T[:3, :3]
-    G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
-    return G if is_identity(given.frame) else G.in_frame(given.frame)
-
-
-def full_inertia(inertial: Element) -> Array:
-    """The tensor (3, 3) of a ``fullinertia``."""
-    return tensor_of(dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True)).__getitem__)
+    return mass, T, moments
 
 
 def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:

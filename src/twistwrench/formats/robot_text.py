@@ -1,0 +1,393 @@
+"""Robot files as text whose numbers can change: inertias of links and drives of joints in URDF, SDF and MJCF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..core.numbers import in_file
+from ..errors import ModelError, TwistWrenchError
+from ..lie import se3
+from ..typing import Array
+from . import sdf, urdf
+from .edit import ELSEWHERE, FOUND, Edit, TextChanges
+from .element import Element, Place
+from .mjcf import bodies as mjcf
+from .mjcf.preprocess import Defaults, Folders, Meshes, Settings, expand
+from .urdf import ENTRIES, IN_MJCF
+from .xml import MOST_BODIES
+
+_LAWS = {"viscous": "damping", "coulomb": "friction"}
+_MJCF_DRIVES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
+_TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+_TWO_AXES = ("universal", "revolute2")
+_ROTOR = "drake:rotor_inertia"
+_COMPILER = "so that inertias are as they are written"
+
+
+def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
+    """Inertia about the origin; the tensor (3, 3) about the centre of mass is made symmetric."""
+    return SpatialInertia.from_com(mass, com, 0.5 * (tensor + tensor.T))
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenInertia:
+    """Inertia of a link in the form of its file: about the centre of mass, along axes of its own."""
+
+    mass: float
+    com: Array
+    """(3,) in the link's frame [m]."""
+    R: Array
+    """(3, 3) axes of the tensor, in the link's frame."""
+    tensor: Array
+    """(3, 3) about the centre of mass, along these axes [kg m²]."""
+    places: Mapping[str, Place] = field(default_factory=dict)
+    """Places of mass, x, y, z, ixx, ixy, …; numbers without a place cannot be written."""
+    line: int = 0
+    file: str = ""
+
+    @classmethod
+    def from_inertia(cls, G: SpatialInertia, line: int = 0, file: str = "") -> WrittenInertia | None:
+        """Inertia of a link that no file gives; None if it is zero."""
+        if not G.parameters.any():
+            return None
+        moments = 0.5 * (G.moment_about_com + G.moment_about_com.T)
+        return cls(G.mass, G.com, np.eye(3), moments, line=line, file=file)
+
+    @cached_property
+    def inertia(self) -> SpatialInertia:
+        """Inertia about the link's origin, in its axes."""
+        return self.with_tensor(self.tensor)
+
+    def with_tensor(self, tensor: Array) -> SpatialInertia:
+        """Inertia about the link's origin, with another tensor about the centre of mass, along the written axes."""
+        return about_com(self.mass, self.com, self.R @ tensor @ self.R.T)
+
+    def tensor_edits(self, tensor: Array) -> tuple[tuple[Edit, ...], Array]:
+        """Edits of the entries that change, and the tensor that is written then; none if one of them has no place."""
+        found, written = [], self.tensor.copy()
+        scale = float(np.abs(tensor).max())
+        for name, (i, j) in ENTRIES.items():
+            if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
+                continue
+            if name not in self.places:
+                return (), tensor
+            found.append(Edit(self.places[name], in_file(tensor[i, j])))
+            written[i, j] = written[j, i] = float(found[-1].text)
+        return tuple(found), written
+
+    def edits(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
+        """Edits for another inertia, mass and centre of mass included; none if a number has no place."""
+        moments = self.R.T @ inertia.moment_about_com @ self.R
+        size = float(np.abs(moments).max())
+        moments[np.abs(moments) < 1e-9 * size] = 0.0
+        found, _ = self.tensor_edits(moments)
+        if not found and np.abs(moments - self.tensor).max() > 1e-12 * size:
+            return ()
+        wanted = {"mass": inertia.mass, **dict(zip("xyz", inertia.com.tolist(), strict=True))}
+        given = {"mass": self.mass, **dict(zip("xyz", self.com.tolist(), strict=True))}
+        more = [name for name in wanted if abs(wanted[name] - given[name]) > 1e-12 * max(1.0, abs(given[name]))]
+        if any(name not in self.places for name in more):
+            return ()
+        return (*found, *(Edit(self.places[name], in_file(wanted[name])) for name in more))
+
+
+def plain(values: Sequence[float] | Array) -> str:
+    """Numbers as they come back to the last digit."""
+    return " ".join(repr(float(x)) for x in values)
+
+
+def _products(moments: Array) -> dict[str, str]:
+    """Entries of a tensor (3, 3), made symmetric, as text."""
+    return {name: repr(value) for name, value in urdf.entries_of(0.5 * (moments + moments.T)).items()}
+
+
+class RobotText:
+    """Robot file whose numbers can change; one subclass a format."""
+
+    share_left = 0.0
+    """Share of a body for each link that is folded into it."""
+    links: dict[str, Element]
+    joints: dict[str, Element]
+    noun = "link"
+
+    def inertia(self, name: str) -> WrittenInertia | None:
+        """Inertia that the file gives a link."""
+        raise NotImplementedError
+
+    def assumed(self, _name: str) -> tuple[str, ...]:
+        """Parts of a link's inertia that the format gives a value where the file has none."""
+        return ()
+
+    def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
+        """Give links other inertias, each about its own frame. Raises ModelError for links that are not in the file."""
+        for name in wanted:
+            if name not in self.links:
+                raise ModelError(f"the file has no {self.noun} {name!r} whose inertia could be written.")
+        for name, inertia in wanted.items():
+            self._write(changes, name, inertia, FOUND if inertia.parameters.any() else ELSEWHERE)
+
+    def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
+        raise NotImplementedError
+
+
+class UrdfText(RobotText):
+    """URDF file: ``<inertial>`` of links, ``<dynamics>`` of joints."""
+
+    def __init__(self, root: Element, _model: str, _path: Path | None) -> None:
+        self.links = {element.text("name"): element for element in root.all("link")}
+        self.joints = {element.text("name"): element for element in root.all("joint")}
+
+    def inertia(self, name: str) -> WrittenInertia | None:
+        """Inertia that the file gives a link."""
+        inertial = self.links[name].child("inertial")
+        if inertial is None:
+            return None
+        mass, T, I = urdf.inertial_of(inertial)
+        tensor, origin = inertial.required("inertia", ""), inertial.child("origin")
+        places = {name: tensor.locate(name) for name in ENTRIES}
+        places["mass"] = inertial.required("mass", "").locate("value")
+        if origin is not None and "xyz" in origin.attributes:
+            places |= {axis: origin.locate("xyz", k) for k, axis in enumerate("xyz")}
+        return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, tensor.line)
+
+    def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
+        link = self.links[name]
+        inertial, com, mass = link.child("inertial"), plain(inertia.com), plain([inertia.mass])
+        if not inertia.parameters.any():
+            if inertial is None:
+                return
+            mass, entries = "0", dict.fromkeys(ENTRIES, "0")
+        elif inertial is None:
+            tensor = " ".join(f'{name}="{text}"' for name, text in _products(inertia.moment_about_com).items())
+            origin = f'<origin xyz="{com}" rpy="0 0 0"/>'
+            changes.add(link, f'<inertial>{origin}<mass value="{mass}"/><inertia {tensor}/></inertial>')
+            return
+        else:
+            place, R = inertial.child("origin"), urdf.origin_of(inertial)[:3, :3]
+            if place is None:
+                changes.add(inertial, f'<origin xyz="{com}" rpy="0 0 0"/>')
+            else:
+                changes.set(place, "xyz", com)
+            entries = _products(R.T @ inertia.moment_about_com @ R)
+        changes.set(inertial.required("mass", ""), "value", mass, why)
+        for name, text in entries.items():
+            changes.set(inertial.required("inertia", ""), name, text, why)
+
+    def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
+        """Give a joint other friction, ``viscous`` and ``coulomb``."""
+        joint = self.joints[name]
+        dynamics = joint.child("dynamics")
+        said = {_LAWS[kind]: plain([value]) for kind, value in values.items() if kind in _LAWS}
+        if dynamics is not None:
+            for attribute, text in said.items():
+                changes.set(dynamics, attribute, text, why)
+        elif any(map(float, said.values())):
+            entries = " ".join(f'{attribute}="{text}"' for attribute, text in said.items())
+            changes.add(joint, f"<dynamics {entries}/>")
+
+
+class SdfText(RobotText):
+    """One model of an SDF file: ``<inertial>`` of links, ``<dynamics>`` of the axes of joints."""
+
+    share_left = 1e-3  # libsdformat refuses a link whose mass is not positive
+
+    def __init__(self, root: Element, model: str, _path: Path | None) -> None:
+        try:
+            chosen, _ = sdf.chosen_model(root, None)
+        except TwistWrenchError:
+            chosen, _ = sdf.chosen_model(root, model)
+        parts = sdf.unpacked(chosen)
+        self.links, self.joints = parts.links, parts.joints
+        self._axes: dict[str, tuple[Element, Element]] = {}
+        for name, joint in parts.joints.items():
+            double = joint.text("type") in _TWO_AXES
+            for which in ("axis", "axis2") if double else ("axis",):
+                axis = joint.child(which)
+                if axis is not None:
+                    self._axes[f"{name}.{which}" if double else name] = (axis, joint)
+
+    def assumed(self, name: str) -> tuple[str, ...]:
+        """Parts of a link's inertia that the format gives a value where the file has none."""
+        return sdf.missing_of(self.links[name].child("inertial"))
+
+    def inertia(self, name: str) -> WrittenInertia | None:
+        """Inertia of a link, with the format's values, which have no places, for what the file leaves out."""
+        link = self.links[name]
+        inertial = link.child("inertial")
+        mass, T, I = sdf.inertial_of(inertial)
+        tensor = inertial.child("inertia") if inertial is not None else None
+        found = {"mass": inertial.child("mass") if inertial is not None else None}
+        found |= {entry: tensor.child(entry) for entry in ENTRIES} if tensor is not None else {}
+        places = {entry: element.locate() for entry, element in found.items() if element is not None}
+        line = tensor.line if tensor is not None else link.line
+        return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, line)
+
+    def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
+        link = self.links[name]
+        inertial = link.child("inertial")
+        place = inertial.child("pose") if inertial is not None else None
+        R = sdf.pose(place)[:3, :3]
+        com, mass = plain(inertia.com), plain([inertia.mass])
+        entries = _products(R.T @ inertia.moment_about_com @ R)
+        tensor = "".join(f"<{name}>{text}</{name}>" for name, text in entries.items())
+        if inertial is None:
+            changes.add(
+                link, f"<inertial><pose>{com} 0 0 0</pose><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
+            )
+            return
+        if place is None:
+            changes.add(inertial, f"<pose>{com} 0 0 0</pose>")
+        elif not place.content.strip():
+            turned = "0 0 0 1" if place.attributes.get("rotation_format", "") == "quat_xyzw" else "0 0 0"
+            changes.set(place, "", f"{com} {turned}", why)
+        else:
+            changes.set(place, "", " ".join([com, *place.content.split()[3:]]), why)
+        changes.set_child(inertial, "mass", mass, why)
+        inner = inertial.child("inertia")
+        if inner is None:
+            changes.add(inertial, f"<inertia>{tensor}</inertia>")
+            return
+        for name, text in entries.items():
+            changes.set_child(inner, name, text, why)
+
+    def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
+        """Give a joint other friction, and its motor another inertia if the file has ``drake:rotor_inertia``."""
+        axis, joint = self._axes[name]
+        given = {tag: values[kind] for kind, tag in _LAWS.items() if kind in values}
+        dynamics = axis.child("dynamics")
+        if dynamics is not None:
+            for tag, value in given.items():
+                changes.set_child(dynamics, tag, plain([value]), why)
+        elif any(given.values()):
+            text = "".join(f"<{tag}>{plain([value])}</{tag}>" for tag, value in given.items())
+            changes.add(axis, f"<dynamics>{text}</dynamics>")
+        gear = sdf.number(joint, "drake:gear_ratio", 1.0)
+        if "motor_inertia" in values and joint.child(_ROTOR) is not None and gear:
+            changes.set_child(joint, _ROTOR, plain([values["motor_inertia"] / gear**2]), why)
+
+
+class MjcfText(RobotText):
+    """MJCF file: ``<inertial>`` of bodies; damping, frictionloss and armature of joints.
+
+    Settings of ``<compiler>`` that would change what is written (inertiafromgeom, settotalmass, boundmass, …) are removed;
+    other bodies that they changed are then written as they were.
+    """
+
+    noun = "body"
+
+    def __init__(self, root: Element, _model: str, path: Path | None) -> None:
+        folders = Folders(None if path is None else path.parent)
+        expand(root, folders, MOST_BODIES)
+        self._root, self._folders = root, folders
+        self.settings, self.defaults = Settings.from_root(root), Defaults(root)
+        found = mjcf.survey(root, self.settings, self.defaults)
+        self.bodies = {body.name: body for body in found[1:]}
+        self.links = {body.name: body.element for body in found[1:]}
+        taken = mjcf.names_given(found)
+        self.joints, self._surveyed = {}, found
+        self._raw: dict[str, Element] = {}  # without the attributes of classes
+        for body in found[1:]:
+            joints = mjcf.joints_of(body, self.settings, taken)
+            self.joints |= {joint.name: joint.element for joint in joints}
+            self._raw |= dict(zip((joint.name for joint in joints), _joints_in(body.element), strict=True))
+
+    def inertia(self, name: str) -> WrittenInertia | None:
+        """Inertia that ``<inertial>`` gives a body, whatever settings of the file make of it."""
+        given = self.bodies[name].inertial
+        if given is None:
+            return None
+        element = given.element
+        mass, T, I = mjcf.inertial_of(element, self.settings)
+        T = given.frame @ T
+        places: dict[str, Place] = {}
+        if not element.file:
+            entries = IN_MJCF if "fullinertia" in element.attributes else IN_MJCF[:3]
+            attribute = "fullinertia" if "fullinertia" in element.attributes else "diaginertia"
+            places = {entry: element.locate(attribute, k) for k, entry in enumerate(entries)}
+            places = {"mass": element.locate("mass"), **(places if attribute in element.attributes else {})}
+        return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, element.line, element.file)
+
+    def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
+        """Give bodies other inertias, each about its own frame. Raises ModelError for bodies that are not in the file."""
+        super().write_links(changes, wanted)
+        plainer = self._undone(wanted)
+        if not plainer:
+            return
+        for compiler in self._root.all("compiler"):
+            for attribute, (_, _, text) in plainer.items():
+                if attribute in compiler.attributes:
+                    changes.set(compiler, attribute, text, _COMPILER)
+        meshes = Meshes(self._root, self.settings, self.defaults, self._folders)
+        without = replace(self.settings, **{field: value for field, value, _ in plainer.values()})
+        bodies = self._surveyed
+        before, after = (mjcf.inertias_of(bodies, settings, meshes).each for settings in (self.settings, without))
+        for body, was, would in zip(bodies, before, after, strict=True):
+            if body.name not in wanted and not np.array_equal(was.parameters, would.parameters):
+                self._write(changes, body.name, was, _COMPILER)
+
+    def _undone(self, wanted: Mapping[str, SpatialInertia]) -> dict[str, tuple[str, Any, str]]:
+        """Attributes of ``<compiler>`` that would change what is written: the setting, its value without, and that in text."""
+        settings, found = self.settings, dict[str, tuple[str, Any, str]]()
+        moments = np.array([np.linalg.eigvalsh(G.moment_about_com) for G in wanted.values()]).reshape(-1, 3)
+        if settings.from_geoms == "true":
+            found["inertiafromgeom"] = ("from_geoms", "auto", "auto")
+        if settings.total_mass > 0:
+            found["settotalmass"] = ("total_mass", -1.0, "-1")
+        if any(G.mass < settings.least_mass for G in wanted.values()):
+            found["boundmass"] = ("least_mass", 0.0, "0")
+        if (moments < settings.least_moment).any():
+            found["boundinertia"] = ("least_moment", 0.0, "0")
+        if settings.balanced and (moments[:, 0] + moments[:, 1] < moments[:, 2]).any():
+            found["balanceinertia"] = ("balanced", False, "false")
+        return found
+
+    def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
+        body = self.bodies[name]
+        given = body.inertial
+        own = inertia if given is None else inertia.in_frame(np.asarray(se3.inverse(given.frame)))
+        I = 0.5 * (own.moment_about_com + own.moment_about_com.T)
+        some = bool(own.parameters.any())  # MuJoCo refuses a fullinertia of zeros
+        kept, other = ("fullinertia", "diaginertia") if some else ("diaginertia", "fullinertia")
+        said = {
+            "pos": plain(own.com) if some else "0 0 0",
+            "mass": plain([own.mass]),
+            kept: plain([I[ENTRIES[name]] for name in IN_MJCF]) if some else "0 0 0",
+        }
+        if given is None:
+            attributes = " ".join(f'{name}="{text}"' for name, text in said.items())
+            changes.add(body.element, f"<inertial {attributes}/>")
+            return
+        for name, text in said.items():
+            changes.set(given.element, name, text, why)
+        for name in (other, *_TURNED):
+            if name in given.element.attributes:
+                changes.remove(given.element, name, why)
+
+    def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
+        """Give a joint other friction and armature; zeros only if the file or a class gives another value."""
+        for kind, attribute in _MJCF_DRIVES.items():
+            if kind in values and (values[kind] or attribute in self.joints[name].attributes):
+                changes.set(self._raw[name], attribute, plain([values[kind]]), why)
+
+
+def _joints_in(element: Element) -> Iterator[Element]:
+    """Joints of a body as they stand in the file, in its order, those within frames included."""
+    for child in element.children:
+        if child.tag in ("joint", "freejoint"):
+            yield child
+        elif child.tag == "frame":
+            yield from _joints_in(child)
+
+
+TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
+    "urdf": UrdfText,
+    "mjcf": MjcfText,
+    "sdf": SdfText,
+}
