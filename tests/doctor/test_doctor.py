@@ -277,7 +277,7 @@ def test_one_entry_along_axes_of_its_own_is_told_from_the_shapes():
 @pytest.mark.parametrize("name", ["quadruped", "floating_box", "panda"])
 def test_effects_know_all_kinds_of_joints(name):
     robot = getattr(tw.robots, name)()
-    from twistwrench.diagnosis.parsed_file import Effects
+    from twistwrench.diagnosis.findings import Effects
 
     effects = Effects(robot.model)
     assert np.allclose(effects.diagonal, np.diagonal(robot.mass_matrix(effects.q), axis1=-2, axis2=-1), rtol=1e-9)

@@ -81,7 +81,7 @@ def test_shapes_of_geoms_have_their_sizes():
 
 
 def test_effects_count_armature():
-    from twistwrench.diagnosis.parsed_file import Effects
+    from twistwrench.diagnosis.findings import Effects
 
     robot = tw.load(MJCF.format(upper='diaginertia="0.028 0.029 0.0033"').replace('damping="1"', 'armature="0.7"'))
     effects = Effects(robot.model)

@@ -1,4 +1,4 @@
-"""The doctor of robot files: checks, the effect of what they find, and repairs in the file itself."""
+"""Doctor of robot files: checks, the effect of findings, and repairs in the file itself."""
 
 from ..formats.edit import Edit
 from ..formats.element import Place

@@ -1,4 +1,4 @@
-"""What checks are told beside the robot."""
+"""Entry errors: single mistakes in entering a tensor, and the options of all checks."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Options:
     """Options of all checks."""
 
     metric: str = "frobenius"
-    """Of the nearest tensor, one of ``METRICS``."""
+    """Metric of the nearest tensor, one of ``METRICS``."""
     mirror_from: str = ""
-    """The side, left or right, that is right where two sides are no mirror images; empty: not known."""
+    """Side, left or right, that is correct if two sides are not mirror images; empty: not known."""
 
 
 # ── Entry errors: single changes that turn a tensor into one that a body can have
@@ -35,8 +35,7 @@ UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
 """By the power of ten: the unit that numbers in kg m² are mistaken for."""
 _PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 _NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
-"""Of distances to the tensor of the shapes, relative to it: how much nearer than all others one has to be, how near, and
-from where it is none."""
+"""Relative distances to the tensor of the shapes: ratio to the second nearest, largest of the nearest, and cut-off."""
 _ROUND = 1e-4
 """Relative distance from a number of two digits at which a dimension is round."""
 
@@ -56,15 +55,15 @@ class EntryError:
 
 
 def possible(tensor: Array) -> bool:
-    """Whether a body can have it, as the loader judges, and it is not nothing."""
+    """True if a body can have the tensor, by the loader's criterion, and it is not zero."""
     fine = np.isfinite(tensor).all() and tensor.trace() > 0.0
     return bool(fine) and not SpatialInertia.from_com(1.0, moment_about_com=tensor).defects()
 
 
 def explain(candidates: list[EntryError], reference: Array | None) -> EntryError | None:
-    """The one that explains the numbers: by far the nearest to the tensor of the shapes, or the only one.
+    """The error that explains the numbers: by far the nearest to the tensor of the shapes, or the only one.
 
-    Of several powers of ten in one entry the least counts, where the shapes do not tell.
+    Among several powers of ten in one entry the smallest is taken if the shapes do not decide.
     """
     candidates = [error for error in candidates if error.certain] or candidates
     if reference is not None and candidates:
@@ -78,7 +77,7 @@ def explain(candidates: list[EntryError], reference: Array | None) -> EntryError
 
 
 def impossible_tensor_errors(tensor: Array) -> list[EntryError]:
-    """Those that make a possible tensor of an impossible one."""
+    """Errors that explain an impossible tensor by a possible one."""
     found = [*_signs(tensor), *_entries(tensor)]
     return [error for error in found if possible(error.tensor)]
 
@@ -86,13 +85,13 @@ def impossible_tensor_errors(tensor: Array) -> list[EntryError]:
 def large_tensor_errors(
     tensor: Array, written: WrittenInertia, fits: Callable[[Array], bool], reference: Array | None
 ) -> list[EntryError]:
-    """Those that make a tensor that fits into the shapes of one that does not."""
+    """Errors that explain a tensor too large for the shapes by one that fits."""
     found = [*_about_origin(tensor, written), *_units(tensor, reference), *_dimensions(tensor, written.mass)]
     return [error for error in found if possible(error.tensor) and fits(error.tensor)]
 
 
 def small_tensor_errors(tensor: Array, reference: Array | None) -> list[EntryError]:
-    """Another unit of the whole tensor."""
+    """Errors that explain a tensor too small for the shapes: another unit."""
     return [error for error in _units(tensor, reference) if possible(error.tensor)]
 
 
@@ -138,7 +137,7 @@ def _steiner(written: WrittenInertia) -> Array:
 
 
 def _units(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
-    """All entries one power of ten off, which is told from the tensor of the shapes."""
+    """All entries one power of ten off, compared with the tensor of the shapes."""
     if reference is None or tensor.trace() <= 0 or reference.trace() <= 0:
         return
     ratio = float(np.log10(tensor.trace() / reference.trace()))

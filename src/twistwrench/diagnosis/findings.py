@@ -1,23 +1,35 @@
-"""Findings of the doctor with their effects, and repairs that edit only the numbers concerned."""
+"""Findings of the doctor, their repairs, and the effect of changed inertias on a model.
+
+With the pseudo-inertia J of a body in the base frame and the twist [A] that a velocity gives it, both (4, 4),
+M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4: linear in J, so that a change needs the changed bodies alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
+import numpy as np
+
+from ..algorithms.recursion import ancestors, base_poses
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number
 from ..formats.edit import Edit
+from ..lie import se3
+from ..model.assembly import random_configuration
+from ..model.model import BASE, Body, Model
+from ..typing import Array
 
 
 class Severity(StrEnum):
-    """How much a finding matters."""
+    """Severity of a finding."""
 
     ERROR = "error"
-    """What it is about cannot exist, or cannot be read."""
+    """The part cannot exist, or cannot be read."""
     WARNING = "warning"
-    """Very probably not meant, and it changes what is computed."""
+    """Very probably a mistake that changes results."""
     NOTE = "note"
 
 
@@ -63,7 +75,7 @@ class Effect:
         return "; ".join(said) or "none"
 
     def reaches(self, percent: float, effort: float = 1.0) -> bool:
-        """Whether an entry of M changes by that much, or a gravity torque by that much of its limit.
+        """True if an entry of M changes by that much, or a gravity torque by that much of its limit.
 
         Parameters
         ----------
@@ -136,3 +148,123 @@ class Finding:
 
 def _percent(value: float) -> str:
     return f"{number(value, 3)} %" if value < 1e4 else f"a factor of {number(value / 100.0, 2)}"
+
+
+# ── Effects over random configurations
+
+CONFIGURATIONS = 200
+"""Random configurations that effects are the largest over."""
+_STEPS = 3_000_000
+"""Bodies times configurations times depth that are walked; with more, there are fewer configurations."""
+_TINY = 1e-9
+"""Changes of this share are rounding."""
+
+
+class Effects:
+    """Effects on one model at seeded configurations."""
+
+    def __init__(self, model: Model, seed: int = 0, count: int = CONFIGURATIONS) -> None:
+        self.model = model
+        depths: list[int] = []
+        for body in model.bodies:
+            depths.append(1 + (depths[body.parent] if body.parent != BASE else 0))
+        self.count = int(np.clip(_STEPS // max(1, sum(depths)), 1, count))
+        self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
+        self._screws: list[list[tuple[int, Array]] | None] = [None] * len(model.bodies)
+
+    def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
+        """Effect of other inertias of links, each given whole, about its link's origin."""
+        deltas: dict[int, Array] = {}
+        for link, wanted in changes.items():
+            frame = self.model.frames[link]
+            if frame.body == BASE:
+                continue
+            change = (wanted - self.model.link_inertias[link]).in_frame(frame.pose)
+            deltas[frame.body] = deltas.get(frame.body, 0.0) + change.pseudo_inertia
+        if not deltas:
+            return Effect()
+        columns, dM, dg = self._sums(deltas)
+        return self._largest(columns, dM, dg)
+
+    def _largest(self, columns: Array, dM: Array, dg: Array) -> Effect:
+        """Largest effect of changes (count, k) in some columns."""
+        if not len(columns):
+            return Effect()
+        names = [self.model.velocity_names[k] for k in columns]
+        M, limit = self.diagonal[:, columns], self.model.limits.effort[columns]
+        new = np.maximum(M + dM, _TINY * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
+        share = 100.0 * (np.abs(dM) / new).max(axis=0)
+        torque = np.abs(dg).max(axis=0)
+        effort = np.where(np.isfinite(limit) & (limit > 0), 100.0 * torque / np.where(limit > 0, limit, 1.0), 0.0)
+        j, k, l = int(share.argmax()), int(torque.argmax()), int(effort.argmax())
+        loads = torque[k] > _TINY * self._largest_torque
+        return Effect(
+            float(share[j]) if share[j] > 100.0 * _TINY else 0.0,
+            names[j] if share[j] > 100.0 * _TINY else "",
+            float(torque[k]) if loads else 0.0,
+            names[k] if loads else "",
+            float(effort[l]) if loads else 0.0,
+            names[l] if loads and effort[l] > 0 else "",
+        )
+
+    @cached_property
+    def _largest_torque(self) -> float:
+        return float(np.abs(self.gravity_torques).max(initial=0.0))
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """The diagonal of M with armature, (count, nv)."""
+        return self._totals[0] + self.model.armature
+
+    @cached_property
+    def gravity_torques(self) -> Array:
+        """(count, nv), without springs."""
+        return self._totals[1]
+
+    @cached_property
+    def _totals(self) -> tuple[Array, Array]:
+        M, g = np.zeros((self.count, self.model.nv)), np.zeros((self.count, self.model.nv))
+        columns, some, torques = self._sums({i: b.inertia.pseudo_inertia for i, b in enumerate(self.model.bodies)})
+        M[:, columns], g[:, columns] = some, torques
+        return M, g
+
+    def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
+        """Σ over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in the bodies' frames: columns (k,), and (count, k) of each."""
+        found: dict[int, tuple[Array, Array]] = {}
+        zero = np.zeros(self.count)
+        for i, inertia in inertias.items():
+            T = self.poses[i]
+            J = T @ inertia @ np.swapaxes(T, -1, -2)
+            for column, A in self._twists(i):
+                AJ = A @ J
+                M, g = found.get(column, (zero, zero))
+                found[column] = M + np.einsum("cij,cij->c", AJ, A), g - AJ[:, :3, 3] @ self.model.gravity
+        columns = np.array(list(found), int)
+        M, g = (np.reshape([pair[k] for pair in found.values()], (-1, self.count)).T for k in (0, 1))
+        return columns, M, g
+
+    def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
+        """Columns of the velocities that move a body, each with the twist (count, 4, 4) of a unit velocity."""
+        found: dict[int, Array] = {}
+        for i in ancestors(self.model, body):
+            if self._screws[i] is None:
+                b, T = self.model.bodies[i], self.poses[i]
+                back = se3.inverse(T)
+                axes = enumerate(b.joint.axes, start=b.v_index)
+                self._screws[i] = [(column, T @ se3.hat(b.ratio * axis) @ back) for column, axis in axes]
+            for column, A in self._screws[i] or ():
+                found[column] = found[column] + A if column in found else A
+        yield from found.items()
+
+    @cached_property
+    def poses(self) -> list[Array]:
+        """Poses (count, 4, 4) of the bodies in the base frame."""
+        return base_poses(
+            self.model, [np.asarray(body.placement @ self._joint_poses(body)) for body in self.model.bodies]
+        )
+
+    def _joint_poses(self, body: Body) -> Array:
+        q = body.ratio * self.q[:, body.places[0]] + body.offset
+        if body.joint.nq == 1:
+            return np.asarray(se3.exp(q * body.joint.axes[0]))
+        return np.stack([body.joint.pose(one) for one in q])

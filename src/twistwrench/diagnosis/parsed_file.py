@@ -1,150 +1,36 @@
-"""A robot file as data of the doctor: links, joints, load errors, symmetric links, and the effect of changed inertias.
-
-With the pseudo-inertia J of a body in the base frame and the twist [A] that a velocity gives it, both (4, 4),
-M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4: linear in J, so that a change needs the changed bodies alone.
-"""
+"""Parsed robot file for the doctor: links, joints, load errors, symmetric links, and the readers of URDF, SDF and MJCF."""
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 
-from ..algorithms.recursion import ancestors, base_poses, joint_poses
+from ..algorithms.recursion import base_poses, joint_poses
 from ..bodies.inertia import SpatialInertia
-from ..errors import ModelError, TwistWrenchError, UnknownNameError
+from ..core.files import as_path
+from ..errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
+from ..formats import FORMATS, load_model, usd_path
 from ..formats.element import Element
-from ..formats.robot_text import WrittenInertia
-from ..formats.urdf import add_joint, add_link
-from ..lie import se3
-from ..model.assembly import random_configuration
+from ..formats.mjcf.bodies import WITHOUT_SHAPE, MjcfBody, PlacedElement, placement, shape_of
+from ..formats.mjcf.preprocess import Defaults, Settings
+from ..formats.robot_text import TEXTS, MjcfText, WrittenInertia
+from ..formats.sdf import pose, with_text, word
+from ..formats.source import is_text, robot_file
+from ..formats.urdf import add_joint, add_link, origin_of
+from ..formats.xml import parse
 from ..model.builder import ModelBuilder
-from ..model.model import BASE, Body, Model
+from ..model.model import BASE, Model
+from ..robot import Robot
 from ..typing import Array
-from .findings import Effect
-from .shapes import LinkShapes
-
-CONFIGURATIONS = 200
-"""Random configurations that effects are the largest over."""
-_STEPS = 3_000_000
-"""Bodies times configurations times depth that are walked; with more, there are fewer configurations."""
-_TINY = 1e-9
-"""Changes of this share are rounding."""
-
-
-class Effects:
-    """Effects on one model at seeded configurations."""
-
-    def __init__(self, model: Model, seed: int = 0, count: int = CONFIGURATIONS) -> None:
-        self.model = model
-        depths: list[int] = []
-        for body in model.bodies:
-            depths.append(1 + (depths[body.parent] if body.parent != BASE else 0))
-        self.count = int(np.clip(_STEPS // max(1, sum(depths)), 1, count))
-        self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
-        self._screws: list[list[tuple[int, Array]] | None] = [None] * len(model.bodies)
-
-    def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
-        """The effect of links having other inertias, each about its link's origin: what they would be, not by how much."""
-        deltas: dict[int, Array] = {}
-        for link, wanted in changes.items():
-            frame = self.model.frames[link]
-            if frame.body == BASE:
-                continue
-            change = (wanted - self.model.link_inertias[link]).in_frame(frame.pose)
-            deltas[frame.body] = deltas.get(frame.body, 0.0) + change.pseudo_inertia
-        if not deltas:
-            return Effect()
-        columns, dM, dg = self._sums(deltas)
-        return self._largest(columns, dM, dg)
-
-    def _largest(self, columns: Array, dM: Array, dg: Array) -> Effect:
-        """Of changes (count, k) in some columns."""
-        if not len(columns):
-            return Effect()
-        names = [self.model.velocity_names[k] for k in columns]
-        M, limit = self.diagonal[:, columns], self.model.limits.effort[columns]
-        new = np.maximum(M + dM, _TINY * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
-        share = 100.0 * (np.abs(dM) / new).max(axis=0)
-        torque = np.abs(dg).max(axis=0)
-        effort = np.where(np.isfinite(limit) & (limit > 0), 100.0 * torque / np.where(limit > 0, limit, 1.0), 0.0)
-        j, k, l = int(share.argmax()), int(torque.argmax()), int(effort.argmax())
-        loads = torque[k] > _TINY * self._largest_torque
-        return Effect(
-            float(share[j]) if share[j] > 100.0 * _TINY else 0.0,
-            names[j] if share[j] > 100.0 * _TINY else "",
-            float(torque[k]) if loads else 0.0,
-            names[k] if loads else "",
-            float(effort[l]) if loads else 0.0,
-            names[l] if loads and effort[l] > 0 else "",
-        )
-
-    @cached_property
-    def _largest_torque(self) -> float:
-        return float(np.abs(self.gravity_torques).max(initial=0.0))
-
-    @cached_property
-    def diagonal(self) -> Array:
-        """The diagonal of M with armature, (count, nv)."""
-        return self._totals[0] + self.model.armature
-
-    @cached_property
-    def gravity_torques(self) -> Array:
-        """(count, nv), without springs."""
-        return self._totals[1]
-
-    @cached_property
-    def _totals(self) -> tuple[Array, Array]:
-        M, g = np.zeros((self.count, self.model.nv)), np.zeros((self.count, self.model.nv))
-        columns, some, torques = self._sums({i: b.inertia.pseudo_inertia for i, b in enumerate(self.model.bodies)})
-        M[:, columns], g[:, columns] = some, torques
-        return M, g
-
-    def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Σ over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in the bodies' frames: columns (k,), and (count, k) of each."""
-        found: dict[int, tuple[Array, Array]] = {}
-        zero = np.zeros(self.count)
-        for i, inertia in inertias.items():
-            T = self.poses[i]
-            J = T @ inertia @ np.swapaxes(T, -1, -2)
-            for column, A in self._twists(i):
-                AJ = A @ J
-                M, g = found.get(column, (zero, zero))
-                found[column] = M + np.einsum("cij,cij->c", AJ, A), g - AJ[:, :3, 3] @ self.model.gravity
-        columns = np.array(list(found), int)
-        M, g = (np.reshape([pair[k] for pair in found.values()], (-1, self.count)).T for k in (0, 1))
-        return columns, M, g
-
-    def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
-        """Of each velocity that moves a body: its column, and the twist (count, 4, 4) that a unit of it gives the body."""
-        found: dict[int, Array] = {}
-        for i in ancestors(self.model, body):
-            if self._screws[i] is None:
-                b, T = self.model.bodies[i], self.poses[i]
-                back = se3.inverse(T)
-                axes = enumerate(b.joint.axes, start=b.v_index)
-                self._screws[i] = [(column, T @ se3.hat(b.ratio * axis) @ back) for column, axis in axes]
-            for column, A in self._screws[i] or ():
-                found[column] = found[column] + A if column in found else A
-        yield from found.items()
-
-    @cached_property
-    def poses(self) -> list[Array]:
-        """Poses (count, 4, 4) of the bodies in the base frame."""
-        return base_poses(
-            self.model, [np.asarray(body.placement @ self._joint_poses(body)) for body in self.model.bodies]
-        )
-
-    def _joint_poses(self, body: Body) -> Array:
-        q = body.ratio * self.q[:, body.places[0]] + body.offset
-        if body.joint.nq == 1:
-            return np.asarray(se3.exp(q * body.joint.axes[0]))
-        return np.stack([body.joint.pose(one) for one in q])
-
+from .findings import Effects
+from .shapes import LinkShapes, ShapeReader, ShapeSpec
 
 # ── Load errors of a URDF, all of them
 
@@ -159,7 +45,7 @@ class LoadError:
     line: int
     sentence: str
     mimic: bool = False
-    """Whether it is only a leader that is not there: the robot can be read with such joints independent."""
+    """True if only a mimic joint's leader is missing: the robot loads with such joints independent."""
 
     def __str__(self) -> str:
         return self.sentence
@@ -230,12 +116,12 @@ class ParsedLink:
     file: str = ""
     written: WrittenInertia | None = None
     assumed: tuple[str, ...] = ()
-    """What of its inertia the file leaves out, so that the format's own numbers stand for it: mass, inertia."""
+    """Parts of its inertia (mass, inertia) that the file leaves out and the format defines."""
     read_shapes: Callable[[], LinkShapes] = LinkShapes
 
     @cached_property
     def shapes(self) -> LinkShapes:
-        """What it looks like; meshes are opened when this is first asked for."""
+        """Shapes of the link; meshes are opened at the first access."""
         return self.read_shapes()
 
 
@@ -249,18 +135,18 @@ class ParsedFile:
     links: Mapping[str, ParsedLink]
     joints: Mapping[str, Element] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
-    """What settings of the file did to its inertias, a sentence each."""
+    """Changes of inertias by settings of the file, a sentence each."""
     load_errors: tuple[LoadError, ...] = ()
-    """What the loader refuses, and could be left out here."""
+    """Load errors that the doctor can work around."""
 
     @cached_property
     def effects(self) -> Effects:
-        """Of changes to its inertias."""
+        """Effects of changed inertias."""
         return Effects(self.model)
 
     @cached_property
     def neutral_poses(self) -> Mapping[str, Array]:
-        """Of the links in the base frame, all joints at zero: (4, 4) each."""
+        """Poses (4, 4) of the links in the base frame, all joints at zero."""
         model = self.model
         bodies = base_poses(model, joint_poses(model, model.neutral))
         return {
@@ -270,21 +156,21 @@ class ParsedFile:
 
     @cached_property
     def span(self) -> float:
-        """The diagonal of the box of all links' frames with the joints at zero [m]."""
+        """Diagonal of the bounding box of all link frames with the joints at zero [m]."""
         places = np.array([T[:3, 3] for T in self.neutral_poses.values()])
         return float(np.linalg.norm(np.ptp(places, axis=0)))
 
     @cached_property
     def mass(self) -> float:
-        """Of all links [kg]."""
+        """Mass of all links [kg]."""
         return float(sum(inertia.mass for inertia in self.model.link_inertias.values()))
 
     def moves(self, link: str) -> bool:
-        """Whether a joint carries the link."""
+        """True if a joint moves the link."""
         return link in self.model.frames and self.model.frames[link].body != BASE
 
     def heavy(self, link: ParsedLink, share: float = 0.01) -> bool:
-        """Whether it is of that share of the mass at least."""
+        """True if its mass is at least that share of the robot's."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
 
 
@@ -309,16 +195,16 @@ class SymmetricLinks:
 
 
 def right_side_names(name: str) -> Iterator[str]:
-    """What the other side of a left link may be called: one word for the side, exchanged.
+    """Possible names of the right side of a left link: one word for the side, exchanged.
 
     >>> list(right_side_names("arm_left_4_link")), list(right_side_names("LElbow")), list(right_side_names("tool"))
     (['arm_right_4_link'], ['RElbow'], [])
     """
     words = _WORDS.findall(name)
-    for k, word in enumerate(words):
-        other = _SIDES.get(word.lower())
+    for k, part in enumerate(words):
+        other = _SIDES.get(part.lower())
         if other is not None:
-            cased = other.upper() if word.isupper() else other.capitalize() if word[0].isupper() else other
+            cased = other.upper() if part.isupper() else other.capitalize() if part[0].isupper() else other
             yield "".join([*words[:k], cased, *words[k + 1 :]])
     # One letter in front of a word in small letters, as in lshoulder.
     if re.match(r"l[a-z]{3}", name) and not name.startswith("left"):
@@ -348,3 +234,216 @@ def _mirrored(T_a: Array, T_b: Array) -> Array | None:
         if np.abs(D - rounded).max() < _ALIKE and np.allclose(rounded @ rounded.T, np.eye(3)):
             return np.asarray(rounded)
     return None
+
+
+# ── Readers
+
+_SIZES = {
+    "box": (("size", 3),), "sphere": (("radius", 1),), "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)), "ellipsoid": (("radii", 3),),
+}  # fmt: skip
+"""Numbers of shapes in URDF, where they are attributes, and SDF, where they are elements."""
+
+
+def _parsed(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> ParsedFile:
+    """The links and joints of a root element that the loader accepts."""
+    form = next(name for name, tag in FORMATS.items() if root.tag == tag)
+    text = TEXTS[form](root, model.name, path)
+    meshes = _meshes(root, text.settings, text.defaults) if isinstance(text, MjcfText) else {}
+    links = {}
+    for name, element in text.links.items():
+        if name in model.link_inertias:
+            written = text.inertia(name)
+            if isinstance(text, MjcfText):
+                written = _compiled(written, model.link_inertias[name], element)
+                shapes = partial(_mjcf_shapes, text.bodies[name], text.settings, meshes, reader)
+            else:
+                shapes = partial(reader.read_parts, element, partial(_shape, in_elements=form == "sdf"))
+            links[name] = ParsedLink(name, element.line, element.file, written, text.assumed(name), shapes)
+    changed = (
+        ()
+        if form != "mjcf"
+        else tuple(
+            text for text in model.defects if " of <compiler> change " in text or text.startswith("settotalmass")
+        )
+    )
+    return ParsedFile(model, form, links, text.joints, changed)
+
+
+def _compiled(written: WrittenInertia | None, final: SpatialInertia, body: Element) -> WrittenInertia | None:
+    """The inertia as written if it is the loader's, else the loader's, from geoms and settings of the compiler."""
+    if written is not None and np.allclose(written.inertia.parameters, final.parameters, rtol=1e-9, atol=1e-12):
+        return written
+    return WrittenInertia.from_inertia(final, body.line, body.file)
+
+
+def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
+    """The shape of a ``<visual>`` or ``<collision>`` of URDF or SDF; None without a geometry."""
+    try:
+        geometry = part.child("geometry")
+        if geometry is None or not geometry.children or (in_elements and geometry.children[0].tag == "plane"):
+            return None
+        shape, at = geometry.children[0], part.child("pose") if in_elements else None
+        if at is not None and at.attributes.get("relative_to", "").strip():
+            return ShapeSpec("unknown", (), np.eye(4), role=role)
+        T = pose(at) if in_elements else origin_of(part)
+        if shape.tag == "mesh":
+            given = shape.child("scale") is not None if in_elements else "scale" in shape.attributes
+            scale = _numbers(shape, "scale", 3, in_elements) if given else [1.0, 1.0, 1.0]
+            return ShapeSpec(
+                "mesh", tuple(scale), T, word(shape, "uri") if in_elements else shape.text("filename"), role
+            )
+        sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in _numbers(shape, name, count, in_elements)]
+        return ShapeSpec(shape.tag, tuple(sizes), T, role=role)
+    except RobotFileError:  # visuals that cannot be read do not stop a robot from loading
+        return ShapeSpec("unknown", (), np.eye(4), role=role)
+
+
+def _numbers(shape: Element, name: str, count: int, in_elements: bool) -> list[float]:
+    if in_elements:
+        return with_text(shape.required(name, f"<{name}>")).values("text", count)
+    return shape.values(name, count)
+
+
+def _meshes(root: Element, settings: Settings, defaults: Defaults) -> dict[str, tuple[str, tuple[float, ...]]]:
+    """The file and the scale of each mesh by its name."""
+    found = {}
+    folder = settings.mesh_folder.replace("\\", "/").rstrip("/")
+    for asset in root.all("asset"):
+        for mesh in map(defaults.apply, asset.all("mesh")):
+            file = mesh.attributes.get("file", "").strip().replace("\\", "/")
+            name = mesh.attributes.get("name", "").strip() or Path(file).stem
+            file = file.rpartition("/")[2] if settings.plain_names else file
+            scale = tuple(mesh.floats("scale", (1.0, 1.0, 1.0)))
+            found[name] = (f"{folder}/{file}" if folder and file else file), scale
+    return found
+
+
+def _mjcf_shapes(
+    body: MjcfBody, settings: Settings, meshes: dict[str, tuple[str, tuple[float, ...]]], reader: ShapeReader
+) -> LinkShapes:
+    specs = [_mjcf_shape(part, settings, meshes) for part in body.geoms]
+    return reader.read([spec for spec in specs if spec is not None])
+
+
+def _mjcf_shape(
+    part: PlacedElement, settings: Settings, meshes: dict[str, tuple[str, tuple[float, ...]]]
+) -> ShapeSpec | None:
+    geom = part.element
+    kind = geom.attributes.get("type", "sphere").strip()
+    if kind in WITHOUT_SHAPE:
+        return None
+    try:
+        if "mesh" in geom.attributes:
+            file, scale = meshes.get(geom.text("mesh"), ("", (1.0, 1.0, 1.0)))
+            # MuJoCo moves a mesh to its centre of mass and back: in the body it is where its own frame is placed.
+            known = "mesh" if kind == "mesh" else "fitted"
+            return ShapeSpec(known, scale, part.frame @ placement(geom, settings), file)
+        T, half = shape_of(geom, kind, settings)
+    except RobotFileError:
+        return ShapeSpec("unknown", (), np.eye(4))
+    sizes = list(half)
+    if kind in ("box", "capsule", "cylinder"):
+        sizes = [2.0 * x for x in half] if kind == "box" else [half[0], 2.0 * half[1]]
+    return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")
+
+
+# ── From a file or a robot to the subject of the checks
+
+MOST_BODIES = 2_000
+"""Default of ``max_bodies``: each link takes some milliseconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A robot to look at, and the text of its file."""
+
+    robot: ParsedFile
+    text: str = ""
+    """Empty for a robot that has no file."""
+    path: Path | None = None
+    data: bytes = b""
+    """Bytes of the file."""
+    floating_base: bool | None = None
+    model: str | None = None
+    """Name of the model in an SDF world."""
+
+
+def read_subject(
+    source: str | Path | Robot,
+    *,
+    meshes: bool | Sequence[str | Path] = True,
+    floating_base: bool | None = None,
+    model: str | None = None,
+    max_bodies: int = MOST_BODIES,
+) -> Subject:
+    """Read a file leniently: impossible bodies are accepted, and notes are left to the checks.
+
+    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ModelError` for files that are not robots.
+    """
+    of = source.model.name if isinstance(source, Robot) else None
+    if isinstance(source, Robot):
+        path = Path(source.model.source) if source.model.source else None
+        if path is None or not path.is_file() or usd_path(path) is not None:
+            links = {
+                name: ParsedLink(name, 0, written=WrittenInertia.from_inertia(G))
+                for name, G in source.model.link_inertias.items()
+            }
+            return Subject(ParsedFile(source.model, "", links))
+        floating_base = (source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names) or None
+        source = path
+    path = None if is_text(source) else as_path(source)
+    if path is not None and usd_path(path) is not None:
+        raise RobotFileError(
+            f"{path} is USD, whose files are not examined. Examine the robot, twistwrench.doctor(twistwrench.load(path)), or "
+            "the URDF that `twistwrench convert` makes of it."
+        )
+    data, text = b"", str(source)
+    if path is not None:
+        data, text = robot_file(path)
+    given = text if path is None or not path.is_file() else source
+    if of is not None:
+        model = _model_of(text, of)
+    problems: list[LoadError] = []
+    try:
+        made = _loaded(given, floating_base, "follow", model, max_bodies)
+    except ModelError as error:
+        problems = _problems(text)
+        if not problems:
+            raise
+        if any(not problem.mimic for problem in problems):
+            raise type(error)(_together(str(error), problems)) from None
+        made = _loaded(given, floating_base, "independent", model, max_bodies)
+    root = parse(text)
+    folders = [Path(folder) for folder in meshes] if not isinstance(meshes, bool) else []
+    shapes = ShapeReader(path, folders, meshes is not False)
+    parsed = replace(_parsed(root, made, shapes, path), load_errors=tuple(problems))
+    return Subject(parsed, text, path, data, floating_base, model)
+
+
+def _model_of(text: str, name: str) -> str | None:
+    """The model of an SDF file with several, that a robot was read from by its name."""
+    root = parse(text)
+    models = [one for place in (root, *root.all("world")) for one in place.all("model")]
+    return name if len(models) > 1 and name in [one.text("name") for one in models] else None
+
+
+def _loaded(source: str | Path, floating_base: bool | None, mimic: str, model: str | None, max_bodies: int) -> Model:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return load_model(
+            source, inertia="accept", floating_base=floating_base, mimic=mimic, model=model, max_bodies=max_bodies
+        )
+
+
+def _problems(text: str) -> list[LoadError]:
+    try:
+        return load_errors(parse(text, max_bodies=MOST_BODIES))
+    except ModelError:
+        return []
+
+
+def _together(first: str, problems: Sequence[LoadError]) -> str:
+    """The loader's error, which is the first, followed by the others."""
+    others = [str(problem) for problem in problems if f"line {problem.line})" not in first]
+    return first if not others else f"{first.rstrip('.')}. Besides: {' '.join(others)}"

@@ -20,11 +20,11 @@ from ..formats.element import Place
 from ..robot import Robot, load
 from .checks import CHECKS, Options
 from .findings import Effect, Finding, Severity
-from .readers import MOST_BODIES, Subject, read_subject
+from .parsed_file import MOST_BODIES, Subject, read_subject
 from .shapes import METRICS
 
 ALWAYS = ("impossible", "mirror")
-"""Checks whose notes are repaired too: other programs judge links one by one and refuse them; a side was asked for."""
+"""Checks whose notes are repaired too: other programs refuse such links; a side was requested."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,19 +55,19 @@ class DoctorReport:
 
     @property
     def effect(self) -> Effect:
-        """Of all repairs together."""
+        """Effect of all repairs together."""
         wanted = {link: G for f in reversed(self.findings) if f.repair for link, G in f.repair.inertias.items()}
         return self.subject.robot.effects.evaluate(wanted) if wanted else Effect()
 
     @property
     def summary(self) -> str:
-        """How many findings there are of each severity, in words."""
+        """Number of findings of each severity, in words."""
         counts = Counter(finding.severity for finding in self.findings)
         said = [f"{counts[s]} {s}{'s' if counts[s] != 1 else ''}" for s in Severity if counts[s]]
         return ", ".join(said) or "nothing found"
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
-        """What a command that prints the report ends with: 1 with errors or warnings, with notes too if ``strict``.
+        """Exit code of a command that prints the report: 1 with errors or warnings, with notes too if ``strict``.
 
         Parameters
         ----------
@@ -270,7 +270,7 @@ def doctor(
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
 ) -> DoctorReport:
-    """What is wrong with a robot file, what it does to the dynamics, and how it is repaired.
+    """Find errors in a robot file, their effect on the dynamics, and repairs.
 
     Parameters
     ----------

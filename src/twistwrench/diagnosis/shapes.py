@@ -34,7 +34,7 @@ class ShapeSpec:
     pose: Array
     """(4, 4) in the link's frame."""
     file: str = ""
-    """Of a mesh, as it is named."""
+    """File name of a mesh, as it is written."""
     role: str = "visual"
     """visual or collision."""
 
@@ -47,7 +47,7 @@ class Solid:
     points: Array
     """(n, 3) corners in the link's frame [m]."""
     inertia: SpatialInertia | None
-    """Of the uniform solid, the hull for a mesh, at 1 kg/m³; None for what has no volume."""
+    """Inertia of the uniform solid, the hull for a mesh, at 1 kg/m³; None without volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class LinkShapes:
 
     @property
     def complete(self) -> bool:
-        """Whether there are shapes, and every one was read."""
+        """True if there are shapes, and every one was read."""
         return bool(self.specs) and len(self.solids) == len(self.specs)
 
     @cached_property
@@ -69,12 +69,12 @@ class LinkShapes:
 
     @property
     def diagonal(self) -> float:
-        """Of the box along the link's axes [m]."""
+        """Diagonal of the box along the link's axes [m]."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
 
     @cached_property
     def uniform(self) -> SpatialInertia | None:
-        """All shapes to be seen, else those to be touched, as solids at 1 kg/m³; None where there is no volume."""
+        """Visuals, else colliders, as solids at 1 kg/m³; None without volume."""
         for role in ("visual", "collision"):
             mine = [s.inertia for s in self.solids if s.spec.role == role and s.inertia is not None]
             if mine:
@@ -105,12 +105,12 @@ class ShapeReader:
     _known: dict[str, Array | None] = field(default_factory=dict)
 
     def read(self, specs: Sequence[ShapeSpec]) -> LinkShapes:
-        """What can be read of them."""
+        """Read shapes; those that cannot be read are left out of ``solids``."""
         found = [self._solid(spec) for spec in specs]
         return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
 
     def read_parts(self, link: Element, spec_of: Callable[[Element, str], ShapeSpec | None]) -> LinkShapes:
-        """The same of a link's ``<visual>`` and ``<collision>`` elements; None from ``spec_of`` for what has no geometry."""
+        """Read the ``<visual>`` and ``<collision>`` elements of a link; ``spec_of`` returns None without geometry."""
         specs = [spec_of(part, role) for role in ("visual", "collision") for part in link.all(role)]
         return self.read([spec for spec in specs if spec is not None])
 
@@ -199,11 +199,11 @@ METRICS = {
     "frobenius": "second moments, Frobenius norm",
     "entropic": "log-det divergence from the tensor of its shapes",
 }
-"""What may be asked for, with its name in full."""
+"""Metrics with their full names."""
 _THINNEST = 1e-4
 """Share of the second moments that the least one keeps, so that ten digits of a file do not lose it again."""
 _WEIGHT = 0.01
-"""Of the divergence, beside the squared distance."""
+"""Weight of the divergence beside the squared distance."""
 
 
 def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = None) -> Array:

@@ -20,9 +20,9 @@ from .xml import MOST_BODIES, parse
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 
 _USD = (".usd", ".usda", ".usdc", ".usdz")
-"""What files are called that are read as USD."""
+"""Suffixes of USD files."""
 FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
-"""The formats that are read, each with the root element that tells it."""
+"""Formats with the root element of each."""
 
 
 def load_model(
@@ -43,11 +43,11 @@ def load_model(
     snap: float = DEFAULT_SNAP,
     gravity: ArrayLike | None = None,
 ) -> Model:
-    """The model in a robot file, or in XML text; options as in :func:`twistwrench.load`. ``data``: the file's bytes, if read.
+    """Model of a robot file or of XML text; options as in :func:`twistwrench.load`. ``data``: bytes of the file, if read.
 
     With ``quiet``, remarks are not issued as warnings; they are in the model's defects all the same. Raises
-    :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for what is no readable file, other
-    :class:`~twistwrench.ModelError` for what no robot can mean, each with the file's name and the line.
+    :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for a file that cannot be read, and other
+    :class:`~twistwrench.ModelError` for an inconsistent robot, each with the file's name and the line.
 
     >>> load_model('<robot name="stone"><link name="stone"/></robot>').tip
     'stone'
@@ -111,14 +111,14 @@ def format_of_file(path: Path) -> str:
 
 
 def usd_path(source: object) -> Path | None:
-    """The path of a file that is called as USD files are."""
+    """Path of a file with the suffix of USD, else None."""
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
     return path if (path := Path(source)).suffix.lower() in _USD else None
 
 
 def _refuse_others(found: str, options: Mapping[str, tuple[str | None, tuple[str, ...]]]) -> None:
-    """Options that choose a part of a file are of some formats only."""
+    """Refuse options that select a part of a file in formats without such parts."""
     for option, (value, own) in options.items():
         if value is not None and found not in own:
             formats = " and ".join(name.upper() for name in own)

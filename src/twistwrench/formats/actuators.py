@@ -22,7 +22,7 @@ _PER_METRE: dict[str, Callable[[float], float]] = {
     "mm/turn": lambda x: 2e3 * np.pi / x,
     "m/turn": lambda x: 2 * np.pi / x,
 }
-"""Rotor radians per metre, from what a spindle or a rack is described by."""
+"""Rotor radians per metre, by the unit of a spindle or a rack."""
 
 
 def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
@@ -72,7 +72,7 @@ def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model
 
 
 def actuator_content(source: Source) -> dict[str, Any]:
-    """What an actuator file says, as text in mappings. Raises NotFoundError, and ModelError for what is no YAML."""
+    """Entries of an actuator file as mappings of text. Raises NotFoundError, and ModelError if it is not YAML."""
     content, origin = read_yaml(source)
     if not isinstance(content, Mapping):
         raise ModelError(f"{origin} is {shown(content)}, expected entries 'name: value'.")
@@ -110,7 +110,7 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
 
 
 def check_entries(model: Model, file: Section) -> None:
-    """Raise what is wrong with the names of entries of a file, or with the robot it is for."""
+    """Raise ModelError for unknown entries of a file, or if it is for another robot."""
     file.only("robot", "motors", "actuators", "log")
     if file.content.get("robot", model.name) != model.name:
         raise ModelError(f"it is for robot {shown(file.content['robot'])}, and this one is {model.name!r}.")
@@ -191,22 +191,22 @@ def _share(value: object, where: str) -> float:
 
 @dataclass(frozen=True)
 class LogSide:
-    """What an actuator file says of the columns of logs, by joint."""
+    """Properties of log columns in an actuator file, by joint."""
 
     of_motors: bool
-    """Whether positions and torques are those of the motors, before their gears."""
+    """True if positions and torques are those of the motors, before their gears."""
     ratios: Mapping[str, float]
     coupled: Mapping[str, Mapping[str, float]]
     """Turns of a joint's motor per turn of other joints."""
     zero: Mapping[str, float]
-    """Position of the joint where the log says 0 [rad or m]."""
+    """Position of the joint where the log has 0 [rad or m]."""
     sign: Mapping[str, float]
     gain: Mapping[str, float]
     """N m (or N) of the motor, or of the joint, per unit of the column."""
 
 
 def read_log_side(model: Model, source: Source) -> LogSide:
-    """The entry ``log:`` of an actuator file, and the ratios of its actuators; nothing special where there is no entry.
+    """Read the entry ``log:`` of an actuator file and the ratios of its actuators; defaults without that entry.
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
     """

@@ -179,7 +179,7 @@ class ScrewLists:
 def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     """Screws of a serial chain; with ``at_com`` the link frames are moved to the centres of mass, along principal axes.
 
-    Raises ModelError where the robot is no serial chain of one-degree joints with a tip.
+    Raises ModelError unless the robot is a serial chain of one-degree joints with a tip.
     """
     if not all(body.joint.moves_body for body in model.bodies):
         raise ModelError(

@@ -43,7 +43,7 @@ class _Tag:
     start: int
     end: int
     content_end: int
-    """Where the text behind the tag ends."""
+    """End of the text behind the tag."""
 
 
 def edited(
@@ -53,9 +53,9 @@ def edited(
     additions: Mapping[int, str] | None = None,
     signature: str = "twistwrench doctor",
 ) -> str:
-    """The text with some numbers changed; each edit comes with a sentence that says why, which goes into a comment.
+    """The text with some numbers changed; each edit comes with its reason, which goes into a comment.
 
-    ``additions`` are what goes first into elements, by the numbers of these. Raises :class:`~twistwrench.RobotFileError` where
+    ``additions`` are inserted at the beginning of elements, by their numbers. Raises :class:`~twistwrench.RobotFileError` if
     a number is not found at its place.
     """
     tags = _tags(text, {edit.place.element for edit, _ in edits} | set(additions or {}))
@@ -148,7 +148,7 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
 
 
 def _behind(text: str, start: int) -> int:
-    """Behind the ``>`` that ends a start tag: one within quotes does not."""
+    """Index behind the ``>`` that ends a start tag, which is not within quotes."""
     quote = ""
     for k in range(start, len(text)):
         letter = text[k]
@@ -162,7 +162,7 @@ def _behind(text: str, start: int) -> int:
 
 
 def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str]:
-    """From where to where the text changes, and to what; and what it was, in words."""
+    """Change of the text (start, end, new), and the old value in words."""
     place = edit.place
     match = _attribute(text, tag, place.attribute) if edit.how != "change" else None
     if edit.how == "put" and match is None:
@@ -183,7 +183,7 @@ def _attribute(text: str, tag: _Tag, name: str) -> re.Match[str] | None:
 
 
 def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
-    """Where the number stands."""
+    """Start and end of the number in the text."""
     place = edit.place
     if place.attribute:
         match = _attribute(text, tag, place.attribute)
@@ -228,7 +228,7 @@ class TextChanges:
         self._additions: dict[int, str] = {}
 
     def set(self, element: Element, attribute: str, value: str, why: str = FOUND) -> None:
-        """An attribute of an element, which may lack it; or its text, where the attribute is empty. What it says stays."""
+        """Set an attribute, which may be missing, or the text if ``attribute`` is empty; equal values stay as written."""
         if _meaning(element.attributes.get(attribute, "") if attribute else element.content) == _meaning(value):
             return
         if not attribute and not element.content.strip():
@@ -245,16 +245,16 @@ class TextChanges:
             self.set(child, "", text, why)
 
     def remove(self, element: Element, attribute: str, why: str = FOUND) -> None:
-        """An attribute that an element has."""
+        """Remove an attribute."""
         self._edit(element, attribute, "", why, "remove")
 
     def add(self, element: Element, text: str) -> None:
-        """Put text first into an element; later ones come behind."""
+        """Insert text at the beginning of an element, behind earlier insertions."""
         number = self._own(element).index
         self._additions[number] = self._additions.get(number, "") + text
 
     def apply(self, text: str) -> str:
-        """The file's text with all of them."""
+        """The file's text with all changes."""
         return edited(text, list(self._edits.values()), additions=self._additions, signature=self._signature)
 
     def _edit(
@@ -273,7 +273,7 @@ class TextChanges:
 
 
 def _meaning(text: str) -> list[float] | str:
-    """The numbers of a text, or the text where it is something else."""
+    """Numbers of a text, or the text itself if it has others."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

@@ -21,7 +21,7 @@ _SHORT = 60
 
 
 _NAMES = {"name", "reference"}
-"""Attributes that tell an element from others of its tag; Gazebo's refer to a link or joint."""
+"""Attributes that distinguish elements of one tag; Gazebo's refer to a link or joint."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Element:
     line: int
     parent: Element | None
     children: Sequence[Element] = ()
-    """A list where there are any. Most elements have none, and a long file has too many empty lists to look after."""
+    """A list if there are any; a tuple otherwise, to save memory."""
     file: str = ""
     """The file it is from, where that is one that another includes."""
     content: str = ""
@@ -59,11 +59,11 @@ class Element:
 
     @property
     def place(self) -> str:
-        """``line 12``, or ``common/parts.xml, line 12``: where messages say it is."""
+        """Position in messages: ``line 12`` or ``common/parts.xml, line 12``."""
         return f"{self.file}, line {self.line}" if self.file else f"line {self.line}"
 
     def __str__(self) -> str:
-        """``<mass> of link 'arm' (line 12)``: what messages call it."""
+        """Name in messages: ``<mass> of link 'arm' (line 12)``."""
         if "name" in self.attributes:
             return f"<{clipped(self.tag)} name={clipped(self.attributes['name'])!r}> ({self.place})"
         owner = self.parent
@@ -97,7 +97,7 @@ class Element:
         return [child for child in self.children if child.tag == tag]
 
     def child(self, tag: str) -> Element | None:
-        """The child with a tag, or None; an error if there are several, for then one cannot know which is meant."""
+        """The child with a tag, or None; an error if there are several."""
         found = None
         for element in self.children:
             if element.tag == tag:

@@ -25,17 +25,17 @@ from .mjcf.preprocess import also_disabled
 from .mjcf.reader import chain
 
 _ON_JOINTS = (0, 1)
-"""Of ``mjtTrn``: at a joint, and at one in its parent's frame."""
+"""Values of ``mjtTrn``: at a joint, and at one in its parent's frame."""
 _CONNECT, _WELD, _JOINT = 0, 1, 2
-"""Of ``mjtEq``."""
+"""Values of ``mjtEq``."""
 _BODY, _WRAP_JOINT = 1, 1
-"""Of ``mjtObj`` and ``mjtWrap``."""
+"""Values of ``mjtObj`` and ``mjtWrap``."""
 _SLIDE = 2
-"""Of ``mjtJoint``: slides and hinges have one degree."""
+"""Value of ``mjtJoint``: slides and hinges have one degree."""
 
 
 def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """What the actuators do at each hinge and slide: ``effort``, ``armature``, ``damping``; and remarks.
+    """Effort, armature and damping of the actuators at each hinge and slide, and notes.
 
     The effort is what the actuators give together, each gear times ``forcerange``, or of plain motors gear times ``ctrlrange``,
     as far as ``actuatorfrcrange`` of the joint lets it through.
@@ -88,7 +88,7 @@ def polynomial(model: Any, field: str, i: int) -> Array:
 
 
 def _forces(model: Any, k: int) -> Array:
-    """The least and the most that an actuator gives before its gear, infinite where that is not said."""
+    """Range of an actuator's force before its gear, infinite if it is not given."""
     force = ANY
     plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
     controls = getattr(model, "actuator_ctrladr", None)
@@ -193,7 +193,7 @@ _FORCES = ("gravity", "spring", "damper", "passive", "equality", "frictionloss",
 def read_mujoco_model(model: Any) -> ModelBuilder:
     """A builder filled with the bodies, joints, sites and keyframes of an ``mjModel``.
 
-    Raises :class:`~twistwrench.ModelError` for what has not the attributes of one.
+    Raises :class:`~twistwrench.ModelError` for an object without the attributes of one.
     """
     try:
         return _filled(model)
@@ -313,7 +313,7 @@ def _joint(model: Any, j: int, body: str, k: int) -> MjcfJoint:
 
 
 def _joint_names(model: Any, bodies: list[str]) -> list[str]:
-    """What each joint is called; those without a name as the reader of files calls them."""
+    """Names of the joints; joints without a name are named as by the reader of files."""
     found = [""] * int(model.njnt)
     for i in range(1, model.nbody):
         for k, j in enumerate(_joints_of(model, i)):

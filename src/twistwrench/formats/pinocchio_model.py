@@ -69,7 +69,7 @@ def _filled(model: Any) -> ModelBuilder:
 
 
 def _links(model: Any) -> list[str]:
-    """What each joint carries: the first body whose frame is the joint's."""
+    """Link of each joint: the first body whose frame is the joint's."""
     found = [""] * model.njoints
     for frame in model.frames:
         j = int(frame.parentJoint)
@@ -130,7 +130,7 @@ def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
 
 
 def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
-    """Ours for one of theirs, told by its name and its motion subspace."""
+    """Joint for a Pinocchio joint, by its name and motion subspace."""
     said = str(joint.shortname()).removeprefix(_PREFIX)
     T = np.eye(4) if T is None else T
     if said in _WHOLE:

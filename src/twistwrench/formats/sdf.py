@@ -27,7 +27,7 @@ __all__ = ["read_sdf"]
 
 
 def with_text(element: Element) -> Element:
-    """The element with its text as the attribute ``text``, so that numbers are checked as those of attributes are."""
+    """The element with its text as the attribute ``text``, to check its numbers as those of attributes."""
     return element.with_attributes({**element.attributes, "text": element.content})
 
 
@@ -71,7 +71,7 @@ def word(parent: Element, tag: str, default: str = "") -> str:
 
 
 def is_true(parent: Element, tag: str) -> bool:
-    """Whether a child says true or 1."""
+    """True if a child's text is true or 1."""
     return word(parent, tag) in ("true", "1")
 
 
@@ -265,7 +265,7 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
 
 
 class _SdfReader:
-    """One model on its way into a builder."""
+    """Reader of one model."""
 
     def __init__(
         self, root: Element, model: Element, world: Element | None, source: str, floating_base: bool | None

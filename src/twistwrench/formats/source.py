@@ -18,7 +18,7 @@ MAX_BYTES = 64 * 2**20
 
 _BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
 _NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
-"""What Python calls encodings, and no XML file is in."""
+"""Python's encodings that XML files do not use."""
 
 DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
 
@@ -26,7 +26,7 @@ DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-
 def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -> tuple[str, str]:
     """The text of a robot description, and a name for it in messages: the path, or "the text given".
 
-    ``source`` is a path, or the XML text itself, told by its first non-blank character being "<". A path may lead to a pipe,
+    ``source`` is a path, or XML text, whose first non-blank character is "<". A path may lead to a pipe,
     which can be read once. ``data``: the bytes of the file, where they are read already.
     Raises :class:`~twistwrench.NotFoundError`, naming similar files, or :class:`~twistwrench.RobotFileError`.
     """
@@ -52,7 +52,7 @@ def robot_file(path: Path) -> tuple[bytes, str]:
 
 
 def is_text(source: object) -> bool:
-    """Whether this is the text of a description itself: its first non-blank character is "<"."""
+    """True for XML text: its first non-blank character is "<"."""
     return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
 
 

@@ -1,6 +1,6 @@
 """USD with UsdPhysics: rigid bodies, their mass properties, and the joints of an articulation.
 
-A collider weighs what its own MassAPI says; else its volume times a density: its own, that of the body's MassAPI, that of its
+A collider has the mass of its own MassAPI; else its volume times a density: its own, that of the body's MassAPI, that of its
 material, else a tonne a cubic metre. A mass that the body has is spread over the colliders so that they have the same shape of
 inertia. Meshes and planes are not weighed.
 """
@@ -51,9 +51,9 @@ _TURNS = (
 
 
 def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
-    """Of the colliders of a body, about its frame's origin; scaled to ``mass`` [kg] where that is above 0.
+    """Inertia of the colliders of a body about its frame's origin, scaled to ``mass`` [kg] if that is above 0.
 
-    Raises :class:`~twistwrench.RobotFileError` with the path of the prim for what has no such volume, or no collider.
+    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if it has no such volume or no collider.
     """
     total, colliders = SpatialInertia.zero(), _colliders(stage, body)
     if not colliders:
@@ -67,7 +67,7 @@ def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
 
 
 def has_colliders(stage: Stage, body: Any) -> bool:
-    """Whether a body has shapes that touch."""
+    """True if a body has colliders."""
     return bool(_colliders(stage, body))
 
 
@@ -137,11 +137,11 @@ def read_usd(
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
 ) -> tuple[ModelBuilder, bool]:
-    """A builder filled with the bodies and joints of one articulation, and whether its root link is to float besides.
+    """Builder with the bodies and joints of one articulation, and True if its root link floats besides.
 
-    ``model`` names the articulation's root, by its name or path, where there are several. ``floating_base`` None means as the
-    file says: what no joint holds to the world floats; False fixes it where the stage has it. Layers are read from the folder
-    of the file and from ``include_paths`` only.
+    ``model`` names the articulation's root, by its name or path, where there are several. ``floating_base`` None follows
+    the file: a root that no joint holds to the world floats; False fixes it where the stage has it. Layers are read from the
+    folder of the file and from ``include_paths`` only.
 
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
     :class:`~twistwrench.UnknownNameError` for an articulation that is not there.
@@ -151,7 +151,7 @@ def read_usd(
 
 
 class _Reader:
-    """One articulation on its way into a builder."""
+    """Reader of one articulation."""
 
     def __init__(self, stage: Stage, source: str, floating_base: bool | None, model: str | None) -> None:
         self.stage, self.floating_base = stage, floating_base
@@ -162,7 +162,7 @@ class _Reader:
         self.builder.gravity = stage.gravity()
 
     def read(self) -> tuple[ModelBuilder, bool]:
-        """The builder, and whether its root is to float."""
+        """The builder, and True if its root floats."""
         tree, closing, start = self.tree.joints()
         members = {link.far.path for link in tree} | ({start.GetPath()} if start is not None else set())
         self.builder.add_link(WORLD)
@@ -228,7 +228,7 @@ class _Reader:
         self.builder.add_joint(name, kind, parent, child, placement=placement, axis=S, where=where, **options)
 
     def _options(self, joint: Any, kind: str) -> dict[str, Any]:
-        """Limits of a joint of one degree, by the drive too; and what the schemas of PhysX and Newton say besides."""
+        """Limits of a joint of one degree, including its drive, and the values of PhysX's and Newton's schemas."""
         turns = kind == "revolute"
         unit = math.pi / 180.0 if turns else self.stage.metre
         force = self.stage.kilogram * self.stage.metre ** (2 if turns else 1)
@@ -270,7 +270,7 @@ class _Reader:
         self.builder.remark(f"{who(joint)} is left open: robot.close({frames[0]!r}, {frames[1]!r}, {rows!r}) closes it")
 
     def _inertia(self, body: Any) -> SpatialInertia:
-        """As the MassAPI says; what it leaves out comes from the colliders."""
+        """Inertia of the MassAPI, completed by the colliders."""
         metre, kilogram = self.stage.metre, self.stage.kilogram
         mass = number_of(body, "physics:mass") * kilogram
         com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3)
@@ -305,7 +305,7 @@ def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
 
 
 def _names(prims: Sequence[Any], *taken: str) -> dict[str, str]:
-    """What each prim is called, by path: its name where that is one's only, else its path."""
+    """Name of each prim by path: its own name if it is unique, else its path."""
     count = Counter([*taken, *(prim.GetName() for prim in prims)])
     return {
         str(prim.GetPath()): prim.GetName() if count[prim.GetName()] == 1 else str(prim.GetPath()) for prim in prims

@@ -20,7 +20,7 @@ from ..typing import Array
 
 """m/s², where a scene gives no magnitude."""
 _SINGLE = 1e-5
-"""What products of numbers in single precision may be off a rotation."""
+"""Error of rotations in single precision."""
 
 
 def opened(path: Path, folders: Sequence[Path]) -> Any:
@@ -58,12 +58,12 @@ class End:
 
     @property
     def path(self) -> Any:
-        """Of the body."""
+        """Frame of the joint in the body."""
         return None if self.body is None else self.body.GetPath()
 
 
 class Stage:
-    """What a stage has for us: bodies and joints in its order, poses in metres."""
+    """Bodies and joints of a stage in its order, poses in metres."""
 
     def __init__(self, stage: Any, max_bodies: int) -> None:
         from pxr import Usd, UsdGeom, UsdPhysics
@@ -121,7 +121,7 @@ class Stage:
                 yield prim
 
     def shaped(self, body: Any) -> bool:
-        """Whether a body has a shape, to be seen or to be touched."""
+        """True if a body has a visual or a collider."""
         from pxr import UsdGeom
 
         return any(prim.IsA(UsdGeom.Gprim) for prim in self.parts(body))
@@ -138,7 +138,7 @@ class Stage:
         return size * (direction / length if length > 0 else down)
 
     def end(self, joint: Any, which: int) -> End:
-        """The body that one side of a joint is on, and the joint's frame there; on the stage where that is no body."""
+        """Body at one side of a joint, and the joint's frame there; the stage if there is none."""
         targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
         if len(targets) > 1:
             raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
@@ -160,7 +160,7 @@ class Stage:
 
 
 def who(prim: Any) -> str:
-    """What messages call a prim."""
+    """Name of a prim in messages."""
     return f"prim <{prim.GetPath()}>"
 
 
@@ -192,7 +192,7 @@ def _decimal(prim: Any, name: str, x: Any) -> float:
 
 
 def quaternion_of(prim: Any, name: str) -> list[float]:
-    """(w, x, y, z), the identity where zeros say that none is given."""
+    """Quaternion (w, x, y, z); zeros stand for the identity."""
     value = value_of(prim, name, default=None)
     Q = [1.0, 0.0, 0.0, 0.0] if value is None else [float(value.GetReal()), *map(float, value.GetImaginary())]
     return Q if any(Q) else [1.0, 0.0, 0.0, 0.0]
@@ -204,7 +204,7 @@ def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
 
 
 def moves(prim: Any) -> bool:
-    """Whether a body is one that forces move: not switched off, and not moved by a script."""
+    """True if forces move a body: it is enabled and not kinematic."""
     return bool(value_of(prim, "physics:rigidBodyEnabled", default=True)) and not value_of(
         prim, "physics:kinematicEnabled", default=False
     )
@@ -216,7 +216,7 @@ HOW_TO_SPLIT = (
     "Write it as revolute, prismatic, spherical and fixed joints with bodies between, or load the URDF or MJCF file that the "
     "stage was made of"
 )
-"""What to do about a joint that is not read."""
+"""Advice for a joint that is not read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +227,7 @@ class TreeJoint:
     near: End
     far: End
     forward: bool
-    """Whether the next one is the joint's body1."""
+    """True if the far body is the joint's body1."""
 
 
 class UsdTree:
@@ -320,7 +320,7 @@ def _excluded(joint: Any) -> bool:
 
 
 def _too_many(joint: Any, near: End, far: End, found: Iterable[TreeJoint]) -> str:
-    """What to say of a joint between two links that are joined already."""
+    """Message for a joint between two links that are joined already."""
     twin = next((one.joint for one in found if {one.near.path, one.far.path} == {near.path, far.path}), None)
     if twin is not None:
         return f"{who(joint)} and {who(twin)} join the same two bodies. {HOW_TO_SPLIT}."

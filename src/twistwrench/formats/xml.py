@@ -14,13 +14,13 @@ from ..errors import ModelError, RobotFileError
 from .element import Element
 
 BLANK = "\ufeff \t\r\n"
-"""What may stand before the first element."""
+"""Characters allowed before the first element."""
 
 _VERSION_ONE = re.compile(r"""<\?xml\s+version\s*=\s*(["'])1\1[^>]*\?>""")
 """A declaration of version 1 in place of 1.0, as some robot files have it."""
 
 MOST_BODIES = 20_000
-"""Links or bodies that a file may have unless ``max_bodies`` says otherwise: more is a mistake, or meant to take all memory."""
+"""Default of ``max_bodies``, the largest number of links or bodies of a file."""
 
 _BODIES = ("link", "body")
 _PARTS = ("frame", "geom", "site")
@@ -29,16 +29,16 @@ _ELEMENTS = 50
 """Elements that a file may have for each body that it may have."""
 
 _WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
-"""Root elements of formats that say everything by attributes; text is skipped, which saves time."""
+"""Root elements of formats that use attributes only; their text is skipped, which saves time."""
 _WITH_TEXT = ("gazebo", "gravity", "kinematic")
-"""Elements from which on text is kept all the same: Gazebo's, in URDF."""
+"""Elements with text in URDF: Gazebo's."""
 
 _LEVELS = 1_000
 """Elements one inside the other, beside those of bodies in bodies."""
 
 
 class _Forbidden(Exception):
-    """A declaration a robot file has no need of; its text says which."""
+    """Declaration that is refused in robot files."""
 
 
 class _Watcher:

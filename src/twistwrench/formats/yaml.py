@@ -1,4 +1,4 @@
-"""YAML of actuator files: mappings that know their keys, and numbers with units such as "33.3 g cm^2"."""
+"""YAML of actuator files: mappings with checked keys, and numbers with units such as "33.3 g cm^2"."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _plain(unit: str) -> str:
 
 
 def shown(value: object) -> str:
-    """What stands there, shortened: with aliases a short file may mean a value of endless length."""
+    """Text of a value, shortened, as aliases can make a value very long."""
     short = reprlib.Repr()
     short.maxlevel, short.maxstring, short.maxother = 2, 60, 60
     return short.repr(value)
@@ -105,7 +105,7 @@ class Section:
             raise ModelError(f"{self.path or 'the file'} is {shown(self.content)}, expected entries 'name: value'.")
 
     def where(self, key: str) -> str:
-        """Where an entry stands: the keys that lead to it."""
+        """Path of an entry: the keys that lead to it."""
         return f"{self.path} → {key}" if self.path else key
 
     def only(self, *allowed: str) -> None:
@@ -163,7 +163,7 @@ _MOST_LEVELS = 50
 
 
 def read_yaml(source: Source) -> tuple[object, str]:
-    """What the YAML says, and what to call where it is from. Raises NotFoundError and ModelError."""
+    """Content of YAML, and a name of its source for messages. Raises NotFoundError and ModelError."""
     if isinstance(source, Mapping):
         return source, "the actuators given"
     if not isinstance(source, str | os.PathLike):

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..diagnosis.readers import read_subject
+from ..diagnosis.parsed_file import read_subject
 from ..diagnosis.shapes import LinkShapes, Solid
 from ..model.model import BASE
 from ..robot import Robot

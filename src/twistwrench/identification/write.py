@@ -14,7 +14,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path, replacing
 from ..core.numbers import number, percent
 from ..core.verdict import Word
-from ..diagnosis.readers import Subject, read_subject
+from ..diagnosis.parsed_file import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..formats.edit import TextChanges, encoded
 from ..formats.robot_text import TEXTS

@@ -28,11 +28,11 @@ _ABSORBED = 1.0
 MATTERS = 5.0
 """% of M from which a tensor of another size than its shapes matters."""
 _FACTOR = 2.0
-"""How much larger than the largest possible in its box a moment is, before it is too large."""
+"""Factor above the largest moment in its box from which a moment is too large."""
 _IDENTIFIED = 10.0
-"""Of that largest moment: what regrouping the parameters of neighbours brings about, and no more."""
+"""Factor above that largest moment up to which base-parameter regrouping can explain it."""
 _SMALL = 1.0 / 30.0
-"""Of the diagonal of its shapes: a gyration radius below is too small."""
+"""Share of the diagonal of its shapes below which a gyration radius is too small."""
 
 
 def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
@@ -131,13 +131,13 @@ def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
 
 
 def no_tensor(written: WrittenInertia) -> bool:
-    """Whether it is nothing, or rounding beside the moments about the origin, or those of a body of a micrometre."""
+    """True if the tensor is zero, rounding beside the moments about the origin, or that of a body of a micrometre."""
     largest = float(np.abs(written.tensor).max())
     return largest <= max(1e-13 * float(np.abs(written.inertia.moment_about_origin).max()), 1e-12 * written.mass)
 
 
 def placeholder(written: WrittenInertia) -> bool:
-    """Whether the moments are one power of ten, as templates have it, and the products nothing or the same."""
+    """True if the moments are one power of ten, as in templates, and the products zero or the same."""
     value = float(written.tensor[0, 0])
     if value <= 0 or (written.tensor.diagonal() != value).any():
         return False
@@ -155,7 +155,7 @@ def reference_of(link: ParsedLink) -> Array | None:
 
 
 def entry_error_repair(link: ParsedLink, error: EntryError) -> FileRepair:
-    """What the slip says was meant."""
+    """Repair by the tensor that an entry error explains."""
     return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
 
 
@@ -187,7 +187,7 @@ def _repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, metric: s
 
 
 def _reach(link: ParsedLink, written: WrittenInertia) -> Array:
-    """How far the shapes reach from the centre of mass, along the written axes (3,) [m]."""
+    """Extent (3,) of the shapes from the centre of mass along the written axes [m]."""
     low, high = link.shapes.box(written.R)
     c = written.R.T @ written.com
     return np.maximum(np.abs(low - c), np.abs(high - c))
@@ -199,6 +199,6 @@ def _most(reach: Array, mass: float) -> Array:
 
 
 def identified(written: WrittenInertia) -> bool:
-    """Whether the numbers look identified: all six of them, of which products are not small beside the moments."""
+    """True if the numbers look identified: all six are given, and the products are not small beside the moments."""
     products = np.abs(written.tensor[[0, 0, 1], [1, 2, 2]])
     return bool(products.all() and products.max() > 1e-3 * written.tensor.trace())

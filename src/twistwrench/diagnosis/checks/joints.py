@@ -21,7 +21,7 @@ from ..parsed_file import ParsedFile
 _SINGLE = ("revolute", "continuous", "prismatic")
 _TURNS = 4.0 * math.pi
 _ENDLESS = 1000.0
-"""rad or m: a limit beyond says that there is none."""
+"""rad or m: a larger limit stands for none."""
 _STROKE = 5.0
 _NAMED = 6
 
@@ -139,7 +139,7 @@ def _finding(
 def _of_several(
     robot: ParsedFile, check: str, names: list[str], sentence: str, severity: Severity = Severity.NOTE
 ) -> Iterator[Finding]:
-    """One finding on all joints of which the same is to be said."""
+    """One finding on all joints with the same problem."""
     if not names:
         return
     first = robot.joints.get(names[0])

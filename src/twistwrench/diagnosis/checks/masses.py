@@ -157,7 +157,7 @@ def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 # ── Symmetry of left and right
 
 _MASS, _COM, _TENSOR = 1e-3, 2e-3, 0.05
-"""Share of the mass, metres, share of the trace: less is no difference."""
+"""Tolerances: share of the mass, metres, share of the trace."""
 _HEAVY = 1e-3
 """Share of the robot's mass that one of the two has at least."""
 _MATTERS, _TORQUE = 0.5, 0.2
@@ -232,7 +232,7 @@ def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str
 
 
 def _same_part(pair: SymmetricLinks) -> bool:
-    """Whether the same part is mounted twice: the same shapes at the same places, and the same numbers."""
+    """True if the same part is mounted twice: equal shapes at equal poses, and equal numbers."""
     a, b = pair.left.written, pair.right.written
     if a is None or b is None:
         return False
@@ -241,7 +241,7 @@ def _same_part(pair: SymmetricLinks) -> bool:
 
 
 def _parts_mirrored(pair: SymmetricLinks) -> bool:
-    """Whether the parts themselves are mirror images: another mesh file on each side, or a mesh scaled by a negative number.
+    """True if the parts are mirror images: different mesh files on the sides, or a mesh with a negative scale.
 
     Where all shapes were read, their boxes must mirror each other too.
     """
@@ -265,9 +265,9 @@ def _shapes(link: ParsedLink) -> list[tuple[str, tuple[float, ...], str]]:
 # ── Centres of mass outside the shapes, and shapes in another unit of length
 
 _MARGIN = 0.1, 0.01
-"""Of the diagonal of the shapes, and metres: how far outside a centre of mass may be."""
+"""Share of the diagonal of the shapes, and metres, that a centre of mass may be outside."""
 _REGROUPED = 0.25
-"""Of the robot's span: how far outside that of an identified set may be."""
+"""Share of the robot's span that an identified centre of mass may be outside."""
 _SMALLEST = 0.005
 """m, the gyration radius of a part that is worth a mass."""
 _LARGEST, _LEAST = 20.0, 1e-3

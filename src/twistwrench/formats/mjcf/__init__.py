@@ -1,7 +1,7 @@
 """MJCF, MuJoCo's description of models: bodies in bodies, with joints, geoms and defaults.
 
-See https://mujoco.readthedocs.io. Read as MuJoCo's compiler means it, by what it says of bodies, joints and drives;
-contacts, looks and sensors are passed over.
+See https://mujoco.readthedocs.io. Bodies, joints and drives are read as MuJoCo's compiler reads them; contacts, visuals
+and sensors are ignored.
 """
 
 from __future__ import annotations

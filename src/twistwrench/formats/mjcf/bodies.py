@@ -119,7 +119,7 @@ class PlacedElement:
         return x if self.frame is IDENTITY else self.frame[:3, :3] @ x
 
     def moved(self, x: Array) -> Array:
-        """A place (3,) of the frame, in the body."""
+        """A point (3,) of the frame, in the body."""
         return x if self.frame is IDENTITY else self.frame[:3, :3] @ x + self.frame[:3, 3]
 
 
@@ -138,7 +138,7 @@ class MjcfBody:
     inertial: PlacedElement | None = None
     plugins: list[Element] = field(default_factory=list)
     moves: bool = False
-    """Whether a joint carries it, its own or one before."""
+    """True if its own joint or one before moves it."""
 
 
 def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBody]:
@@ -213,7 +213,7 @@ def unused(name: str, taken: set[str]) -> str:
 # ── Joints of a body: name, type and parameters
 
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "floating"}
-"""MJCF's types, and ours."""
+"""Joint types of MJCF and of the model."""
 COORDINATES = {"revolute": 1, "prismatic": 1, "ball": 4, "floating": 7}
 
 
@@ -229,16 +229,16 @@ class MjcfJoint:
     reference: float
     """The coordinate at which the body is where the file puts it."""
     rest: float
-    """Of its spring."""
+    """Rest position of its spring."""
     stiffness: float
     options: dict[str, Any] = field(default_factory=dict)
-    """Of :meth:`ModelBuilder.add_joint`: limits, damping, friction, armature."""
+    """Options of :meth:`ModelBuilder.add_joint`: limits, damping, friction, armature."""
     remarks: list[str] = field(default_factory=list)
-    """What it says that is left out."""
+    """Notes on properties that are left out."""
 
     @property
     def single(self) -> bool:
-        """Whether it has one degree of freedom."""
+        """True if it has one degree of freedom."""
         return COORDINATES[self.kind] == 1
 
 
@@ -308,7 +308,7 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
 
 
 def limited(element: Element, flag: str, values: str, settings: Settings) -> bool:
-    """Whether a range counts: where the flag says so, or, left to itself, where there is a range."""
+    """True if a range is active: by its flag, or with ``auto`` if there is a range."""
     said = element.word(flag, ("true", "false", "auto"), "auto")
     return said == "true" or (said == "auto" and settings.auto_limits and values in element.attributes)
 
@@ -333,7 +333,7 @@ _ALONG = ("capsule", "cylinder", "ellipsoid", "box")
 
 
 def weighs(geom: Element, settings: Settings) -> bool:
-    """Whether a geom has inertia: by its group, its mass or density, and its shape."""
+    """True if a geom has inertia, by its group, its mass or density, and its shape."""
     first, last = settings.groups
     if not first <= geom.floats("group", (0.0,))[0] <= last:
         return False
@@ -412,14 +412,14 @@ def _fitted(geom: Element) -> SpatialInertia:
 
 @dataclass(frozen=True)
 class Inertias:
-    """Of each body, about its frame's origin, in the order of the bodies; and what was done to them."""
+    """Inertia of each body about its frame's origin, in the order of the bodies, and notes on changes."""
 
     each: list[SpatialInertia]
     remarks: list[str]
 
 
 def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) -> Inertias:
-    """The world has none."""
+    """Inertias of the bodies; the world has none."""
     remarks: list[str] = []
     given = ((body, _inertia(body, settings, meshes, remarks)) for body in bodies[1:])
     found = [SpatialInertia.zero(), *(_corrected(G, body, settings, remarks) for body, G in given)]
@@ -451,7 +451,7 @@ def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[s
 
 
 def _selected(body: MjcfBody, settings: Settings) -> bool:
-    """Whether any geom is of the groups that count: where none is, what is given stays."""
+    """True if a geom is in the groups that have inertia; otherwise the given inertia stays."""
     first, last = settings.groups
     return any(first <= part.element.floats("group", (0.0,))[0] <= last for part in body.geoms)
 
@@ -485,7 +485,7 @@ def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Ar
 
 
 def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
-    """With the least mass and moments of ``<compiler>``, and balanced if it says so."""
+    """The inertia with the least mass and moments of ``<compiler>``, balanced if that is set."""
     if not (settings.least_mass > 0 or settings.least_moment > 0 or settings.balanced):
         return G
     mass = max(G.mass, settings.least_mass)

@@ -24,7 +24,7 @@ from .preprocess import SHORTCUT, Defaults, Settings
 
 @dataclass(frozen=True)
 class Drives:
-    """What actuators do at joints of one degree, by joint; and remarks."""
+    """Effort, armature and damping of actuators at joints of one degree, by joint, and notes."""
 
     efforts: dict[str, float]
     """N m or N, the most that they can give to either side, where it is known."""
@@ -36,7 +36,7 @@ class Drives:
 
 
 def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings, defaults: Defaults) -> Drives:
-    """The actuators of a file, seen at its joints.
+    """Drives of a file's actuators at its joints.
 
     What the actuators of a joint give together, each gear times ``forcerange``, or, of a motor, gear times ``ctrlrange``, lies
     within the joint's own ``actuatorfrcrange``. Their armature and damping count gear squared.
@@ -72,13 +72,13 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
 
 
 ANY = np.array([-math.inf, math.inf])
-"""Forces of which nothing is said."""
+"""Range of unknown forces."""
 _UNEQUAL = 1e-3
-"""Share of the larger force by which that of the other side is less, from which it is told."""
+"""Relative difference of the forces to both sides from which it is noted."""
 
 
 def effort_of(forces: Array) -> tuple[float | None, str]:
-    """The most that a joint gives to either side, None where that is not said; and what to remark.
+    """Effort that a joint gives to either side, None if unknown, and a note.
 
     ``forces`` are the least and the most that its actuators give, (2,).
     """
@@ -96,7 +96,7 @@ def effort_of(forces: Array) -> tuple[float | None, str]:
 
 
 def _add_losses(drives: Drives, one: Element, joint: MjcfJoint | None) -> None:
-    """Armature and damping of an actuator, as its joint feels them."""
+    """Add armature and damping of an actuator, reflected to its joint."""
     gear = one.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0]
     for what, at in (("armature", drives.armature), ("damping", drives.damping)):
         value, *more = one.floats(what, (0.0, 0.0, 0.0))
@@ -111,7 +111,7 @@ def _add_losses(drives: Drives, one: Element, joint: MjcfJoint | None) -> None:
 
 
 def _forces(one: Element, settings: Settings) -> Array:
-    """The least and the most that an actuator gives at its joint, infinite where that is not said."""
+    """Range of an actuator's force at its joint, infinite if it is not given."""
     gear = one.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0]
     force = ANY
     kind = one.attributes.get(SHORTCUT)
@@ -275,7 +275,7 @@ def _ends(one: Element, T_1: Array, T_2: Array) -> tuple[Array, Array]:
 # ── Fixed tendons: springs over several joints. Spatial tendons are ignored
 
 _LOSSES = ("damping", "frictionloss", "armature")
-"""What tendons have that has no place in the model."""
+"""Properties of tendons that the model does not represent."""
 
 
 def add_tendons(

@@ -32,7 +32,7 @@ class Settings:
     euler_sequence: str = "xyz"
     auto_limits: bool = True
     from_geoms: str = "auto"
-    """Whether inertia comes from geoms: ``true``, ``false``, or ``auto``, where a body has no ``<inertial>``."""
+    """Inertia from geoms: ``true``, ``false``, or ``auto`` for bodies without an ``<inertial>``."""
     groups: tuple[float, ...] = (0.0, 5.0)
     """The first and last group of geoms that have inertia."""
     total_mass: float = -1.0
@@ -40,10 +40,10 @@ class Settings:
     least_mass: float = 0.0
     least_moment: float = 0.0
     balanced: bool = False
-    """Whether principal moments that break the triangle inequality are all set to their mean."""
+    """True if principal moments that violate the triangle inequality are set to their mean."""
     mesh_folder: str = ""
     plain_names: bool = False
-    """Whether the folders in the names of mesh files are left out."""
+    """True if the folders in the names of mesh files are ignored."""
     align_free: bool = False
 
     @property
@@ -53,7 +53,7 @@ class Settings:
 
     @classmethod
     def from_root(cls, root: Element) -> Settings:
-        """Those of a file; of several elements the last one that says something counts."""
+        """Settings of a file; later elements override earlier ones."""
         attributes = {name: value for e in root.all("compiler") for name, value in e.attributes.items()}
         elements = root.all("compiler")
         one = (elements[-1] if elements else root).with_attributes(attributes)
@@ -130,10 +130,10 @@ class Folders:
         self.allowed = [folder.resolve() for folder in ([home] if home is not None else []) + list(more)]
 
     def find(self, name: str, asked: Element, near: Path | None = None) -> Path:
-        """The file called ``name``, looked for in the robot's folder, beside the file that asks, then in the other folders.
+        """Find the file ``name`` in the robot's folder, beside the including file, then in the other folders.
 
-        Raises :class:`~twistwrench.RobotFileError`, naming the element that asked, for absolute paths, addresses, what lies
-        outside, and what is not there.
+        Raises :class:`~twistwrench.RobotFileError`, naming the element, for absolute paths, addresses, files outside the
+        folders, and missing files.
         """
         if not name or "\0" in name or name.startswith(("/", "\\")) or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
             raise RobotFileError(
@@ -218,7 +218,7 @@ def _part(path: Path, asked: Element, max_bodies: int) -> Element:
 # the ``childclass`` of the nearest body or frame around it, else the outermost class, ``main``.
 
 SHORTCUT = "the shortcut"
-"""Beside the attributes of an actuator: the element whose meaning they have."""
+"""Key beside the attributes of an actuator: the element that defines their meaning."""
 
 _TURNED = {"quat", "axisangle", "xyaxes", "zaxis", "euler"}
 _MAIN = "main"
@@ -325,9 +325,9 @@ class Meshes:
         return [x, y, 0.25 * top + 0.5 * bottom]
 
     def inertia(self, geom: Element, *, mass: float | None = None, density: float | None = None) -> SpatialInertia:
-        """That of a mesh geom in the mesh's own frame, as MuJoCo has it.
+        """Inertia of a mesh geom in the mesh's own frame, as MuJoCo computes it.
 
-        Raises :class:`~twistwrench.RobotFileError` naming the geom where the mesh is not there or cannot be read.
+        Raises :class:`~twistwrench.RobotFileError` naming the geom if the mesh is missing or cannot be read.
         """
         name = geom.text("mesh")
         if name not in self._meshes:
@@ -446,7 +446,7 @@ def _solid(corners: Array, about: Array, *, signed: bool) -> tuple[float, Array]
 
 
 def _legacy(corners: Array) -> tuple[float, Array]:
-    """MuJoCo's way: pyramids from the surface's own centre, then from their centre of mass, none taken off."""
+    """Volume and parameters as MuJoCo computes them: pyramids from the surface's centre, then from their centre of mass."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1) / 2.0
     centre = area @ corners.mean(axis=1) / area.sum()

@@ -49,7 +49,7 @@ class ChainLink:
 def chain(joints: Sequence[MjcfJoint], parent: str, body: str, T: Array) -> Iterator[ChainLink]:
     """The joints from the parent's link to the body's, whose pose there is T (4, 4) with every joint at its reference.
 
-    T_parent,body = T Π exp([S_i] (q_i - ref_i)) with screw axes S_i in the body's frame; a free joint says where the body is.
+    T_parent,body = T Π exp([S_i] (q_i - ref_i)) with screw axes S_i in the body's frame; a free joint holds the body's pose.
     """
     if joints and joints[0].kind == "floating":
         T = IDENTITY
@@ -71,7 +71,7 @@ def chain(joints: Sequence[MjcfJoint], parent: str, body: str, T: Array) -> Iter
 # ── Keyframes, and the initial configuration
 
 REFERENCE = "qpos0"
-"""What MuJoCo calls the configuration in which the file describes the bodies."""
+"""MuJoCo's name of the configuration in which the file describes the bodies."""
 
 
 def add_configurations(
@@ -137,9 +137,9 @@ def read_mjcf(
     keep: str | None = None,
     max_bodies: int = 20_000,
 ) -> tuple[ModelBuilder, bool]:
-    """A builder filled with the bodies and joints of a ``<mujoco>`` element, and whether its root link is to float besides.
+    """Builder with the bodies and joints of a ``<mujoco>`` element, and True if its root link floats besides.
 
-    ``floating_base`` None means as the file says; True keeps free joints, or lets the world's link float where there is none;
+    ``floating_base`` None follows the file; True keeps free joints, or lets the world's link float where there is none;
     False holds the bodies of free joints where the file puts them. ``keep`` takes one body and all that it carries. Other files
     are read from ``folders`` only.
 
@@ -151,7 +151,7 @@ def read_mjcf(
 
 
 class _Reader:
-    """One file on its way into a builder."""
+    """Reader of one file."""
 
     def __init__(
         self, root: Element, source: str, folders: Folders, floating_base: bool | None, keep: str | None
@@ -171,7 +171,7 @@ class _Reader:
         self.drives = Drives({}, {}, {}, [])
 
     def read(self) -> tuple[ModelBuilder, bool]:
-        """The builder, and whether its root is to float."""
+        """The builder, and True if its root floats."""
         by_name = self._by_name()
         floats = [j for mine in self.joints for j in mine if j.kind == "floating"]
         kept = {
@@ -218,7 +218,7 @@ class _Reader:
         return found
 
     def _poses(self) -> list[Array]:
-        """Of all bodies in the world, joints at their reference."""
+        """Poses of all bodies in the world, joints at their reference."""
         found = [IDENTITY]
         for body in self.bodies[1:]:
             found.append(product(found[body.parent], body.T))

@@ -15,4 +15,4 @@ __all__ = ["SUFFIXES", "WRITERS", "Written", "write_mjcf", "write_sdf", "write_u
 WRITERS: Mapping[str, Callable[[Model], Written]] = {"urdf": write_urdf, "mjcf": write_mjcf, "sdf": write_sdf}
 """The formats that are written, each with its writer."""
 SUFFIXES: Mapping[str, str] = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".sdf": "sdf", ".world": "sdf"}
-"""What names of files say of the format."""
+"""Format of each suffix."""

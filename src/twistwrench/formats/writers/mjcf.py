@@ -159,7 +159,7 @@ WORLD = "world"
 _LEAST = 1e-14
 """MuJoCo's least moment of a body, and mass of one that moves."""
 _ROUNDING = 4e-15
-"""Of principal moments, relative to the largest."""
+"""Rounding of principal moments, relative to the largest."""
 
 
 def write_mjcf(model: Model) -> Written:
@@ -173,7 +173,7 @@ def write_mjcf(model: Model) -> Written:
 
 
 class _MjcfWriter:
-    """One model on its way into a file."""
+    """Writer of one model."""
 
     def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
@@ -306,7 +306,7 @@ class _MjcfWriter:
                 self.joints.add_screw(entry, body, T)
 
     def _inertia(self, entry: JointEntry) -> SpatialInertia | None:
-        """Of the body that a joint carries: whole of what moves, and one by one of what stands in the world."""
+        """Inertia of the body of a joint: with all that is fixed to it if it moves, alone if it stands in the world."""
         if not entry.fixed:
             return self.found.whole[entry.child]
         if entry.parent in self.standing:
@@ -361,7 +361,7 @@ class _MjcfWriter:
             new(tags[closure.rows], self.equality, name=name, site1=ends[0], site2=ends[1])
 
     def _site(self, link: str) -> str:
-        """A site at a link, for what can be said of sites only."""
+        """Site at a link, for elements that refer to sites only."""
         name = unused(f"{link}.site", {site.removeprefix("site:") for site in self.found.additions.sites})
         new("site", self.bodies[link], name=name)
         return name

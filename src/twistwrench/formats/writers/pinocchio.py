@@ -18,9 +18,9 @@ _WHOLE = {"floating": "JointModelFreeFlyer", "ball": "JointModelSpherical", "pla
 
 
 def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
-    """A ``pinocchio.Model``, and what it cannot say. Joints that follow others are joints of their own there.
+    """A ``pinocchio.Model`` and its losses. Mimic joints become independent joints there.
 
-    Raises :class:`~twistwrench.MissingExtraError`, and :class:`~twistwrench.ModelError` for a joint that Pinocchio has not.
+    Raises :class:`~twistwrench.MissingExtraError`, and :class:`~twistwrench.ModelError` for a joint that Pinocchio lacks.
     """
     try:
         import pinocchio
@@ -32,7 +32,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
     theirs.gravity.linear = np.array(model.gravity)
     turned = {joint.name: joint for joint in found.joints}
     at: dict[int, tuple[int, Array]] = {BASE: (0, np.eye(4))}
-    """Of each body: the number of its joint there, and the pose of its frame in that joint's."""
+    """Number of each body's joint there, and the pose of its frame in that joint's."""
     numbers: dict[str, int] = {}
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:

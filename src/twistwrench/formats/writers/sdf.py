@@ -23,7 +23,7 @@ from .written import Losses, Written, configurations_of, drive_of, screw_of, unu
 
 WORLD = "world"
 _NONE = 1e16
-"""What stands for no limit."""
+"""Number for no limit."""
 
 
 def write_sdf(model: Model) -> Written:
@@ -37,7 +37,7 @@ def write_sdf(model: Model) -> Written:
 
 
 class _SdfWriter:
-    """One model on its way into a file."""
+    """Writer of one model."""
 
     def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()

@@ -18,7 +18,7 @@ from ..xml import figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, moved, screw_of, unused
 
 _NONE = 1e16
-"""What stands for no limit where the format wants a number."""
+"""Number for no limit, as the format requires one."""
 
 
 def write_urdf(model: Model) -> Written:
@@ -32,7 +32,7 @@ def write_urdf(model: Model) -> Written:
 
 
 class _UrdfWriter:
-    """One model on its way into a file."""
+    """Writer of one model."""
 
     def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()

@@ -21,7 +21,7 @@ from ..mjcf.reader import REFERENCE
 
 @dataclass(frozen=True)
 class Written:
-    """A robot file, and what of the robot is not in it."""
+    """Text of a robot file, and the properties that are lost in it."""
 
     text: str
     lost: tuple[str, ...]
@@ -30,22 +30,22 @@ class Written:
 
 @dataclass
 class Losses:
-    """What a format cannot say of one model, collected while it is written."""
+    """Properties of one model that a format cannot represent, collected while it is written."""
 
     found: list[str] = field(default_factory=list)
 
     def of_joint(self, name: str, said: str) -> None:
-        """Something about a joint."""
+        """Note the loss of a joint."""
         self.found.append(ModelNote(f"joint {name!r}", said))
 
     def say(self, text: str) -> None:
-        """Something about the robot."""
+        """Note the loss of the robot."""
         self.found.append(text)
 
 
 @dataclass(frozen=True)
 class Screw:
-    """A screw axis as files have it: a direction, a point that it goes through, and a pitch."""
+    """Screw axis by a direction, a point on it, and a pitch."""
 
     direction: Array
     point: Array
@@ -58,7 +58,7 @@ class Screw:
 def screw_of(joint: JointEntry) -> Screw:
     """The axis of a joint of one degree in its child's frame.
 
-    Raises :class:`~twistwrench.ModelError` for one that is not of unit length, which no format can say.
+    Raises :class:`~twistwrench.ModelError` for one that is not of unit length, which no format can represent.
     """
     w, v = joint.joint.axes[0, :3], joint.joint.axes[0, 3:]
     turns = bool(w.any())
@@ -83,7 +83,7 @@ def moved(point: Array) -> Array:
 
 @dataclass(frozen=True)
 class AlongJoint:
-    """What acts along a joint, one number each, as files have it."""
+    """Damping, friction and armature of a joint, one number each."""
 
     damping: float
     friction: float
