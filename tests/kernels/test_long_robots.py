@@ -9,6 +9,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.ir.loops import Products
+from twistwrench.ir.program import Program
 from twistwrench.lowering.reference_interpreter import NumpyProducts
 from twistwrench.lowering.target_machine import SINGLE, host
 from twistwrench.robot import Robot
@@ -62,6 +63,17 @@ def test_trees_of_all_joints_have_the_matrices_they_have_unrolled(seed, floating
         robot.inverse_dynamics_derivatives(q, dq, ddq), plain.inverse_dynamics_derivatives(q, dq, ddq), strict=True
     ):
         assert np.abs(found - wanted).max() <= 1e-12 * np.abs(wanted).max()
+
+
+def test_instructions_are_counted_where_their_estimate_is_not_enough(monkeypatch):
+    monkeypatch.setattr(
+        long_robots, "PAIR_LOOP_FROM", 10_000
+    )  # of the quadruped 18,132 are estimated, and there are 4,869
+    robot = Robot(tw.robots.quadruped().model)  # not one whose kernels are cached
+    assert isinstance(owner_of(robot.kernel("inverse_dynamics_derivatives")).given, Program)
+    monkeypatch.setattr(long_robots, "PAIR_LOOP_FROM", 1_000)
+    robot = Robot(robot.model)
+    assert isinstance(owner_of(robot.kernel("inverse_dynamics_derivatives")).given, Products)
 
 
 def test_a_wrench_is_felt_by_the_derivatives():

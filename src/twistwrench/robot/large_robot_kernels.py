@@ -21,7 +21,7 @@ from ..ir.tracer import trace
 from ..model.model import Model
 from ..model.parameters import regrouped
 from ..typing import Array
-from .programs import evaluated, inputs_of
+from .programs import evaluated, inputs_of, program_of_several
 from .quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -133,10 +133,10 @@ def _inverse(M: Array) -> Array:
 # ── Matrices of long robots by loops over pairs of joints
 
 PAIR_LOOP_FROM = 100_000
-"""Instructions, as they are estimated here, of the smallest unrolled program that gives way to loops.
+"""Instructions of the smallest unrolled program that is replaced by loops (bench/NOTES.md)."""
 
-A humanoid's derivatives are a third of the estimate, and run twice as fast unrolled (bench/NOTES.md).
-"""
+MOST_OVERESTIMATED = 3
+"""Estimated instructions exceed those of the unrolled program at most by this factor; they are never much fewer."""
 
 
 @dataclass(frozen=True)
@@ -166,8 +166,8 @@ _LOOPED = {
 }  # fmt: skip
 
 
-def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Products | None:
-    """The loops for one quantity; None where it is short enough, or no such matrix."""
+def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
+    """The loops for one quantity; its unrolled program if counting shows that this is short enough; None for all others."""
     (name, options), *others = asked.items()
     looped = _LOOPED.get(name)
     if looped is None or others or not set(options) <= {"wrenches"}:
@@ -179,8 +179,13 @@ def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Product
     if not forward_dynamics.applies(model):
         return None
     carries, bodies = forward_dynamics.relations(model)
-    if looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum()) < PAIR_LOOP_FROM:
+    estimated = looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum())
+    if estimated < PAIR_LOOP_FROM:
         return None
+    if estimated < MOST_OVERESTIMATED * PAIR_LOOP_FROM:
+        unrolled = program_of_several(model, asked)
+        if len(unrolled.instructions) < PAIR_LOOP_FROM:
+            return unrolled
     same = bodies[:, None] == bodies
     below = carries.T if not looped.symmetric else carries.T & ~(same & np.triu(np.ones_like(same), 1))
     relations = np.where(below, AFTER, np.where(carries, BEFORE, NEITHER))
