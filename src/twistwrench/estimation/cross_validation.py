@@ -9,6 +9,9 @@ import numpy as np
 
 from ..typing import Array
 
+FOLDS = 5
+"""Blocks of time that are left out in turn."""
+
 
 @dataclass(frozen=True, eq=False)
 class HeldOutRows:

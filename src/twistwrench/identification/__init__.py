@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut, HeldOutRows
+from ..log_checks.fit_doubts import Doubt
 from .consistent import ConsistentRobot
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings
 from .identify import identify
-from .log_doubts import Doubt
 from .normal_equation_blocks import NormalEquationBlocks
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion

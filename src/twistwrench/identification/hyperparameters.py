@@ -5,22 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from ..core.numbers import number
+from ..estimation.cross_validation import FOLDS
 from ..estimation.least_squares import FeltEquations, Information, NormalEquations, Prior
 from ..typing import Array
 from .parameters import BaseParameters
 from .rows import MOST_ROWS, FilteredRows, JudgedStates
 from .zero_phase import SteadySamples, cutoffs, torques_below
-
-if TYPE_CHECKING:
-    pass
-
-FOLDS = 5
-"""Blocks of time that are left out in turn."""
 
 
 @dataclass(frozen=True, eq=False)

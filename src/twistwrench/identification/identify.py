@@ -11,15 +11,15 @@ import numpy as np
 from ..core.numbers import number
 from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
 from ..estimation.covariance import autocorrelation_length, group_covariance
-from ..estimation.cross_validation import HeldOut, HeldOutRows
+from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
+from ..log_checks.fit_doubts import FittedLog, doubts_of
 from ..motion.motion import Motion
 from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .hyperparameters import FOLDS, FitOptions, FitSettings, SettingRows, Trial
-from .log_doubts import FittedLog, doubts_of
+from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot

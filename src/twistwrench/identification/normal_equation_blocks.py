@@ -21,13 +21,13 @@ from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
 from ..estimation.covariance import GroupCovariance, by_moments
-from ..estimation.cross_validation import HeldOut, HeldOutRows
+from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import HUBER, Method, NormalEquations, Prior
+from ..log_checks.fit_doubts import Doubt
 from ..robot import Robot
 from ..typing import Array
 from .chunks import FASTER, JointRows, RowFrame
-from .hyperparameters import FOLDS, FitSettings
-from .log_doubts import Doubt
+from .hyperparameters import FitSettings
 from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters
 from .payload import MotorSide
 

@@ -20,12 +20,12 @@ from ..errors import UnknownNameError, ValueRangeError
 from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Information, NormalEquations, Prior
+from ..log_checks.fit_doubts import Doubt
 from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
-from .log_doubts import Doubt
 from .parameters import BaseParameters
 from .payload import IdentifiedPayload, payload_from
 

@@ -17,6 +17,7 @@ from ..core.numbers import percent
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..estimation.cross_validation import HeldOut, HeldOutRows
 from ..estimation.least_squares import Method
+from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction, left_unexplained
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -24,7 +25,6 @@ from ..typing import Array
 from .chunks import PIECE, LogClock, LogSource, RowFrame, chunks, rows_of
 from .consistent import sum_of
 from .identify import METHODS, checked_motions, fit_options, identified
-from .log_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction, left_unexplained
 from .normal_equation_blocks import MOST_BLOCKS, SHOWN, JointBlocks, NormalEquationBlocks, block_fit
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
 from .payload import MotorSide, unknown_of

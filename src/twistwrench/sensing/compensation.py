@@ -12,12 +12,11 @@ from ..core.gravity import KGF
 from ..core.numbers import number
 from ..core.verdict import Verdict, Word
 from ..errors import ModelWarning
+from ..log_checks.reading_doubts import MAY_MOVE, MIXUPS, Mixup, departure, listed_bias, seems_moving
 from ..typing import Array
-from .checks import MAY_MOVE, departure, listed_bias, seems_moving
 from .contact_detection import CollisionThreshold, checked_noise
 from .fit import Uncertainty
 from .log import ReadingLog
-from .result import MIXUPS, Mixup
 from .sensor import ForceTorqueSensor
 
 _STRANGE = 5.0  # times what is left otherwise, or its noise

@@ -96,7 +96,7 @@ class Unknowns:
         Y = factor * load_regressor(g, log.V, log.dV)  # F_f = Y π
         dY = None
         if self.delay:
-            Y, dY = _late(Y, clock(log), state.delay)
+            Y, dY = _late(Y, log.clock, state.delay)
         Y = _in_sensor(Y, state.mounting)
         columns = {"bias": np.broadcast_to(np.eye(6), (len(log), 6, 6)), "load": Y[..., :4], "inertia": Y[..., 4:]}
         load = np.zeros(10) if state.load is None else state.load
@@ -125,14 +125,9 @@ class Unknowns:
         return SensorState(mounting, tilt, delay, load, state.middle)
 
 
-def clock(log: ReadingLog) -> Array:
-    """Times (n,) of the readings [s], or their numbers where no time was logged."""
-    return np.arange(float(len(log))) if log.time is None else log.time
-
-
 def drifts(log: ReadingLog, middle: float | None = None) -> Array:
     """Columns (n, 6, 6) of a bias that changes linearly, and is none in the middle."""
-    t = clock(log)
+    t = log.clock
     return np.asarray((t - (0.5 * (t[0] + t[-1]) if middle is None else middle))[:, None, None] * np.eye(6))
 
 
@@ -267,6 +262,19 @@ class Fit:
         moment, force = np.sqrt((self.sigma.reshape(2, 3) ** 2).mean(axis=1))
         return float(moment), float(force)
 
+    @property
+    def com_deviation(self) -> Array:
+        """Standard deviations (3,) of the centre of mass [m], to first order."""
+        part = slice(self.unknowns.load.start, self.unknowns.load.start + 4)
+        x, C = self.estimate[part], self.covariance[part, part]
+        D = np.hstack([-(x[1:] / x[0])[:, None], np.eye(3)]) / x[0]
+        return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
+
+    def spread(self, rows: Array) -> Array:
+        """Standard deviations (2,) of what is left of moments and forces, given noise or not; never zero."""
+        left = np.sqrt((self.residuals[rows].reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
+        return np.maximum(left, 1e-12 * (1e-3 + np.abs(self.residuals).max()))
+
 
 def few(label: Array) -> bool:
     """Whether the clusters are too few for a variance of each channel."""
@@ -281,7 +289,7 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     for the degrees of freedom, for each channel.
     """
     asked, log, target = problem.unknowns, problem.log, problem.target
-    t = clock(log)
+    t = log.clock
     state = replace(problem.state, middle=0.5 * float(t[0] + t[-1]))
     groups = np.repeat([0, 1], 3) if few(problem.label[keep]) else np.arange(6)
     share = 1.0 / problem.count[:, None]
@@ -358,7 +366,7 @@ def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Ar
 
 def _inside(log: ReadingLog, delay: float) -> Array:
     """(n,) 1 for rows whose poses a delay earlier are in the log."""
-    t = clock(log)
+    t = log.clock
     near = 2 * float(np.median(np.diff(t)))
     return ((t - delay > t[0] - near) & (t - delay < t[-1] + near)).astype(float)
 

@@ -14,32 +14,26 @@ from ..core.numbers import number, percent, plus_minus, seconds
 from ..core.verdict import Verdict
 from ..errors import ShapeError, ValueRangeError
 from ..lie.labelled import WRENCH
-from ..typing import Array
-from .checks import (
+from ..log_checks.reading_doubts import (
     MAY_MOVE,
     MAY_POINT_UP,
-    Diagnosis,
-    as_good_as_the_best,
-    explain,
-    free_bias,
-    guessed,
     in_a_plane,
     listed_bias,
     may_point_up,
     misfit,
-    others,
     seems_moving,
-    swapped,
     turns_may_help,
     unexplained_turns,
-    upside_down,
+    unit_doubt,
 )
+from ..typing import Array
+from .checks import Diagnosis, as_good_as_the_best, explain, free_bias, guessed, others, swapped, upside_down
 from .contact_detection import six_noises
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
 from .log import ReadingLog, checked_log
 from .observability import Whiteness, advice, blind_spots, whiteness
 from .outliers import least_rows, runs, static_poses, touched_in_static_poses, trimmed
-from .result import Identification, mass_interval, unit_doubt, weakness
+from .result import Identification, mass_interval, weakness
 from .sensor import ForceTorqueSensor, Sign, sign_factor
 
 _SURE = 1e-4  # chance that an unknown which is none is offered

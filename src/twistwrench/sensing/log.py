@@ -157,6 +157,11 @@ class ReadingLog:
         motion = "at rest" if self.V is None else "in motion"
         return f"<ReadingLog {self.name!r}: {len(self)} readings, {motion}>"
 
+    @property
+    def clock(self) -> Array:
+        """Times (n,) of the readings [s], or their numbers where no time was logged."""
+        return np.arange(float(len(self))) if self.time is None else self.time
+
     def __len__(self) -> int:
         return len(self.readings)
 

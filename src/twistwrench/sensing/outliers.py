@@ -10,7 +10,7 @@ import numpy as np
 
 from ..typing import Array
 from .contact_detection import CollisionThreshold
-from .fit import Fit, Problem, clock, fit
+from .fit import Fit, Problem, fit
 from .log import ReadingLog
 from .observability import blind_spots
 
@@ -121,7 +121,7 @@ def _runs(unit: Array, near: float, rest: Array) -> tuple[Array, Array]:
 
 def _parts(log: ReadingLog) -> dict[str, Array | None]:
     names = ("readings", "gravity", "V", "dV", "rotations")
-    return {"time": clock(log), **{name: getattr(log, name) for name in names}}
+    return {"time": log.clock, **{name: getattr(log, name) for name in names}}
 
 
 def _means(value: Array | None, row: Array, count: Array) -> Any:

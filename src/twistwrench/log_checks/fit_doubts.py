@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number, percent, plus_minus, printed
-from ..estimation.cross_validation import HeldOut
+from ..estimation.cross_validation import FOLDS, HeldOut
 from ..estimation.least_squares import NormalEquations, Prior
 from ..model.model import BASE
 from ..motion.motion import Motion
 from ..motion.noise import quantum
 from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW
 from ..typing import Array
-from .hyperparameters import FOLDS, FitSettings
-from .parameters import BaseParameters
+
+if TYPE_CHECKING:
+    from ..identification.hyperparameters import FitSettings
+    from ..identification.parameters import BaseParameters
 
 _UNEXPLAINED = 0.35
 """Share of the torques left in rows held out that refuses the logs."""
