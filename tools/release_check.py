@@ -36,11 +36,14 @@ def main() -> None:
 
 def check_contents(wheel: Path, sdist: Path) -> None:
     """The package's data is in, and nothing but the package."""
-    names = zipfile.ZipFile(wheel).namelist()
+    packed = zipfile.ZipFile(wheel)
+    names = packed.namelist()
     if lacking := [name for name in NEEDED if name not in names]:
         raise SystemExit(f"{wheel.name} lacks {', '.join(lacking)}")
     if stray := [n for n in names if not n.startswith("twistwrench/") and ".dist-info/" not in n]:
         raise SystemExit(f"{wheel.name} has {', '.join(stray[:5])}")
+    if b"joint velocities [rad/s, m/s]" not in packed.read("twistwrench/robot/quantity_methods.py"):
+        raise SystemExit(f"{wheel.name} has docstrings that hatch_build.py did not complete")
     with tarfile.open(sdist) as archive:
         inside = {name.split("/")[1] for name in archive.getnames()}
     if lacking := {"LICENSE", "THIRD_PARTY.md", "CHANGELOG.md", "tests", "docs"} - inside:

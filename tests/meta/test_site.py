@@ -94,3 +94,12 @@ def test_methods_and_commands_are_documented_there(site):
     for name in ("inverse_dynamics", "mass_matrix", "simulate", "to_jax", "from_dh"):
         assert (f'id="twistwrench.Robot.{name}"' in robot) == (name != "from_dh"), name
     assert 'id="torques"' in (site / "commands.html").read_text("utf-8")
+
+
+def test_docstrings_are_completed_from_the_glossary_there(site):
+    robot = (site / "api-robot.html").read_text("utf-8")
+    entry = robot.partition('id="twistwrench.Robot.inverse_dynamics"')[2].partition('class="doc doc-heading"')[2]
+    entry = html.unescape(re.sub("<[^>]+>", "", entry.partition('class="doc doc-heading"')[0]))
+    assert "Parameters" in entry
+    assert "joint velocities [rad/s, m/s]" in entry
+    assert "or batch shapes do not broadcast" in entry

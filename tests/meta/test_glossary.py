@@ -1,0 +1,90 @@
+"""Docstrings completed from the glossary: at import, in files of the wheel, and nowhere written twice."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import sys
+from types import ModuleType
+
+import pytest
+from places import ROOT
+
+import twistwrench as tw
+from twistwrench.core.glossary import ENTRIES, ROOMS, completed
+
+SOURCE = ROOT / "src" / "twistwrench"
+CALLING = [p for p in sorted(SOURCE.rglob("*.py")) if p.read_text("utf-8").endswith("\ncomplete(globals())\n")]
+
+PLAIN = """Torque.
+
+    Parameters
+    ----------
+    gain : float, of the motor
+
+    Returns
+    -------
+    tau : array
+    """
+
+
+def test_arguments_and_errors_are_filled_in_by_the_signature():
+    found = completed(PLAIN, ["q", "gain", "frame"], "robot")
+
+    entries = [f"q : {ENTRIES['q']}", "gain : float, of the motor", f"frame : {ENTRIES['frame']}"]
+    assert "Parameters\n    ----------\n    " + "\n    ".join(entries) + "\n\n    Returns" in found
+    assert found.index("ShapeError") < found.index("UnknownNameError") < found.index("FrameError")
+    assert completed(found, ["q", "gain", "frame"], "robot") == found
+
+
+def test_a_room_has_words_of_its_own():
+    assert f"q : {ROOMS['joints']['q']}" in completed(PLAIN, ["q", "gain"], "joints")
+
+
+def test_a_docstring_without_sections_stays():
+    assert completed("Torque of q.\n\nMore.", ["q"], "robot") == "Torque of q.\n\nMore."
+
+
+def test_help_shows_what_the_source_leaves_out():
+    assert "joint velocities [rad/s, m/s]" in (tw.Robot.inverse_dynamics.__doc__ or "")
+
+
+def docstrings(text):
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef) and (doc := ast.get_docstring(node)):
+            yield node, doc
+
+
+@pytest.mark.parametrize("path", CALLING, ids=lambda p: p.relative_to(SOURCE).as_posix())
+def test_no_docstring_repeats_the_glossary(path):
+    words = {**ENTRIES, **ROOMS.get(path.relative_to(SOURCE).parts[0], {})}
+    twice = [
+        f"{node.name}: {name}"
+        for node, doc in docstrings(path.read_text("utf-8"))
+        for name, text in words.items()
+        if f"\n{name} : {text}\n" in doc.partition("\nParameters\n---")[2].partition("\n\n")[0] + "\n"
+    ]
+    assert twice == []
+
+
+@pytest.mark.parametrize("path", CALLING, ids=lambda p: p.relative_to(SOURCE).as_posix())
+def test_files_of_the_wheel_have_whole_docstrings_and_the_same_code(path, monkeypatch):
+    plugin = ModuleType("hatchling.builders.hooks.plugin.interface")
+    plugin.BuildHookInterface = object
+    monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
+    monkeypatch.syspath_prepend(str(ROOT))
+    hook = importlib.import_module("hatch_build")
+    built, room = hook.completed_source(path), path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+    def code(text):
+        tree = ast.parse(text)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
+                node.body[0].value.value = ""
+        return ast.dump(tree)
+
+    assert code(built) == code(path.read_text("utf-8"))
+    for node, doc in docstrings(built):
+        given = node.args
+        names = [a.arg for a in (*given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")]
+        assert len(completed(doc, names, room)) <= len(doc) + 1, node.name
