@@ -281,3 +281,40 @@ def test_the_pose_of_a_model_in_another_frame_is_remarked():
     assert meaning(before) == meaning(after)
     (new,) = [one for one in after.defects if one not in before.defects]
     assert "relative to 'f', which is not read" in new
+
+
+@pytest.mark.parametrize(
+    "values", ['settotalmass="0"', 'settotalmass="-1"', 'inertiafromgeom="auto"', 'inertiafromgeom="false"']
+)
+def test_a_compiler_of_mujoco_that_changes_no_inertia_is_passed_over_in_urdf(values):
+    assert answer(URDF.replace("<compiler/>", f"<compiler {values}/>")) == answer(URDF)
+
+
+@pytest.mark.parametrize("values", ['settotalmass="3"', 'inertiafromgeom="true"'])
+def test_a_compiler_of_mujoco_that_changes_inertia_is_remarked_in_urdf(values):
+    (remark,) = loaded(URDF.replace("<compiler/>", f"<compiler {values}/>")).defects
+    assert values.partition("=")[0] in remark
+
+
+BALL = """<mujoco><compiler COMPILER/><worldbody>
+<body name="a"><joint name="j" type="hinge"/><inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/><geom size="0.1" density="1000"/></body>
+<body name="b"><joint name="k" type="slide"/><geom size="0.1" density="1000"/></body></worldbody></mujoco>"""
+_MASS = 1000 * 4 / 3 * 3.141592653589793 * 0.1**3
+
+
+@pytest.mark.parametrize(
+    ("compiler", "masses"),
+    [
+        ("", (2.0, _MASS)),
+        ('inertiafromgeom="auto"', (2.0, _MASS)),
+        ('inertiafromgeom="true"', (_MASS, _MASS)),
+        ('settotalmass="0"', (2.0, _MASS)),
+        ('settotalmass="-1"', (2.0, _MASS)),
+        ('settotalmass="3"', (6.0 / (2.0 + _MASS), 3.0 * _MASS / (2.0 + _MASS))),
+        ('inertiafromgeom="true" settotalmass="3"', (1.5, 1.5)),
+    ],
+)
+def test_the_compiler_of_mjcf_says_where_masses_come_from(compiler, masses):
+    robot = loaded(BALL.replace("COMPILER", compiler))
+    assert [body.inertia.mass for body in robot.model.bodies] == pytest.approx(masses, rel=1e-12)
+    assert any("settotalmass=3" in text for text in robot.defects) == ('"3"' in compiler)

@@ -179,7 +179,7 @@ def test_waypoints_are_met(run, tmp_path):
         (("--to", "1,1", "--duration", "0"), "duration"),
         (("--to", "1,1", "--step", "0"), "--step"),
         (("--to", "1,nan"), "--to"),
-        (("--to", "0,0"), "same place"),
+        (("--to", "0,0"), "same configuration"),
         (("--to", "1,1"), "nothing limits"),
         (("--to", "1,1", "--fastest"), "nothing limits"),
         (("--to", "1,1", "--waypoints", "none.csv"), "none.csv"),

@@ -67,8 +67,10 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
         for n, q in (("q0", q0), ("q1", q1))
     )
     way = robot.subtract(q1, q0)
+    if robot.nv == 0:
+        raise ValueRangeError(f"robot {robot.name!r} has no joint that moves, so there is no motion to plan.")
     if not np.abs(way).max(initial=0.0) > 0:
-        raise ValueRangeError("q0 and q1 are the same place, so no path leads from one to the other.")
+        raise ValueRangeError("q0 and q1 are the same configuration, so there is no motion to plan.")
 
     def line(s: Array) -> tuple[Array, Array, Array]:
         flat = np.broadcast_to(way, (*s.shape, robot.nv))
