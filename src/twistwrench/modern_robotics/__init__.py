@@ -3,14 +3,15 @@
 Names, argument orders and what comes back are those of ``modern_robotics`` 1.1.1 by Lynch, Park, Weng and others. The code is
 not: rigid motions run on :mod:`twistwrench.lie`, and whatever takes ``Slist`` or ``Mlist, Glist, Slist`` on kernels compiled
 for these lists. The first call with new lists compiles, some tenths of a second; later ones find the kernels by what is in
-the lists. Leading batch shapes are welcome wherever a function takes a vector or a matrix, unless its docstring says not.
+the lists. Leading batch shapes are welcome wherever a function takes a vector or a matrix, unless its docstring excludes them.
 
 What differs on purpose: tiny rotations and those near π come out right, invalid input is an error of the one tree, and
 results are floating-point whatever goes in. ``docs/modern-robotics.md`` lists every function.
 """
 
-from .control import ComputedTorque, SimulateControl
+from .chains import FKinBody, FKinSpace, IKinBody, IKinSpace, JacobianBody, JacobianSpace
 from .dynamics import (
+    ComputedTorque,
     EndEffectorForces,
     EulerStep,
     ForwardDynamics,
@@ -19,30 +20,28 @@ from .dynamics import (
     InverseDynamics,
     InverseDynamicsTrajectory,
     MassMatrix,
+    SimulateControl,
     VelQuadraticForces,
 )
-from .kinematics import FKinBody, FKinSpace, IKinBody, IKinSpace, JacobianBody, JacobianSpace
-from .nearness import (
-    DistanceToSE3,
-    DistanceToSO3,
-    NearZero,
-    Normalize,
-    ProjectToSE3,
-    ProjectToSO3,
-    TestIfSE3,
-    TestIfSO3,
-)
-from .rigid_motion import (
+from .matrices import (
     Adjoint,
     AxisAng3,
     AxisAng6,
+    DistanceToSE3,
+    DistanceToSO3,
     MatrixExp3,
     MatrixExp6,
     MatrixLog3,
     MatrixLog6,
+    NearZero,
+    Normalize,
+    ProjectToSE3,
+    ProjectToSO3,
     RotInv,
     RpToTrans,
     ScrewToAxis,
+    TestIfSE3,
+    TestIfSO3,
     TransInv,
     TransToRp,
     VecTose3,

@@ -1,7 +1,6 @@
-"""Chapter 8: dynamics of an open chain given by the book's lists.
+"""Chapters 8 and 11: dynamics of open chains given by the book's lists, and computed torque control.
 
-``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench (m, f) that
-the robot applies, in the end-effector's frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6, n).
+Arrays are those of :mod:`.chains`.
 """
 
 from __future__ import annotations
@@ -11,10 +10,21 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.glossary import complete
-from ..errors import ShapeError
+from ..errors import MissingExtraError, ShapeError
 from ..typing import Array
 from . import matrix_arguments
-from .robot_of_lists import Chain, chain_of
+from .chains import Chain, chain_of
+
+# ── Chapter 8: dynamics
+
+
+def _on_lists(quantity: str, lists: tuple[ArrayLike, ArrayLike, ArrayLike], **given: ArrayLike) -> Array:
+    """Quantity of the chain of (Mlist, Glist, Slist), with its inputs in order."""
+    chain, sizes = chain_of(*lists), {"Ftip": 6, "g": 3}
+    return chain.run(
+        quantity,
+        **{n: matrix_arguments.array(x, n, sizes[n]) if n in sizes else chain.joints(x, n) for n, x in given.items()},
+    )
 
 
 def InverseDynamics(
@@ -27,20 +37,11 @@ def InverseDynamics(
     Glist: ArrayLike,
     Slist: ArrayLike,
 ) -> Array:
-    """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip.
+    """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip (MR eq. 8.50 to 8.54).
 
     Returns
     -------
     tau : (..., n) array [N m, sliding joints: N]
-
-    Raises
-    ------
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR eq. 8.50 to 8.54.
 
     Examples
     --------
@@ -50,32 +51,18 @@ def InverseDynamics(
     >>> InverseDynamics([0, 0], [0, 0], [0, 0], [0, 0, -9.81], np.zeros(6), *lists).round(9).tolist()
     [29.43, 9.81]
     """
-    chain = chain_of(Mlist, Glist, Slist)
-    return chain.run(
-        chain.inverse_dynamics,
-        thetalist=chain.joints(thetalist, "thetalist"),
-        dthetalist=chain.joints(dthetalist, "dthetalist"),
-        ddthetalist=chain.joints(ddthetalist, "ddthetalist"),
-        Ftip=matrix_arguments.array(Ftip, "Ftip", 6),
-        g=matrix_arguments.array(g, "g", 3),
-    )
+    return _on_lists(
+        "inverse_dynamics", (Mlist, Glist, Slist),
+        thetalist=thetalist, dthetalist=dthetalist, ddthetalist=ddthetalist, Ftip=Ftip, g=g,
+    )  # fmt: skip
 
 
 def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
-    """Mass matrix M(theta), exactly symmetric, by composite inertias.
+    """Mass matrix M(theta), exactly symmetric, by composite inertias (MR eq. 8.57).
 
     Returns
     -------
     M : (..., n, n) array [kg m², sliding joints: kg]
-
-    Raises
-    ------
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR eq. 8.57.
 
     Examples
     --------
@@ -84,27 +71,17 @@ def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: 
     >>> MassMatrix([0, np.pi / 2], s.Mlist, s.Glist, s.Slist).round(12).tolist()
     [[3.0, 1.0], [1.0, 1.0]]
     """
-    chain = chain_of(Mlist, Glist, Slist)
-    return chain.mass_matrix(chain.joints(thetalist, "thetalist"))
+    return _on_lists("mass_matrix", (Mlist, Glist, Slist), thetalist=thetalist)
 
 
 def VelQuadraticForces(
     thetalist: ArrayLike, dthetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> Array:
-    """Coriolis and centripetal forces c(theta, dtheta).
+    """Coriolis and centripetal forces c(theta, dtheta) (MR eq. 8.9, 8.10).
 
     Returns
     -------
     c : (..., n) array [N m, sliding joints: N]
-
-    Raises
-    ------
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR eq. 8.9, 8.10.
 
     Examples
     --------
@@ -113,26 +90,15 @@ def VelQuadraticForces(
     >>> VelQuadraticForces([0, np.pi / 2], [1, 1], s.Mlist, s.Glist, s.Slist).round(12).tolist()
     [-3.0, 1.0]
     """
-    chain = chain_of(Mlist, Glist, Slist)
-    q, dq = chain.joints(thetalist, "thetalist"), chain.joints(dthetalist, "dthetalist")
-    return chain.run(chain.coriolis_forces, thetalist=q, dthetalist=dq)
+    return _on_lists("coriolis_forces", (Mlist, Glist, Slist), thetalist=thetalist, dthetalist=dthetalist)
 
 
 def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
-    """Gravity forces g(theta), what holds the chain against gravity.
+    """Gravity forces g(theta), what holds the chain against gravity (MR section 8.3).
 
     Returns
     -------
     g : (..., n) array [N m, sliding joints: N]
-
-    Raises
-    ------
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR section 8.3.
 
     Examples
     --------
@@ -141,28 +107,17 @@ def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: A
     >>> GravityForces([0, 0], [0, 0, -9.81], s.Mlist, s.Glist, s.Slist).round(9).tolist()
     [29.43, 9.81]
     """
-    chain = chain_of(Mlist, Glist, Slist)
-    q, gravity = chain.joints(thetalist, "thetalist"), matrix_arguments.array(g, "g", 3)
-    return chain.run(chain.gravity_forces, thetalist=q, g=gravity)
+    return _on_lists("gravity_forces", (Mlist, Glist, Slist), thetalist=thetalist, g=g)
 
 
 def EndEffectorForces(
     thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> Array:
-    """Joint torques J_b' F_tip of a wrench at the end-effector: what it takes to apply it and nothing else.
+    """Joint torques J_b' F_tip of a wrench at the end-effector: what it takes to apply it and nothing else (MR eq. 5.26).
 
     Returns
     -------
     tau : (..., n) array [N m, sliding joints: N]
-
-    Raises
-    ------
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR eq. 5.26.
 
     Examples
     --------
@@ -171,9 +126,7 @@ def EndEffectorForces(
     >>> EndEffectorForces([0, 0], [0, 0, 0, 0, 1, 0], s.Mlist, s.Glist, s.Slist).round(9).tolist()
     [2.0, 1.0]
     """
-    chain = chain_of(Mlist, Glist, Slist)
-    q, F = chain.joints(thetalist, "thetalist"), matrix_arguments.array(Ftip, "Ftip", 6)
-    return chain.run(chain.wrench_torques, thetalist=q, Ftip=F)
+    return _on_lists("wrench_torques", (Mlist, Glist, Slist), thetalist=thetalist, Ftip=Ftip)
 
 
 def ForwardDynamics(
@@ -186,11 +139,7 @@ def ForwardDynamics(
     Glist: ArrayLike,
     Slist: ArrayLike,
 ) -> Array:
-    """Forward dynamics: ddtheta that solves M ddtheta = τ - c - g(theta) - J' F_tip, M factored, never inverted.
-
-    Parameters
-    ----------
-    taulist : (..., n) array_like, joint torques [N m, sliding joints: N]
+    """Forward dynamics: ddtheta that solves M ddtheta = τ - c - g(theta) - J' F_tip, M factored (MR section 8.5).
 
     Returns
     -------
@@ -200,12 +149,6 @@ def ForwardDynamics(
     ------
     SingularMassMatrixError
         A joint moves nothing with inertia.
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR section 8.5.
 
     Examples
     --------
@@ -214,34 +157,21 @@ def ForwardDynamics(
     >>> ForwardDynamics([0, 0], [0, 0], [29.43, 9.81], [0, 0, -9.81], np.zeros(6), s.Mlist, s.Glist, s.Slist).round(9).tolist()
     [0.0, 0.0]
     """
-    chain = chain_of(Mlist, Glist, Slist)
-    return chain.run(
-        chain.forward_dynamics,
-        thetalist=chain.joints(thetalist, "thetalist"),
-        dthetalist=chain.joints(dthetalist, "dthetalist"),
-        taulist=chain.joints(taulist, "taulist"),
-        Ftip=matrix_arguments.array(Ftip, "Ftip", 6),
-        g=matrix_arguments.array(g, "g", 3),
-    )
+    return _on_lists(
+        "forward_dynamics", (Mlist, Glist, Slist),
+        thetalist=thetalist, dthetalist=dthetalist, taulist=taulist, Ftip=Ftip, g=g,
+    )  # fmt: skip
 
 
 def EulerStep(
     thetalist: ArrayLike, dthetalist: ArrayLike, ddthetalist: ArrayLike, dt: ArrayLike
 ) -> tuple[Array, Array]:
-    """Euler integration step: theta + dt dtheta and dtheta + dt ddtheta.
-
-    Parameters
-    ----------
-    dt : (...) array_like, time step [s]
+    """Euler integration step: theta + dt dtheta and dtheta + dt ddtheta (MR section 8.5).
 
     Returns
     -------
     theta : (..., n) array
     dtheta : (..., n) array
-
-    Notes
-    -----
-    MR section 8.5.
 
     Examples
     --------
@@ -269,19 +199,9 @@ def InverseDynamicsTrajectory(
 ) -> Array:
     """Inverse dynamics along a motion, all rows in one call: the torques of :func:`InverseDynamics`.
 
-    Parameters
-    ----------
-    thetamat, dthetamat, ddthetamat : (N, n) array_like, joint angles, rates and accelerations
-    Ftipmat : (N, 6) array_like, wrenches the end-effector applies, or 0 for none [N m, N]
-
     Returns
     -------
     taumat : (N, n) array [N m, sliding joints: N]
-
-    Raises
-    ------
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
 
     Examples
     --------
@@ -292,13 +212,9 @@ def InverseDynamicsTrajectory(
     [29.43, 9.81]
     """
     chain = chain_of(Mlist, Glist, Slist)
-    q, dq, ddq = (
-        rows(chain, x, name)
-        for x, name in ((thetamat, "thetamat"), (dthetamat, "dthetamat"), (ddthetamat, "ddthetamat"))
-    )
-    matrix_arguments.same_length(thetamat=q, dthetamat=dq, ddthetamat=ddq)
-    F, gravity = tip_wrenches(Ftipmat, len(q)), matrix_arguments.array(g, "g", 3)
-    return chain.run(chain.inverse_dynamics, thetamat=q, dthetamat=dq, ddthetamat=ddq, Ftipmat=F, g=gravity)
+    motion = _motion(chain, thetamat=thetamat, dthetamat=dthetamat, ddthetamat=ddthetamat)
+    F, gravity = _tip_wrenches(Ftipmat, len(motion["thetamat"])), matrix_arguments.array(g, "g", 3)
+    return chain.run("inverse_dynamics", **motion, Ftipmat=F, g=gravity)
 
 
 def ForwardDynamicsTrajectory(
@@ -313,16 +229,14 @@ def ForwardDynamicsTrajectory(
     dt: float,
     intRes: int,
 ) -> tuple[Array, Array]:
-    """Forward dynamics along rows of torques, each held for ``dt``: the motion by Euler steps, one at a time.
+    """Forward dynamics along rows of torques, each held for ``dt``: the motion by Euler steps, one at a time (MR section 8.5).
 
     Parameters
     ----------
     thetalist : (n,) array_like, joint angles at the start
     dthetalist : (n,) array_like, joint rates at the start
     taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row moves nothing
-    Ftipmat : (N, 6) array_like, wrenches the end-effector applies, or 0 for none [N m, N]
     dt : float, how long each row is held [s]
-    intRes : int, Euler steps a row
 
     Returns
     -------
@@ -333,12 +247,6 @@ def ForwardDynamicsTrajectory(
     ------
     SingularMassMatrixError
         A joint moves nothing with inertia.
-    ShapeError, ModelError, InertiaError
-        The lists describe no chain, or arrays do not fit it.
-
-    Notes
-    -----
-    MR section 8.5.
 
     Examples
     --------
@@ -350,29 +258,29 @@ def ForwardDynamicsTrajectory(
     (True, (4, 2))
     """
     chain = chain_of(Mlist, Glist, Slist)
-    q, dq = start(chain, thetalist, dthetalist)
-    tau, gravity, dt = rows(chain, taumat, "taumat"), arguments.one(g, "g", 3), arguments.number(dt, "dt")
-    F, steps = tip_wrenches(Ftipmat, len(tau)), arguments.whole(intRes, "intRes")
+    q, dq = _start(chain, thetalist, dthetalist)
+    tau, gravity, dt = _rows(chain, taumat, "taumat"), arguments.one(g, "g", 3), arguments.number(dt, "dt")
+    F, steps = _tip_wrenches(Ftipmat, len(tau)), arguments.whole(intRes, "intRes")
     thetamat, dthetamat = np.empty(tau.shape), np.empty(tau.shape)
     thetamat[0], dthetamat[0] = q, dq
     for i in range(len(tau) - 1):
-        q, dq = euler(chain, q, dq, tau[i], gravity, F[i], dt, steps)
+        q, dq = _euler(chain, q, dq, tau[i], gravity, F[i], dt, steps)
         thetamat[i + 1], dthetamat[i + 1] = q, dq
     return thetamat, dthetamat
 
 
-def euler(
+def _euler(
     chain: Chain, q: Array, dq: Array, tau: Array, g: Array, F: Array, dt: float, steps: int
 ) -> tuple[Array, Array]:
     """The state after ``steps`` Euler steps that share the time dt, under constant torques."""
     step = dt / steps
     for _ in range(steps):
-        ddq = chain.forward_dynamics(q, dq, tau, F, g)
+        ddq = chain.kernel("forward_dynamics")(q, dq, tau, F, g)
         q, dq = q + step * dq, dq + step * ddq
     return q, dq
 
 
-def start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Array, Array]:
+def _start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Array, Array]:
     """The state that a simulation starts from, one state, real numbers."""
     q, dq = chain.joints(thetalist, "thetalist"), chain.joints(dthetalist, "dthetalist")
     for x, name in ((q, "thetalist"), (dq, "dthetalist")):
@@ -381,7 +289,7 @@ def start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Ar
     return q.astype(float), dq.astype(float)
 
 
-def rows(chain: Chain, x: ArrayLike, name: str) -> Array:
+def _rows(chain: Chain, x: ArrayLike, name: str) -> Array:
     """A matrix with a row for each instant and a column for each joint; (N, n)."""
     found = chain.joints(x, name)
     if found.ndim != 2 or len(found) == 0:
@@ -389,7 +297,16 @@ def rows(chain: Chain, x: ArrayLike, name: str) -> Array:
     return found
 
 
-def tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
+def _motion(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
+    """Matrices of one motion, with as many rows as each other."""
+    found = {name: _rows(chain, x, name) for name, x in matrices.items()}
+    if len({len(m) for m in found.values()}) > 1:
+        listed = ", ".join(f"{name} {m.shape}" for name, m in found.items())
+        raise ShapeError(f"the matrices of one motion need as many rows as each other: {listed}.")
+    return found
+
+
+def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
     """The wrench of each row, (N, 6); zeros where a plain 0 was given, as the book's package promises."""
     F = matrix_arguments.array(Ftipmat, "Ftipmat")
     if F.ndim == 0 and F == 0:
@@ -399,6 +316,153 @@ def tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
             f"Ftipmat has shape {F.shape}, expected ({N}, 6): a wrench (m, f) for each row, or 0 for none."
         )
     return F
+
+
+# ── Chapter 11: computed torque control
+
+
+def ComputedTorque(
+    thetalist: ArrayLike,
+    dthetalist: ArrayLike,
+    eint: ArrayLike,
+    g: ArrayLike,
+    Mlist: ArrayLike,
+    Glist: ArrayLike,
+    Slist: ArrayLike,
+    thetalistd: ArrayLike,
+    dthetalistd: ArrayLike,
+    ddthetalistd: ArrayLike,
+    Kp: ArrayLike,
+    Ki: ArrayLike,
+    Kd: ArrayLike,
+) -> Array:
+    """Computed-torque control (feedback linearization): τ = M (ddtheta_d + Kp e + Ki (eint + e) + Kd de) + h (MR eq. 11.35).
+
+    Returns
+    -------
+    tau : (..., n) array, joint torques [N m, sliding joints: N]
+
+    Notes
+    -----
+    e = theta_d - theta; the error of this instant is added to its integral ``eint``, as in the book's
+    package. Gains are numbers, or one for each joint.
+
+    Examples
+    --------
+    >>> from twistwrench import robots
+    >>> s = robots.planar_2r().screws
+    >>> lists = s.Mlist, s.Glist, s.Slist
+    >>> ComputedTorque([0, 0], [0, 0], [0, 0], [0, 0, -9.81], *lists, [0, 0], [0, 0], [0, 0], 20, 10, 18).round(9).tolist()
+    [29.43, 9.81]
+    """
+    chain = chain_of(Mlist, Glist, Slist)
+    given = {
+        "thetalist": thetalist, "dthetalist": dthetalist, "eint": eint,
+        "thetalistd": thetalistd, "dthetalistd": dthetalistd, "ddthetalistd": ddthetalistd,
+    }  # fmt: skip
+    states = arguments.together(**{name: chain.joints(x, name) for name, x in given.items()})
+    gains = _gains(chain, Kp=Kp, Ki=Ki, Kd=Kd)
+    return _torque(chain, matrix_arguments.array(g, "g", 3), *states, *gains)
+
+
+def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
+    """Numbers, or one for each joint."""
+    return [arguments.one(K, name, chain.n) if np.ndim(K) else arguments.one(K, name) for name, K in gains.items()]
+
+
+def _torque(
+    chain: Chain, g: Array, q: Array, dq: Array, eint: Array, q_d: Array, dq_d: Array, ddq_d: Array,
+    Kp: Array, Ki: Array, Kd: Array,
+) -> Array:  # fmt: skip
+    e = q_d - q
+    ddq = ddq_d + Kp * e + Ki * (eint + e) + Kd * (dq_d - dq)
+    return chain.run("inverse_dynamics", thetalist=q, dthetalist=dq, ddthetalist=ddq, Ftip=np.zeros(6), g=g)
+
+
+def SimulateControl(
+    thetalist: ArrayLike,
+    dthetalist: ArrayLike,
+    g: ArrayLike,
+    Ftipmat: ArrayLike,
+    Mlist: ArrayLike,
+    Glist: ArrayLike,
+    Slist: ArrayLike,
+    thetamatd: ArrayLike,
+    dthetamatd: ArrayLike,
+    ddthetamatd: ArrayLike,
+    gtilde: ArrayLike,
+    Mtildelist: ArrayLike,
+    Gtildelist: ArrayLike,
+    Kp: ArrayLike,
+    Ki: ArrayLike,
+    Kd: ArrayLike,
+    dt: float,
+    intRes: int,
+    *,
+    plot: bool = False,
+) -> tuple[Array, Array]:
+    """Simulation of :func:`ComputedTorque` following a motion with a model of its own (MR section 11.4).
+
+    Parameters
+    ----------
+    thetalist : (n,) array_like, joint angles at the start
+    dthetalist : (n,) array_like, joint rates at the start
+    dt : float, time step [s]
+
+    Returns
+    -------
+    taumat : (N, n) array, torques [N m, sliding joints: N]
+    thetamat : (N, n) array, joint angles
+
+    Raises
+    ------
+    MissingExtraError
+        ``plot=True`` without matplotlib.
+
+    Notes
+    -----
+    Torques are held for ``dt``, integrated by ``intRes`` Euler steps.
+
+    Examples
+    --------
+    >>> from twistwrench import robots
+    >>> s = robots.planar_2r().screws
+    >>> rest, g = np.zeros((5, 2)), [0, 0, -9.81]
+    >>> tau, theta = SimulateControl([0, 0], [0, 0], g, 0, s.Mlist, s.Glist, s.Slist, rest, rest, rest,
+    ...                              g, s.Mlist, s.Glist, 20, 10, 18, 0.01, 8)
+    >>> tau[4].round(6).tolist(), bool(abs(theta).max() < 1e-9)
+    ([29.43, 9.81], True)
+    """
+    robot, model = chain_of(Mlist, Glist, Slist), chain_of(Mtildelist, Gtildelist, Slist)
+    q, dq = _start(robot, thetalist, dthetalist)
+    wanted = _motion(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd)
+    q_d, dq_d, ddq_d = wanted.values()
+    gains, dt = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), arguments.number(dt, "dt")
+    gravity, believed = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
+    F, steps = _tip_wrenches(Ftipmat, len(q_d)), arguments.whole(intRes, "intRes")
+    eint, taumat, thetamat = np.zeros(robot.n), np.empty(q_d.shape), np.empty(q_d.shape)
+    for i in range(len(q_d)):
+        tau = _torque(model, believed, q, dq, eint, q_d[i], dq_d[i], ddq_d[i], *gains)
+        q, dq = _euler(robot, q, dq, tau, gravity, F[i], dt, steps)
+        taumat[i], thetamat[i] = tau, q
+        eint = eint + dt * (q_d[i] - q)
+    if plot:
+        _show(dt * np.arange(1, len(q_d) + 1), thetamat, q_d)
+    return taumat, thetamat
+
+
+def _show(t: Array, actual: Array, wanted: Array) -> None:
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        raise MissingExtraError.of("matplotlib", "plot", "SimulateControl(plot=True)") from None
+    _, axes = plt.subplots()
+    for i in range(actual.shape[1]):
+        (line,) = axes.plot(t, actual[:, i], label=f"theta{i + 1}")
+        axes.plot(t, wanted[:, i], ":", color=line.get_color(), label=f"theta{i + 1} wanted")
+    axes.set(xlabel="time [s]", ylabel="joint angle [rad]", title="Actual and wanted joint angles")
+    axes.legend(loc="upper left")
+    plt.show()
 
 
 complete(globals())

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ValueRangeError
 from ..lie import se3, so3
 from ..typing import Array
 
 ROUNDED = 0.01
-"""How far an entry may be from the nearest rotation's: matrices typed with two digits are taken for rotations."""
+"""Largest distance of an entry from the nearest rotation's: matrices typed with two digits are taken for rotations."""
 
 
 def array(x: ArrayLike, name: str, *core: int) -> Array:
@@ -72,10 +72,3 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
         complaint = f"{name} has no last row of zeros: an entry is {{gap}} off, allowed {{allowed}}"
         arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, complaint)
     return X
-
-
-def same_length(**matrices: Array) -> None:
-    """Make sure that matrices with a row for each instant have as many of them."""
-    if len({len(m) for m in matrices.values()}) > 1:
-        listed = ", ".join(f"{name} {m.shape}" for name, m in matrices.items())
-        raise ShapeError(f"the matrices of one motion need as many rows as each other: {listed}.")

@@ -14,23 +14,15 @@ from ..errors import ShapeError, ValueRangeError
 from ..lie import se3
 from ..typing import Array
 from . import matrix_arguments
-from .rigid_motion import log6
+from .matrices import log6
 
 
 def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
-    """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest.
-
-    Parameters
-    ----------
-    t : (...) array_like, time [s]
+    """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest (MR eq. 9.10).
 
     Returns
     -------
     s : (...) array
-
-    Notes
-    -----
-    MR eq. 9.10.
 
     Examples
     --------
@@ -41,19 +33,11 @@ def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
 
 
 def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
-    """Quintic time scaling s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too.
-
-    Parameters
-    ----------
-    t : (...) array_like, time [s]
+    """Quintic time scaling s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too (MR section 9.2.1).
 
     Returns
     -------
     s : (...) array
-
-    Notes
-    -----
-    MR section 9.2.1.
 
     Examples
     --------
@@ -73,12 +57,7 @@ def _fraction(Tf: Any, t: Any) -> Any:
 
 
 def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: float, method: int) -> Array:
-    """Joint trajectory: points on the straight line between two joint vectors, equally spaced in time.
-
-    Parameters
-    ----------
-    thetastart : (n,) array_like, joint angles at the start
-    thetaend : (n,) array_like, joint angles at the end
+    """Joint trajectory: points on the straight line between two joint vectors, equally spaced in time (MR section 9.2).
 
     Returns
     -------
@@ -88,10 +67,8 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
     ------
     ValueRangeError
         ``method`` is neither 3 nor 5, ``N`` under 2 or ``Tf`` ≤ 0.
-
-    Notes
-    -----
-    MR section 9.2.
+    ShapeError
+        The two vectors are not of one size.
 
     Examples
     --------
@@ -106,25 +83,11 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
 
 
 def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
-    """Screw trajectory: poses along the constant screw from one pose to another.
-
-    Parameters
-    ----------
-    Xstart : (4, 4) array_like, pose at the start
-    Xend : (4, 4) array_like, pose at the end
+    """Screw trajectory: poses along the constant screw from one pose to another (MR eq. 9.23).
 
     Returns
     -------
     poses : list of N (4, 4) arrays
-
-    Raises
-    ------
-    ValueRangeError
-        As :func:`JointTrajectory`, or a pose is none.
-
-    Notes
-    -----
-    MR eq. 9.23.
 
     Examples
     --------
@@ -138,25 +101,11 @@ def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, met
 
 
 def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
-    """Cartesian trajectory: poses whose origin is on a straight line and whose rotation is about a constant axis.
-
-    Parameters
-    ----------
-    Xstart : (4, 4) array_like, pose at the start
-    Xend : (4, 4) array_like, pose at the end
+    """Cartesian trajectory: origin on a straight line, rotation about a constant axis (MR eq. 9.24, 9.25).
 
     Returns
     -------
     poses : list of N (4, 4) arrays
-
-    Raises
-    ------
-    ValueRangeError
-        As :func:`JointTrajectory`, or a pose is none.
-
-    Notes
-    -----
-    MR eq. 9.24, 9.25.
 
     Examples
     --------

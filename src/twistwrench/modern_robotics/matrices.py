@@ -1,4 +1,4 @@
-"""Chapter 3: rotations, rigid motions, their exponentials and logarithms; and the matrix [ad_V] of chapter 8."""
+"""Chapter 3: rotations, rigid motions, their exponentials and logarithms, nearness to SO(3) and SE(3); [ad_V] of chapter 8."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.glossary import complete
+from ..errors import ValueRangeError
 from ..lie import se3, so3
 from ..typing import Array
 from . import matrix_arguments
@@ -18,19 +19,11 @@ from . import matrix_arguments
 
 
 def RotInv(R: ArrayLike) -> Array:
-    """Inverse of a rotation, its transpose R'.
-
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like, rotation
+    """Inverse of a rotation, its transpose R' (MR section 3.2.1).
 
     Returns
     -------
     inverse : (..., 3, 3) array
-
-    Notes
-    -----
-    MR section 3.2.1.
 
     Examples
     --------
@@ -41,19 +34,11 @@ def RotInv(R: ArrayLike) -> Array:
 
 
 def VecToso3(omg: ArrayLike) -> Array:
-    """Skew-symmetric matrix [omg] of a vector.
-
-    Parameters
-    ----------
-    omg : (..., 3) array_like
+    """Skew-symmetric matrix [omg] of a vector (MR eq. 3.30).
 
     Returns
     -------
     so3mat : (..., 3, 3) array
-
-    Notes
-    -----
-    MR eq. 3.30.
 
     Examples
     --------
@@ -65,10 +50,6 @@ def VecToso3(omg: ArrayLike) -> Array:
 
 def so3ToVec(so3mat: ArrayLike) -> Array:
     """Vector of a skew-symmetric matrix.
-
-    Parameters
-    ----------
-    so3mat : (..., 3, 3) array_like
 
     Returns
     -------
@@ -88,11 +69,7 @@ def so3ToVec(so3mat: ArrayLike) -> Array:
 
 
 def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
-    """Axis and angle of exponential coordinates of a rotation.
-
-    Parameters
-    ----------
-    expc3 : (..., 3) array_like [rad]
+    """Axis and angle of exponential coordinates of a rotation (MR section 3.2.3.3).
 
     Returns
     -------
@@ -101,7 +78,7 @@ def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
 
     Notes
     -----
-    MR section 3.2.3.3. No rotation has no axis: zero gives a zero axis and a zero angle, so that axis times angle is
+    No rotation has no axis: zero gives a zero axis and a zero angle, so that axis times angle is
     always ``expc3``.
 
     Examples
@@ -116,24 +93,11 @@ def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
 
 
 def MatrixExp3(so3mat: ArrayLike) -> Array:
-    """Matrix exponential of so(3): the rotation exp([omg] theta), at every angle.
-
-    Parameters
-    ----------
-    so3mat : (..., 3, 3) array_like, [omg] theta [rad]
+    """Matrix exponential of so(3): the rotation exp([omg] theta), at every angle (MR eq. 3.51).
 
     Returns
     -------
     R : (..., 3, 3) array
-
-    Raises
-    ------
-    ValueRangeError
-        As :func:`so3ToVec`.
-
-    Notes
-    -----
-    MR eq. 3.51.
 
     Examples
     --------
@@ -144,11 +108,7 @@ def MatrixExp3(so3mat: ArrayLike) -> Array:
 
 
 def MatrixLog3(R: ArrayLike) -> Array:
-    """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π whose exponential is R, at every angle.
-
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like, rotation
+    """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π whose exponential is R, at every angle (MR eq. 3.53, 3.54).
 
     Returns
     -------
@@ -161,7 +121,7 @@ def MatrixLog3(R: ArrayLike) -> Array:
 
     Notes
     -----
-    MR eq. 3.53, 3.54. A matrix typed with few digits is read as the nearest rotation. At exactly π, where two
+    A matrix typed with few digits is read as the nearest rotation. At exactly π, where two
     logarithms are right, the sign is the one the book's package chooses.
 
     Examples
@@ -192,11 +152,6 @@ def _signed(R: Array, w: Array) -> Array:
 
 def RpToTrans(R: ArrayLike, p: ArrayLike) -> Array:
     """Homogeneous matrix of a rotation and a position.
-
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like, rotation
-    p : (..., 3) array_like, position [m]
 
     Returns
     -------
@@ -229,7 +184,7 @@ def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
 
 
 def TransInv(T: ArrayLike) -> Array:
-    """Inverse of a pose, by transposing the rotation.
+    """Inverse of a pose, by transposing the rotation (MR eq. 3.64).
 
     Returns
     -------
@@ -242,7 +197,7 @@ def TransInv(T: ArrayLike) -> Array:
 
     Notes
     -----
-    MR eq. 3.64. What :func:`MatrixLog3` says of rounded rotations holds here too.
+    Rounded rotations are read as in :func:`MatrixLog3`.
 
     Examples
     --------
@@ -258,15 +213,11 @@ def TransInv(T: ArrayLike) -> Array:
 
 
 def VecTose3(V: ArrayLike) -> Array:
-    """Matrix [V] of a twist.
+    """Matrix [V] of a twist (MR eq. 3.71).
 
     Returns
     -------
     se3mat : (..., 4, 4) array
-
-    Notes
-    -----
-    MR eq. 3.71.
 
     Examples
     --------
@@ -279,18 +230,9 @@ def VecTose3(V: ArrayLike) -> Array:
 def se3ToVec(se3mat: ArrayLike) -> Array:
     """Twist (omega, v) of a matrix [V].
 
-    Parameters
-    ----------
-    se3mat : (..., 4, 4) array_like
-
     Returns
     -------
     V : (..., 6) array
-
-    Raises
-    ------
-    ValueRangeError
-        The upper left block is not skew-symmetric, or the last row is not zero.
 
     Examples
     --------
@@ -301,15 +243,11 @@ def se3ToVec(se3mat: ArrayLike) -> Array:
 
 
 def Adjoint(T: ArrayLike) -> Array:
-    """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without making it.
+    """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without making it (MR eq. 3.83).
 
     Returns
     -------
     AdT : (..., 6, 6) array
-
-    Notes
-    -----
-    MR eq. 3.83.
 
     Examples
     --------
@@ -322,15 +260,11 @@ def Adjoint(T: ArrayLike) -> Array:
 
 
 def ad(V: ArrayLike) -> Array:
-    """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]].
+    """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]] (MR definition 8.5).
 
     Returns
     -------
     adV : (..., 6, 6) array
-
-    Notes
-    -----
-    MR definition 8.5.
 
     Examples
     --------
@@ -349,7 +283,7 @@ def _lower(diagonal: Array, below: Array) -> Array:
 
 
 def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
-    """Screw axis (s, q × s + h s) through a point along a unit vector with a pitch.
+    """Screw axis (s, q × s + h s) through a point along a unit vector with a pitch (MR section 3.3.2.2).
 
     Parameters
     ----------
@@ -363,7 +297,7 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
 
     Notes
     -----
-    MR section 3.3.2.2. s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis`
+    s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis`
     normalises it.
 
     Examples
@@ -378,11 +312,7 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
 
 
 def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
-    """Screw axis and distance along it of exponential coordinates S theta.
-
-    Parameters
-    ----------
-    expc6 : (..., 6) array_like
+    """Screw axis and distance along it of exponential coordinates S theta (MR eq. 3.87).
 
     Returns
     -------
@@ -391,7 +321,7 @@ def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
 
     Notes
     -----
-    MR eq. 3.87. The turning part of S is of unit length however small it was in ``expc6``; where it is zero, the
+    The turning part of S is of unit length however small it was in ``expc6``; where it is zero, the
     sliding part is. Zero gives a zero axis and a zero distance.
 
     Examples
@@ -407,24 +337,11 @@ def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
 
 
 def MatrixExp6(se3mat: ArrayLike) -> Array:
-    """Matrix exponential of se(3): the pose exp([S] theta), at every angle.
-
-    Parameters
-    ----------
-    se3mat : (..., 4, 4) array_like, [S] theta
+    """Matrix exponential of se(3): the pose exp([S] theta), at every angle (MR eq. 3.88).
 
     Returns
     -------
     T : (..., 4, 4) array
-
-    Raises
-    ------
-    ValueRangeError
-        As :func:`se3ToVec`.
-
-    Notes
-    -----
-    MR eq. 3.88.
 
     Examples
     --------
@@ -436,7 +353,7 @@ def MatrixExp6(se3mat: ArrayLike) -> Array:
 
 
 def MatrixLog6(T: ArrayLike) -> Array:
-    """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π whose exponential is T, at every angle.
+    """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π whose exponential is T, at every angle (MR eq. 3.91, 3.92).
 
     Returns
     -------
@@ -449,7 +366,7 @@ def MatrixLog6(T: ArrayLike) -> Array:
 
     Notes
     -----
-    MR eq. 3.91, 3.92. What :func:`MatrixLog3` says of rounded rotations and of exactly π holds here too.
+    Rounded rotations and exactly π are treated as in :func:`MatrixLog3`.
 
     Examples
     --------
@@ -479,6 +396,170 @@ def _length(v: Array) -> Any:
 
 def _over(v: Array, theta: Any) -> Array:
     return np.asarray(v / np.where(theta > 0, theta, 1.0)[..., None])
+
+
+# ── Nearness: tests and projections
+
+FAR = 1e9
+"""The distance of a matrix whose determinant is not positive."""
+
+
+def NearZero(z: ArrayLike) -> Any:
+    """True if a number is near zero: |z| < 1e-6.
+
+    Parameters
+    ----------
+    z : (...) array_like
+
+    Returns
+    -------
+    near : (...) array of bool
+
+    Notes
+    -----
+    Nothing in this package decides by it.
+
+    Examples
+    --------
+    >>> bool(NearZero(-1e-7))
+    True
+    """
+    return abs(z) < 1e-6 if type(z) is float else np.abs(matrix_arguments.array(z, "z")) < 1e-6
+
+
+def Normalize(V: ArrayLike) -> Array:
+    """Unit vector V / |V|.
+
+    Parameters
+    ----------
+    V : (..., n) array_like
+
+    Returns
+    -------
+    unit : (..., n) array
+
+    Raises
+    ------
+    ValueRangeError
+        A vector is zero, which has no direction.
+
+    Examples
+    --------
+    >>> Normalize([1, 2, 3]).round(8).tolist()
+    [0.26726124, 0.53452248, 0.80178373]
+    """
+    V = np.atleast_1d(matrix_arguments.array(V, "V"))
+    if V.ndim == 1 and 0.0 < (length := math.hypot(*V.tolist())) < math.inf:
+        return V / V.dtype.type(length)
+    largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
+    if not np.all(largest > 0):
+        raise ValueRangeError("V is zero, or not a number, so it has no direction. Give a vector with a nonzero entry.")
+    V = V / largest  # first, so that the squares neither vanish nor overflow
+    return np.asarray(V / np.linalg.norm(V, axis=-1, keepdims=True))
+
+
+def ProjectToSO3(mat: ArrayLike) -> Array:
+    """Nearest rotation to a matrix in the Frobenius norm, however far that is.
+
+    Returns
+    -------
+    R : (..., 3, 3) array
+
+    Notes
+    -----
+    :func:`twistwrench.so3.project` is the same with a limit.
+
+    Examples
+    --------
+    >>> ProjectToSO3([[0.675, 0.150, 0.720], [0.370, 0.771, -0.511], [-0.630, 0.619, 0.472]]).round(8)[0].tolist()
+    [0.67901136, 0.14894516, 0.71885945]
+    """
+    return so3.project(matrix_arguments.array(mat, "mat", 3, 3), np.inf)
+
+
+def ProjectToSE3(mat: ArrayLike) -> Array:
+    """Nearest pose to a matrix: the nearest rotation, the position as it is, the last row replaced.
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+
+    Examples
+    --------
+    >>> mat = [[0.675, 0.150, 0.720, 1.2], [0.370, 0.771, -0.511, 5.4], [-0.630, 0.619, 0.472, 3.6], [0.003, 0.002, 0.010, 0.9]]
+    >>> ProjectToSE3(mat).round(8)[0].tolist()
+    [0.67901136, 0.14894516, 0.71885945, 1.2]
+    """
+    mat = matrix_arguments.array(mat, "mat", 4, 4)
+    return se3.pose(so3.project(mat[..., :3, :3], np.inf), mat[..., :3, 3])
+
+
+def DistanceToSO3(mat: ArrayLike) -> Any:
+    """Distance of a 3×3 matrix to SO(3): |mat' mat - 1| in the Frobenius norm.
+
+    Returns
+    -------
+    distance : (...) array, 1e9 where the determinant is not positive
+
+    Examples
+    --------
+    >>> round(float(DistanceToSO3([[1.0, 0.0, 0.0], [0.0, 0.1, -0.95], [0.0, 1.0, 0.1]])), 5)
+    0.08835
+    """
+    return _distance(matrix_arguments.array(mat, "mat", 3, 3), None)
+
+
+def DistanceToSE3(mat: ArrayLike) -> Any:
+    """Distance of a 4×4 matrix to SE(3): :func:`DistanceToSO3` of the upper left block, with what the last row is off.
+
+    Returns
+    -------
+    distance : (...) array; the last row is measured against (0, 0, 0, 1)
+
+    Examples
+    --------
+    >>> mat = [[1.0, 0.0, 0.0, 1.2], [0.0, 0.1, -0.95, 1.5], [0.0, 1.0, 0.1, -0.9], [0.0, 0.0, 0.1, 0.98]]
+    >>> round(float(DistanceToSE3(mat)), 6)
+    0.134931
+    """
+    mat = matrix_arguments.array(mat, "mat", 4, 4)
+    return _distance(mat[..., :3, :3], mat[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+def _distance(R: Array, row: Array | None) -> Any:
+    off = np.swapaxes(R, -1, -2) @ R - np.eye(3)
+    square = np.sum(off * off, axis=(-1, -2)) + (0.0 if row is None else np.sum(row * row, axis=-1))
+    return np.where(np.linalg.det(R) > 0, np.sqrt(square), FAR)[()]
+
+
+def TestIfSO3(mat: ArrayLike) -> Any:
+    """True if a matrix is a rotation: :func:`DistanceToSO3` below 1e-3.
+
+    Returns
+    -------
+    answer : (...) array of bool
+
+    Examples
+    --------
+    >>> bool(TestIfSO3([[1.0, 0.0, 0.0], [0.0, 0.1, -0.95], [0.0, 1.0, 0.1]]))
+    False
+    """
+    return DistanceToSO3(mat) < 1e-3
+
+
+def TestIfSE3(mat: ArrayLike) -> Any:
+    """True if a matrix is a pose: :func:`DistanceToSE3` below 1e-3.
+
+    Returns
+    -------
+    answer : (...) array of bool
+
+    Examples
+    --------
+    >>> bool(TestIfSE3(np.eye(4)))
+    True
+    """
+    return DistanceToSE3(mat) < 1e-3
 
 
 complete(globals())

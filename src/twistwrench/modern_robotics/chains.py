@@ -1,0 +1,292 @@
+"""Chapters 4 to 6: kinematics of open chains given by the book's lists, on kernels cached by the content of the lists.
+
+``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench (m, f) that
+the robot applies, in the end-effector's frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6, n).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.glossary import complete
+from ..errors import ShapeError, ValueRangeError
+from ..lie import se3
+from ..lie.adjoint import Ad
+from ..robot import Robot, from_screws
+from ..typing import Array
+from . import matrix_arguments
+from .matrices import log6
+
+STEPS = 20
+"""The most Newton steps of inverse kinematics, as in the book's package."""
+CACHED = 64
+"""Sets of lists whose kernels are cached; the least recently used goes first. Machine code stays on disk beyond that."""
+
+_AT_TIP: dict[str, Any] = {"gravity": "input", "wrenches": True}
+_KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
+    "pose": ("forward_kinematics", {}),
+    "space_jacobian": ("jacobian", {"kind": "space"}),
+    "body_jacobian": ("jacobian", {"kind": "body"}),
+    "inverse_dynamics": ("inverse_dynamics", _AT_TIP),
+    "forward_dynamics": ("forward_dynamics", _AT_TIP),
+    "mass_matrix": ("mass_matrix", {}),
+    "coriolis_forces": ("coriolis_forces", {}),
+    "gravity_forces": ("gravity_forces", {"gravity": "input"}),
+    "wrench_torques": ("wrench_torques", {}),
+}
+"""Quantities of a chain with their options. Gravity and the wrench at the tip are inputs: their values compile nothing anew."""
+
+
+class Chain:
+    """Serial chain with its kernels."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.n = robot, robot.nv
+        self._kernels: dict[str, np.ufunc] = {}
+
+    def kernel(self, name: str) -> np.ufunc:
+        """Kernel of a quantity of the table."""
+        if (found := self._kernels.get(name)) is None:
+            quantity, options = _KERNELS[name]
+            if "wrenches" in options:
+                options = {**options, "wrenches": (str(self.robot.tip),)}
+            found = self._kernels[name] = self.robot.kernel(quantity, **options)
+        return found
+
+    def joints(self, x: ArrayLike, name: str) -> Array:
+        """Vector with one number for each joint, or a batch of such vectors."""
+        found = matrix_arguments.array(x, name)
+        if found.ndim == 0 or found.shape[-1] != self.n:
+            raise ShapeError(f"{name} has shape {found.shape}, but the lists describe {self.n} joints.")
+        return found
+
+    def run(self, quantity: str, **arrays: Array) -> Array:
+        """Value of a quantity; raises ShapeError for batches that do not broadcast."""
+        kernel = self.kernel(quantity)
+        try:
+            return kernel(*arrays.values())
+        except ValueError:
+            raise arguments.mismatch(**arrays) from None
+
+
+def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
+    """Chain of the book's lists: n + 1 poses, n inertias, screws in n columns. Impossible inertias are accepted.
+
+    Raises ShapeError for lists that do not fit together, ModelError and InertiaError if they do not describe a robot.
+    """
+    steps, inertias, screws = (
+        np.ascontiguousarray(matrix_arguments.array(x, name), float)
+        for x, name in ((Mlist, "Mlist"), (Glist, "Glist"), (Slist, "Slist"))
+    )
+    return _built(steps.tobytes(), inertias.tobytes(), screws.tobytes(), (steps.shape, inertias.shape, screws.shape))
+
+
+def screws_of(screws: ArrayLike, name: str) -> Chain:
+    """Chain of screws alone: every link frame is {s} at zero, so space screws and body screws are the same numbers."""
+    S = np.ascontiguousarray(matrix_arguments.array(screws, name), float)
+    if S.ndim != 2 or S.shape[0] != 6 or S.shape[1] == 0:
+        raise ShapeError(f"{name} has shape {S.shape}, expected (6, n): a screw axis (omega, v) in each column.")
+    n = S.shape[1]
+    return _built(_HOME * (n + 1), bytes(288 * n), S.tobytes(), ((n + 1, 4, 4), (n, 6, 6), S.shape))
+
+
+_HOME = np.eye(4).tobytes()
+Shape = tuple[int, ...]
+
+
+@lru_cache(maxsize=CACHED)
+def _built(steps: bytes, inertias: bytes, screws: bytes, shapes: tuple[Shape, Shape, Shape]) -> Chain:
+    raw = zip((steps, inertias, screws), shapes, strict=True)
+    Mlist, Glist, Slist = (np.frombuffer(data).reshape(shape) for data, shape in raw)
+    if Mlist.ndim == 3 and Mlist.shape[1:] == (4, 4):
+        Mlist = np.array([matrix_arguments.pose(T, f"Mlist[{i}]") for i, T in enumerate(Mlist)])
+    return Chain(from_screws(None, Slist, Mlist, Glist, name="lists", non_unit_screws=True, inertia="accept"))
+
+
+# ── Forward kinematics, Jacobians, inverse kinematics
+
+
+def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """Forward kinematics by body screws: M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose (MR eq. 4.16).
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+
+    Examples
+    --------
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> Blist = np.array([[0, 0, -1, 2, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0.1]]).T
+    >>> (FKinBody(M, Blist, [np.pi / 2, 3, np.pi])[:3, 3].round(8) + 0.0).tolist()
+    [-5.0, 4.0, 1.68584073]
+    """
+    chain = screws_of(Blist, "Blist")
+    return arguments.one(M, "M", 4, 4) @ chain.run("pose", thetalist=chain.joints(thetalist, "thetalist"))
+
+
+def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """Forward kinematics by space screws: exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose (MR eq. 4.14).
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+
+    Examples
+    --------
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> Slist = np.array([[0, 0, 1, 4, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, -1, -6, 0, -0.1]]).T
+    >>> (FKinSpace(M, Slist, [np.pi / 2, 3, np.pi])[:3, 3].round(8) + 0.0).tolist()
+    [-5.0, 4.0, 1.68584073]
+    """
+    chain = screws_of(Slist, "Slist")
+    return chain.run("pose", thetalist=chain.joints(thetalist, "thetalist")) @ arguments.one(M, "M", 4, 4)
+
+
+def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """Body Jacobian J_b with V_b = J_b dtheta, in the end-effector's frame (MR eq. 5.18).
+
+    Returns
+    -------
+    J : (..., 6, n) array, angular rows first
+
+    Examples
+    --------
+    >>> Blist = np.array([[0, 0, 1, 0, 0.2, 0.2], [1, 0, 0, 2, 0, 3]]).T
+    >>> JacobianBody(Blist, [0.2, 1.1])[:, 1].tolist()
+    [1.0, 0.0, 0.0, 2.0, 0.0, 3.0]
+    """
+    chain = screws_of(Blist, "Blist")
+    return chain.run("body_jacobian", thetalist=chain.joints(thetalist, "thetalist"))
+
+
+def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """Space Jacobian J_s with V_s = J_s dtheta, in the space frame (MR eq. 5.11).
+
+    Returns
+    -------
+    J : (..., 6, n) array, angular rows first
+
+    Examples
+    --------
+    >>> Slist = np.array([[0, 0, 1, 0, 0.2, 0.2], [1, 0, 0, 2, 0, 3]]).T
+    >>> JacobianSpace(Slist, [0.2, 1.1])[:, 0].tolist()
+    [0.0, 0.0, 1.0, 0.0, 0.2, 0.2]
+    """
+    chain = screws_of(Slist, "Slist")
+    return chain.run("space_jacobian", thetalist=chain.joints(thetalist, "thetalist"))
+
+
+def IKinBody(
+    Blist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """Numerical inverse kinematics by body screws: joint angles that reach a pose; one pose at a time (MR section 6.2.2).
+
+    Parameters
+    ----------
+    T : (4, 4) array_like, wanted pose of the end-effector
+
+    Returns
+    -------
+    thetalist : (n,) array
+    success : bool, whether they reach it
+
+    Notes
+    -----
+    Newton–Raphson with the pseudoinverse, 20 steps at most.
+
+    Examples
+    --------
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
+    >>> Blist = np.array([[0, 0, -1, 2, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0.1]]).T
+    >>> theta, success = IKinBody(Blist, M, T, [1.5, 2.5, 3], 0.01, 0.001)
+    >>> theta.round(6).tolist(), success
+    ([1.570738, 2.999667, 3.141539], True)
+    """
+    chain, M, T = screws_of(Blist, "Blist"), _pose(M, "IKinBody: M"), _pose(T, "IKinBody: T")
+
+    pose = chain.kernel("pose")
+
+    def left(theta: Array) -> Array:
+        return log6(se3.inverse(M @ pose(theta)) @ T)
+
+    return _newton("IKinBody", chain.n, thetalist0, left, chain.kernel("body_jacobian"), eomg, ev)
+
+
+def IKinSpace(
+    Slist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """Numerical inverse kinematics by space screws; the twist that is left is seen from the space frame (MR section 6.2.2).
+
+    Returns
+    -------
+    thetalist : (n,) array
+    success : bool, whether they reach it
+
+    Notes
+    -----
+    As :func:`IKinBody` otherwise.
+
+    Examples
+    --------
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
+    >>> Slist = np.array([[0, 0, 1, 4, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, -1, -6, 0, -0.1]]).T
+    >>> theta, success = IKinSpace(Slist, M, T, [1.5, 2.5, 3], 0.01, 0.001)
+    >>> theta.round(6).tolist(), success
+    ([1.570738, 2.999664, 3.141534], True)
+    """
+    chain, M, T = screws_of(Slist, "Slist"), _pose(M, "IKinSpace: M"), _pose(T, "IKinSpace: T")
+
+    pose = chain.kernel("pose")
+
+    def left(theta: Array) -> Array:
+        T_sb = pose(theta) @ M
+        return Ad(T_sb) @ log6(se3.inverse(T_sb) @ T)
+
+    return _newton("IKinSpace", chain.n, thetalist0, left, chain.kernel("space_jacobian"), eomg, ev)
+
+
+def _pose(T: ArrayLike, name: str) -> Array:
+    return matrix_arguments.pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
+
+
+def _bound(x: float, name: str) -> float:
+    if not (bound := arguments.number(x, name)) >= 0:
+        raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
+    return bound
+
+
+def _newton(
+    caller: str,
+    n: int,
+    thetalist0: ArrayLike,
+    left: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    eomg: float,
+    ev: float,
+) -> tuple[Array, bool]:
+    """theta := theta + J⁺ V until the twist V that is left is small."""
+    guess = f"{caller}: thetalist0"
+    theta = arguments.finite(arguments.one(thetalist0, guess, n), guess, n)
+    eomg, ev = _bound(eomg, f"{caller}: eomg"), _bound(ev, f"{caller}: ev")
+
+    def there(V: Array) -> bool:
+        return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
+
+    V = left(theta)
+    for _ in range(STEPS):
+        if there(V):
+            break
+        theta = theta + np.linalg.pinv(jacobian(theta)) @ V
+        V = left(theta)
+    return theta, there(V)
+
+
+complete(globals())
