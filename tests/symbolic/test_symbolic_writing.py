@@ -190,7 +190,7 @@ def widths(latex: str) -> list[float]:
 
 @pytest.mark.parametrize("form", [pytest.param("expanded", marks=pytest.mark.slow), "named"])
 def test_latex_stays_on_the_page(form):
-    """170 mm of A4 are 482 points; the estimate aims at 95 % of that."""
+    """170 mm of A4 are 482 points; lines break by the count of their symbols."""
     equations = derive(rrp(general=True), form=form)
     found = widths(equations.latex())
     assert len(found) > 72

@@ -80,7 +80,7 @@ class Latex(Notation):
         return f"\\frac{{\\partial}}{{\\partial {variable}}} {inner}"
 
     def other(self, expr: Any) -> str:
-        """What there is no rule for."""
+        """Expression without a rule of its own."""
         import sympy
 
         return str(sympy.latex(expr))
@@ -157,7 +157,7 @@ class MathML(Notation):
         return f"<mfrac><mo>∂</mo><mrow><mo>∂</mo>{variable}</mrow></mfrac>{inner}"
 
     def other(self, expr: Any) -> str:
-        """What there is no rule for."""
+        """Expression without a rule of its own."""
         from sympy.printing.mathml import MathMLPresentationPrinter
 
         return str(MathMLPresentationPrinter().doprint(expr))
@@ -167,8 +167,8 @@ class MathML(Notation):
 
 # Parentheses need no partner in their line, in plain text as in LaTeX, so a line may end inside a bracket.
 
-TEXT_WIDTH = 460.0
-"""Points that a line of LaTeX may take: 95 % of the text width of A4 with margins of 20 mm."""
+LINE_SYMBOLS = 88
+"""Symbols in a line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
 
 _EARLIEST = 0.35  # share of a line before which no break is better than a later one inside brackets
 
@@ -193,7 +193,7 @@ def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str
 
 
 def _places(text: str) -> list[tuple[int, int]]:
-    """Where a line may end, before plus and minus, and how many brackets are open there."""
+    """Positions of line breaks, before plus and minus, with the number of open brackets."""
     found, brackets, braces = [], [], 0
     for k, character in enumerate(text):
         if character == "{":
@@ -216,78 +216,19 @@ def text_width(text: str) -> float:
     return sum(not unicodedata.combining(character) for character in text)
 
 
-_TOKEN = re.compile(
-    r"(?P<fraction>\\t?frac)|(?P<accent>\\d?dot)|(?P<script>[_^])|(?P<space>\\[,;]|\\quad)|(?P<name>\\(?:sin|cos|tan))"
-    r"|(?P<big>\\(?:mathit|mathrm))|(?P<command>\\[A-Za-z]+)|(?P<operator> [+-] )|(?P<group>[{}])|(?P<blank>\s)|(?P<other>.)",
-    re.DOTALL,
+_SYMBOL = re.compile(
+    r"\\(?P<layout>t?frac|d?dot|mathit|mathrm|quad)|(?P<name>\\(?:sin|cos|tan))|\\[A-Za-z]+|[^\s{}^_\\]"
 )
-_SPACES = {"\\,": 1.7, "\\;": 2.8, "\\quad": 10.0}
-_GREEK = {"omega": 6.6, "Omega": 7.3, "Gamma": 6.3, "tau": 5.1, "partial": 5.9, "cdot": 7.3}
 
 
-def latex_width(latex: str) -> float:
-    """About how wide a formula is in points, in Computer Modern at 10 pt; rather too much than too little."""
-    return _measured(latex, 0, 1.0)[0]
-
-
-def _measured(latex: str, at: int, size: float) -> tuple[float, int]:
-    """Width up to the end of the group, and where that is."""
-    total = 0.0
-    while at < len(latex):
-        if latex[at] == "}":
-            return total, at + 1
-        width, at = _atom(latex, at, size)
-        total += width
-    return total, at
-
-
-def _atom(latex: str, at: int, size: float) -> tuple[float, int]:
-    found = _TOKEN.match(latex, at)
-    assert found is not None  # the last alternative is any character
-    kind, token, at = found.lastgroup, found.group(), found.end()
-    if token == "{":
-        return _measured(latex, at, size)
-    if kind == "fraction":
-        small = size * (0.7 if token == "\\tfrac" else 1.0)
-        (top, at), (bottom, at) = _argument(latex, at, small), (0.0, at)
-        bottom, at = _argument(latex, at, small)
-        return max(top, bottom) + 2.4, at
-    if kind == "script":
-        width, at = _argument(latex, at, 0.7 * size)
-        return width + 0.5, at
-    if kind in ("accent", "big"):
-        return _argument(latex, at, size)
-    if kind == "space":
-        return _SPACES[token] * size, at
-    if kind == "name":
-        return 15.5 * size, at  # and a thin space
-    if kind == "command":
-        return _GREEK.get(token[1:], 5.8) * size, at
-    if kind == "operator":
-        return (12.3 if size == 1.0 else 7.8) * size, at
-    return (0.0 if kind == "blank" else _letter(token)) * size, at
-
-
-def _argument(latex: str, at: int, size: float) -> tuple[float, int]:
-    """Of the one group or character that a command takes."""
-    while at < len(latex) and latex[at] == " ":
-        at += 1
-    return _atom(latex, at, size) if at < len(latex) else (0.0, at)
-
-
-def _letter(character: str) -> float:
-    if character in "-=+":
-        return 7.8
-    if character in "().,|!":
-        return 3.9
-    if character in "mwMW":
-        return 9.7 if character in "MW" else 8.8
-    return 5.1 if character.isdigit() or character in "ijlrst" else 7.9 if character.isupper() else 5.9
+def latex_symbols(latex: str) -> int:
+    """Number of symbols of a formula, indices included; the name of a function counts as three, a fraction bar as none."""
+    return sum(0 if found["layout"] else 3 if found["name"] else 1 for found in _SYMBOL.finditer(latex))
 
 
 # ── LaTeX and Markdown files
 
-_MARGIN = 24.0  # points: the equals sign, and how far a line that goes on is moved in
+_MARGIN = 4  # symbols: the equals sign, or the indentation of a line that goes on
 _AXES = "xyz"
 
 _HEADINGS = {
@@ -377,20 +318,20 @@ def _aligned(step: Step, notation: Notation) -> list[str]:
     for label, expr in lines:
         rows = [notation.write(expr)]
         if not hasattr(expr, "shape"):
-            rows = broken(rows[0], room, latex_width)
+            rows = broken(rows[0], room, latex_symbols)
         found.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(rows))
     return found
 
 
-def _room(lines: Iterable[Line], notation: Notation) -> float:
-    """Points beside the widest left-hand side."""
-    return TEXT_WIDTH - _MARGIN - max((latex_width(label.write(notation)) for label, _ in lines), default=0.0)
+def _room(lines: Iterable[Line], notation: Notation) -> int:
+    """Symbols beside the widest left-hand side."""
+    return LINE_SYMBOLS - _MARGIN - max((latex_symbols(label.write(notation)) for label, _ in lines), default=0)
 
 
-def _entries(line: Line, room: float, notation: Notation) -> list[Line]:
+def _entries(line: Line, room: int, notation: Notation) -> list[Line]:
     """A column that is too wide as three lines, p_2x, p_2y and p_2z."""
     label, expr = line
-    if not hasattr(expr, "shape") or max(latex_width(notation.write(x)) for x in expr) + _MARGIN <= room:
+    if not hasattr(expr, "shape") or max(latex_symbols(notation.write(x)) for x in expr) + _MARGIN <= room:
         return [line]
     return [(replace(label, name=f"{label.name}{axis}"), x) for axis, x in zip(_AXES, expr, strict=True)]
 
