@@ -130,7 +130,7 @@ _MODULES = {
     "se3": "lie.se3",
     "so3": "lie.so3",
 }
-"""Modules that ``tw.statics`` and its like import when first asked for."""
+"""Modules that ``tw.statics`` and similar names import on first use."""
 
 _NAMES = {
     "Ad": "lie.adjoint",
@@ -147,7 +147,7 @@ _NAMES = {
     "get_threads": "runtime.batch_threads",
     "set_threads": "runtime.batch_threads",
 }
-"""Where other names are, whose modules come when they are asked for: the first torque of a robot needs none of them."""
+"""Modules of other names, imported on first use: the first torque of a robot needs none of them."""
 
 
 def __getattr__(name: str) -> object:

@@ -29,11 +29,11 @@ __all__ = [
 ]
 
 Turning = Callable[[Robot, Array], Array]
-"""What P ddq lacks of d(P dq)/dt, in our axes (nv,), of a robot and dq."""
+"""Difference of d(P dq)/dt and P ddq, in our axes (nv,), from a robot and dq."""
 
 
 _MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
-"""What the models of each library have."""
+"""Attributes that identify the models of each library."""
 
 
 def require_pair(robot: Robot, model: object, library: str) -> None:
@@ -166,7 +166,7 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
 
 
 def _turning(robot: Robot, dq: Array) -> Array:
-    """What P ddq lacks of d(P dq)/dt, in our axes: omega × v of each floating joint."""
+    """Difference of d(P dq)/dt and P ddq, in our axes: omega × v of each floating joint."""
     extra = np.zeros(robot.nv)
     for body in robot.model.leaders:
         extra[body.places[1]] = body.joint.mujoco_turning(dq[body.places[1]])
@@ -362,7 +362,7 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
     Raises
     ------
     ShapeError
-        No axis is 6 long, or two are and ``axis`` does not say which one.
+        No axis is 6 long, or two are and ``axis`` does not choose one.
 
     Examples
     --------

@@ -22,9 +22,9 @@
     CacheWarning (UserWarning)              compiled code cannot be kept for the next time
     ConstraintWarning (UserWarning)         a singular configuration of constraints, a closed one far from the start, or a path
                                             beyond the positions of joints
-    ModelWarning (UserWarning)              a robot file says something doubtful; the robot still loads
+    ModelWarning (UserWarning)              a robot file has a doubtful entry; the robot still loads
 
-Each message names the offender, says what is allowed, and what to try.
+Each message names the offender, what is allowed, and what to try.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class PathError(TwistWrenchError, ValueError):
         self.reached = reached
         """The path's parameter, from 0 to 1, up to which it can be followed."""
         self.partial = partial
-        """What was computed up to there, a :class:`~twistwrench.trajectories.JointPath`; None if nothing was."""
+        """Part computed so far, a :class:`~twistwrench.trajectories.JointPath`; None if there is none."""
 
 
 class SingularMassMatrixError(TwistWrenchError, ValueError):
@@ -161,7 +161,7 @@ class NotFoundError(TwistWrenchError, FileNotFoundError):
 
 
 class KernelError(TwistWrenchError, RuntimeError):
-    """Machine code could not be made, or a kernel was asked for something it cannot give."""
+    """Machine code could not be made, or a kernel does not support the request."""
 
 
 class MissingExtraError(TwistWrenchError, ImportError):
@@ -190,7 +190,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
     @staticmethod
     def advice(extra: str) -> str:
-        """How an extra is installed, from an index and from a checkout.
+        """Command that installs an extra, from an index and from a checkout.
 
         Parameters
         ----------
@@ -221,4 +221,4 @@ class ConstraintWarning(UserWarning):
 
 
 class ModelWarning(UserWarning):
-    """A robot file says something doubtful; the robot loads, and ``robot.defects`` keeps the remark."""
+    """A robot file has a doubtful entry; the robot loads, and ``robot.defects`` keeps the remark."""

@@ -19,7 +19,7 @@ def end_at_once(*_: Any) -> None:
 
 
 def _is_command() -> bool:
-    """Whether the process is the command ``twistwrench``, and no program that imports the library."""
+    """True if the process is the command ``twistwrench``, not a program that imports the library."""
     name = sys.argv[0] if getattr(sys, "argv", None) else ""
     by_module = name == "-m" and " -m twistwrench " in f" {' '.join(sys.orig_argv)} "
     return by_module or Path(name).name in ("twistwrench", "twistwrench.exe")

@@ -130,7 +130,7 @@ def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:
 
 
 def _each(plain: Callable[..., Any], traced: Callable[..., Expr], *given: Any) -> Any:
-    """By NumPy on numbers; on symbols element by element of what the arrays broadcast to."""
+    """Result by NumPy on numbers, element by element on broadcast arrays of symbols."""
     if not is_symbolic(given):
         return plain(*given)
     arrays = [np.asarray(x, object) for x in given]

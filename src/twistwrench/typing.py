@@ -9,4 +9,4 @@ from numpy.typing import NDArray
 __all__ = ["Array"]
 
 Array: TypeAlias = NDArray[Any]
-"""An array of NumPy's, of float64 or float32 unless said otherwise; of symbols where a function is traced."""
+"""An array of NumPy's, of float64 or float32 unless stated otherwise; of symbols where a function is traced."""

@@ -32,7 +32,7 @@ __all__ = ["Check", "VerifyReport", "verify"]
 ROUNDING = 1e-10
 """Two ways of computing one thing in float64: some thousand operations each, 1e-16 apart, and room for cancellation."""
 DIFFERENCES = 1e-9
-"""Where one side is a derivative by differences."""
+"""Tolerance if one side is a derivative by differences."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
 
     Returns
     -------
-    report : VerifyReport; a check that cannot be done is a row that says why, nothing is raised
+    report : VerifyReport; a check that cannot be done is a row with the reason; nothing is raised
 
     Examples
     --------

@@ -29,7 +29,7 @@ from .mass_matrix import factored, lowered, mass_matrix, raised, solved
 from .recursion import ancestors, joint_poses, zeros
 
 GROUND = "ground"
-"""What a closure calls the base, floating or not; a link of that name is meant instead where there is one."""
+"""Name of the base in a closure, floating or not; a link of that name has priority."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
 
 
 def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
-    """Which rows of A are those of closures, which have a position."""
+    """True for each row of A of a closure, which has a position."""
     return [isinstance(c, Closure) for c in constraints for _ in c.rows]
 
 
@@ -240,7 +240,7 @@ def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Arr
 
 
 def _pseudoinverse(X: Array, floor: Array) -> Array:
-    """That of Moore and Penrose with singular values up to ``floor`` (...) zero."""
+    """Moore–Penrose inverse, singular values up to ``floor`` (...) taken as zero."""
     if 0 in X.shape[-2:]:
         return np.swapaxes(X, -1, -2)
     U, sigma, Vt = np.linalg.svd(X, full_matrices=False)
@@ -283,11 +283,11 @@ class ConstrainedDerivatives(NamedTuple):
     """Derivatives of the torques of the independent joints along motions that keep to the constraints; (..., m, m) each."""
 
     tau_by_q: Array
-    """By the independent coordinates, the others going along."""
+    """Derivative with respect to the independent coordinates; the others follow."""
     tau_by_dq: Array
-    """By the independent velocities."""
+    """Derivative with respect to the independent velocities."""
     tau_by_ddq: Array
-    """By the independent accelerations: the mass matrix that the motors see."""
+    """Derivative with respect to the independent accelerations: the mass matrix of the motors."""
 
 
 # ── Derivatives of constrained inverse dynamics. Floats, batches
@@ -309,7 +309,7 @@ class ConstrainedDerivatives(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """What the open robot and its constraints say at a state, and how it changes; any leading batch shape."""
+    """Quantities of the open robot and its constraints at a state, with derivatives; any leading batch shape."""
 
     A: Array
     """(k, nv), independent rows alone."""

@@ -15,7 +15,7 @@ A guess at the case is two numbers, s, which is 0 for a joint that sticks and el
 and else the sign of the limit. With a guess the equations are linear:
 
     (4)  K = M + h V + h (1 - t²) kd
-    (5)  K v = K dq + h (τ used - c - g - V dq) - h φ        rows with s = 0 say v = 0
+    (5)  K v = K dq + h (τ used - c - g - V dq) - h φ        rows with s = 0 mean v = 0
     (6)  h φ = s h F where a joint slides, else what is left of (5)
 
 The next guess follows from its solution: a semismooth Newton method, which ends where a guess confirms itself. A joint that
@@ -50,8 +50,8 @@ ROUNDS, WITH_LIMITS = 4, 6
 100 are right at the first or second, all but some in 10⁵ by the fourth. One that is not right in the end errs for one step: a
 joint is held with more than its friction, or slides against it."""
 SOFT = 0.01
-"""Of M_ii: the inertia with which a joint that slides the wrong way is judged. Less than what the others leave of M_ii, or
-guesses may go round in circles; it costs a guess more where a joint turns back within a step."""
+"""Inertia of a joint that slides the wrong way, as a share of M_ii. With more than the others leave of M_ii, guesses may cycle;
+this small share costs one more guess where a joint turns back within a step."""
 LARGEST = 1e30
 """N m or N: what stands for no limit, and is finite in float32."""
 
@@ -63,7 +63,7 @@ def velocity_step(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Velocities after the step, the torques applied in it, and those of friction; (nv,) each.
 
-    ``tau`` is what the law asks for at dq, ``gains`` its -∂τ/∂dq joint by joint, ``push`` what else acts on the joints.
+    ``tau`` is the torque of the law at dq, ``gains`` its -∂τ/∂dq joint by joint, ``push`` what else acts on the joints.
     """
     if limits is not None and gains is None:
         tau, limits = clipped(tau, limits), None
@@ -126,7 +126,7 @@ class _Corners:
         return v, tau, -self.viscous * v - taken / self.h
 
     def _by(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
-        """v, the impulse that friction takes, and the torque that the law asks for, with a guess."""
+        """v, the impulse that friction takes, and the torque of the law, with a guess."""
         slides, within = s * s, 1.0 - t * t
         K = widened(self.A, self.h * within * self.gains)  # (4)
         impulse = self.h * (self.rest + self._used(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
@@ -145,7 +145,7 @@ class _Corners:
         return s
 
     def _at_limits(self, t: Array, tau: Array) -> Array:
-        """A better guess at the torques at their limits: what is asked of one comes back within, or is beyond."""
+        """Better guess at the torques at their limits: the torque of the law returns within its limit, or exceeds it."""
         t = t.copy()
         for i in self.limited:
             L, stiff = self.limits[i], self.h * self.gains[i] / self.soft[i]
@@ -155,7 +155,7 @@ class _Corners:
         return t
 
     def _used(self, t: Array, tau: Array) -> Array:
-        """The torques, or the limits that a guess says they are at."""
+        """Torques, or their limits where the guess has them at the limit."""
         used = tau.copy()
         for i in self.limited:
             used[i] = (1.0 - t[i] * t[i]) * tau[i] + t[i] * self.limits[i]
@@ -170,7 +170,7 @@ class _Corners:
         return found
 
     def _answer(self, K: Array, slides: Array, impulse: Array) -> Array:
-        """What impulses do to the velocities of the joints that slide, while the others hold; exactly 0 for these."""
+        """Velocities of the sliding joints due to impulses, while the others hold; exactly 0 for these."""
         lower = K.copy()
         for i in range(len(K)):
             for j in range(i):
@@ -183,7 +183,7 @@ class _Corners:
 # Where a point is a depth d > 0 inside, and sinks in at the rate d', it is pushed out with f = k dⁿ max(0, 1 + c d').
 
 _LEAST = 1e-300
-"""m: what has a logarithm, where powers that are no halves are asked for."""
+"""Least length [m] with a logarithm, for powers other than halves."""
 
 
 def largest(values: Iterable[Any]) -> Any:
@@ -224,7 +224,7 @@ def plane_contact(
 def stop_contact(
     q: Array, dq: Array, places: Sequence[tuple[int, int]], exponent: float, lower: Array, upper: Array, law: Array
 ) -> tuple[Array, Array]:
-    """What stops do to joints at ``places`` in q and in dq, (nv,), and how far each is beyond the nearer one, (m,).
+    """Torques of stops on joints at ``places`` in q and in dq, (nv,), and the excess over the nearer stop, (m,).
 
     ``law`` is (k, c).
     """

@@ -105,7 +105,7 @@ def carried(
 def _add_felt(
     matrix: Array, model: Model, columns: list[list[_Column]], up: list[Ad], i: int, b: int, F: Array
 ) -> None:
-    """Add what the joints before body i feel of a wrench on it: their rows of its column."""
+    """Add the effect of a wrench on body i on the joints before it: their rows of its column."""
     F = up[i] @ F
     for j in ancestors(model, i):
         if j == i:
@@ -116,7 +116,7 @@ def _add_felt(
 
 
 def turns(body: Body) -> bool:
-    """Whether the joint's coordinate changes anything: a body of revolution is the same however it has turned."""
+    """True if the joint's coordinate changes the mechanics; that of a body of revolution does not."""
     return body.joint.moves_body
 
 

@@ -122,7 +122,7 @@ def articulated_dynamics(
 
 
 def articulated_pays(model: Model) -> bool:
-    """Whether this takes fewer multiplications than M and its factors; never where joints share a coordinate.
+    """True if this takes fewer multiplications than M and its factors; never if joints share a coordinate.
 
     Counted on chains, a quadruped and a humanoid: 190 a body here; there 60 a velocity, 14 for each body that carries it,
     and the triangle of a factor over the velocities before it. The two meet at chains of some fifteen joints.
@@ -173,7 +173,7 @@ def forward_dynamics(
 
 
 class Relations(NamedTuple):
-    """How the velocities of joints relate."""
+    """Relations between the velocities of joints."""
 
     carries: Array
     """(nv, nv) of bool: the row's joint carries the column's, or is the same."""
@@ -182,12 +182,12 @@ class Relations(NamedTuple):
 
 
 def applies(model: Model) -> bool:
-    """Whether every velocity is one joint's own, and nothing but the bodies makes the matrices depend on dq."""
+    """True if every velocity is one joint's own and only the bodies make the matrices depend on dq."""
     return not any(body.follows for body in model.bodies) and not any(True for _ in armature_symbols(model))
 
 
 def relations(model: Model) -> Relations:
-    """Which joint carries which."""
+    """Table of joints that carry each other."""
     bodies = np.zeros(model.nv, int)
     for k, body in enumerate(model.bodies):
         bodies[body.places[1]] = k
@@ -207,7 +207,7 @@ def mass_matrix_factors(model: Model, q: Array) -> tuple[Array, ...]:
 
 
 def constant_mass(model: Model) -> Array:
-    """What M has besides; (nv, nv)."""
+    """Constant part of M: the armature; (nv, nv)."""
     return np.diag(model.armature)
 
 
@@ -234,5 +234,5 @@ def derivative_factors(
 
 
 def constant_stiffness(model: Model) -> Array:
-    """What ∂τ/∂q has besides; (nv, nv)."""
+    """Constant part of ∂τ/∂q: springs; (nv, nv)."""
     return np.asarray(zeros(model.nv, model.nv) + spring_stiffness(model), float)

@@ -19,7 +19,7 @@ def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array
 
 
 def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
-    """What friction leaves of the torques tau; (nv,).
+    """Part of the torques tau that friction leaves; (nv,).
 
     The joint carries x, of which friction takes its part too: x + sign(dq) load |x| = y, with y what the other laws
     leave. As load < 1, x has the sign of y.
@@ -79,12 +79,12 @@ def _dry(model: Model, dq: Array) -> Array:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two numbers are equal; symbols differ from all but themselves."""
+    """True if two numbers are equal; symbols differ from all but themselves."""
     return a is b or (isinstance(a, float) and isinstance(b, float) and a == b)
 
 
 def is_zero(x: Any) -> bool:
-    """Whether this is the number 0, and no symbol."""
+    """True if this is the number 0 and not a symbol."""
     return isinstance(x, float) and x == 0.0
 
 

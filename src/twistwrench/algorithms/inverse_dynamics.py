@@ -107,7 +107,7 @@ def inertial_wrench(G: SpatialInertia, motion: BodyMotion) -> Array:
 def inverse_dynamics(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, friction: bool = False
 ) -> Array:
-    """Joint torques τ = M q̈ + h + Σ J'F_by, and what overcomes friction if asked for; (nv,). MR eq. 8.54."""
+    """Joint torques τ = M q̈ + h + Σ J'F_by, and friction on request; (nv,). MR eq. 8.54."""
     tau = collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + armature_forces(model, dq, ddq)
     tau = tau + spring_forces(model, q)
     return tau + friction_forces(model, dq, load=tau) if friction else tau
@@ -131,14 +131,14 @@ def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> 
 
 
 def holding_torques(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
-    """What keeps the robot at rest: g, the torques against springs, and Σ J'F_by; (nv,)."""
+    """Torques that hold the robot at rest: g, the torques against springs, and Σ J'F_by; (nv,)."""
     return bias_forces(model, q, zeros(model.nv), wrenches)
 
 
 def drive_torques(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array]:
-    """What gears carry and what rotors take, as felt at the joints; they add up to τ; (nv,) each. MR section 8.9.3."""
+    """Torques of gears and of rotors at the joints; they add up to τ; (nv,) each. MR section 8.9.3."""
     F = joint_wrenches(model, q, dq, ddq, wrenches)
     spins = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
     rotors = collect(model, spins * F) + armature_forces(model, dq, ddq)
@@ -166,13 +166,13 @@ class MotorLoads(NamedTuple):
 
 
 def driven_velocities(model: Model) -> list[int]:
-    """Where in dq and τ each actuator acts, in the order of ``model.actuators``."""
+    """Index of each actuator in dq and τ, in the order of ``model.actuators``."""
     places = {body.joint.name: body.v_index for body in model.leaders}
     return [places[name] for name in model.actuators]
 
 
 def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorLoads:
-    """From what gears carry and what rotors take, both as felt at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
+    """Loads of motors from the torques of gears and of rotors, both at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
 
     A gear of efficiency η lets through η of the power that enters it, from whichever side that is.
     """
@@ -238,5 +238,5 @@ class PowerBalance(NamedTuple):
 
 
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
-    """From the torques τ and what they are spent on: M ddq + h, Σ J'F, and friction; (..., nv) each."""
+    """Power balance from τ and its parts M ddq + h, Σ J'F, and friction; (..., nv) each."""
     return PowerBalance(*(np.sum(x * dq, axis=-1) for x in (tau, -moving, -pushing, -lost)))

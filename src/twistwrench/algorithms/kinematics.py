@@ -38,7 +38,7 @@ def link_poses(model: Model, q: Array) -> Array:
 
 KINDS = ("body", "space", "world_aligned")
 PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_aligned"}
-"""What Pinocchio calls them."""
+"""Names of the Jacobian's frames in Pinocchio."""
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:

@@ -28,11 +28,11 @@ from .mass_matrix import factored, lowered, mass_matrix, raised, solved
 from .recursion import zeros
 
 ROUNDS = 2
-"""Of (1): a gap of 1e-5 of the robot's size becomes one of 1e-10, and that rounding."""
+"""Rounds of (1): a gap of 1e-5 of the robot's size becomes one of 1e-10, then rounding."""
 
 
 _OPPOSITE = 1e-30
-"""So that a turn by π, whose sine is zero, is no division by zero; beside any other cosine it is nothing."""
+"""Avoids a division by zero for a turn by π, whose sine is zero; beside any other cosine it is nothing."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class LoopRows:
         return closing, [with_gap[n] for n in closing]
 
     def gaps(self, model: Model, q: Array) -> Array:
-        """By how much they are open, rad and m."""
+        """Gaps of the loops, rad and m."""
         return small_gaps(model, q, self.constraints)[self.places[0]]
 
     def jacobian(self, model: Model, q: Array) -> Array:
@@ -119,10 +119,10 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
 
 TOLERANCE = 1.5e-8
 """Singular values below it are zero. Coordinates good to the rounding of doubles, ε, may be √ε from a singular
-configuration, and singular values grow with the distance from it; so what is smaller than √ε cannot be told from zero."""
+configuration, and singular values grow with the distance from it; so what is smaller than √ε counts as zero."""
 SAFE = 1e-6
-"""Where every pivot of B B' is larger, its inverse by elimination is good to some ε/SAFE = 1e-10; below, it is done again
-here by singular values, of which B has the root of what B B' would have."""
+"""Pivot of B B' above which its inverse by elimination is good to some ε/SAFE = 1e-10; below, the
+singular values of B replace it, which are the roots of those of B B'."""
 SAFE_SINGLE = 1e-2
 """The same for float32."""
 NEGLIGIBLE = 1e-9
@@ -167,7 +167,7 @@ class ConstraintProjector:
 
     @property
     def rank(self) -> Array:
-        """How many directions there are; (...)."""
+        """Number of independent directions; (...)."""
         return np.count_nonzero(self.inverse_sigma, axis=-1)
 
     @property
@@ -194,7 +194,7 @@ class ConstraintProjector:
 
     @property
     def pseudoinverse(self) -> Array:
-        """That of Moore and Penrose of A M⁻¹ A', in the units of its rows; (..., k, k)."""
+        """Moore–Penrose inverse of A M⁻¹ A', in the units of its rows; (..., k, k)."""
         half = self.range @ (self.U * self.inverse_sigma[..., None, :] / self.sizes[:, None])
         return np.asarray(half @ np.swapaxes(half, -1, -2))
 
@@ -255,7 +255,7 @@ def usual_sizes(J: Array, M: Array) -> Array:
 
 
 def doubtful(pivots: Array, sizes: Array) -> Array:
-    """Whether elimination with these pivots (..., k) of A M⁻¹ A' is to be done again by singular values; (...)."""
+    """True if elimination with these pivots (..., k) of A M⁻¹ A' is repeated by singular values; (...)."""
     safe = SAFE_SINGLE if pivots.dtype == np.float32 else SAFE
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(~(pivots >= safe * sizes**2).all(axis=-1))
@@ -284,7 +284,7 @@ def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
 # to that of {c}, so that the free turning may be any; one is the angle of a plane motion.
 
 ITERATIONS = 100
-"""Of Levenberg and Marquardt's method. Near a solution it doubles its digits each time; a hundred is for far starts."""
+"""Most iterations of the Levenberg–Marquardt method. Near a solution digits double each time; a hundred is for far starts."""
 
 
 def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:

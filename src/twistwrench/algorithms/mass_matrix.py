@@ -226,7 +226,7 @@ class BodyCoriolis:
 
     @classmethod
     def from_twist(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
-        """That of a body with inertia G and twist V."""
+        """Coriolis matrix of a body with inertia G and twist V."""
         w, v, h = V[:3], V[3:], G.first_moment
         return cls(so3.hat(w) @ G.second_moment + np.outer(v, h), so3.cross(w, h) + G.mass * v)
 

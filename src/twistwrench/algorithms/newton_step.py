@@ -7,8 +7,8 @@
 
 (4) takes the place of (2) where z, the way to a posture, is to be gone as far as the poses let.
 
-V is scaled so that a metre counts as much as a radian moves the frame; F are the columns of the Jacobian, likewise scaled, of
-the joints that their limits do not hold back. What is there, or gets no nearer, stays where it is.
+V is scaled so that a metre counts as much as a radian moves the frame; F are the columns of the Jacobian, scaled alike, of the
+joints that their limits do not hold back. What is there, or gets no nearer, stays where it is.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from .recursion import zeros
 PATIENCE, NEARER = 6, 0.99
 """Steps that may pass without getting nearer than this part of the least distance so far."""
 FAR = 1e300
-"""What is left before anything was looked at."""
+"""Residual before the first evaluation."""
 _POSE = 2e-7
-"""How far a matrix may be from a pose to be surely one; :mod:`..core.arguments` allows five times as much, and more."""
+"""Gap of a matrix that is certainly a pose; :mod:`..core.arguments` allows five times as much, and more."""
 _LONGEST_WAY, _STILL = 0.2, 1e-7
 """rad or m: how far to go towards a posture in a step, and of a step that is none."""
 _HESITATION, _SHORTER = 0.25, 0.9
-"""By how much the way to a posture is divided more, after a step that is longer than this part of the one before."""
+"""Increase of the divisor of steps towards a posture after a step longer than this share of the one before."""
 _STIFFER = 1e-2
-"""What part of the damping of poses that of loops is, beside that of their own gaps: poses are looked for along the loops."""
+"""Damping of loops as a part of the damping of poses, beside that of their own gaps: the search follows the loops."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
@@ -53,7 +53,7 @@ class NewtonStep:
     frames: tuple[tuple[str, tuple[int, ...]], ...]
     """Each with the rows of its twist, 0 to 5."""
     scale: Array
-    """What an entry of each row counts, frame by frame."""
+    """Weight of an entry of each row, frame by frame."""
     low: Array
     """(nv,) least coordinates of joints of one degree of freedom; -inf of all others."""
     high: Array
@@ -61,17 +61,17 @@ class NewtonStep:
     coordinates: tuple[int, ...]
     """(nv,) the coordinate of each such joint; -1 of all others."""
     posture: bool = False
-    """Whether to come as near to a posture as the poses let, which is given behind them."""
+    """True if the search also approaches a posture, given behind the poses, as far as they allow."""
     loops: LoopRows | None = None
     """Rows of closed loops, which are to be closed at the poses."""
     gaps: tuple[float, ...] = ()
-    """How far each of those may be open, rad or m."""
+    """Tolerance of each gap, rad or m."""
     rounds: int = 3
-    """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
+    """Rounds of finding the joints at their limits; with 1, joints that meet a limit stop there."""
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Of the twists of all frames."""
+        """Rows of the twists of all frames."""
         return tuple(row for _, rows in self.frames for row in rows)
 
     @property
@@ -81,13 +81,13 @@ class NewtonStep:
 
     @property
     def begins(self) -> tuple[float, ...]:
-        """What is passed on to the first step, behind q."""
+        """Values passed to the first step, behind q."""
         return (0.0, FAR, *[0.0] * (len(self.scale) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """The next q, and what is passed on to the next step, of :attr:`sizes`.
 
-        Passed on: the best q so far; whether it is there (-1 if a T_d is no pose), and its |V|; the twist it leaves; which
+        Passed on: the best q so far; whether it is there (-1 if a T_d is not a pose), and its |V|; the twist it leaves; which
         joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: the
         poses T_d, the posture if there is one, and what may be left, the squares of rad and m.
         """
@@ -128,7 +128,7 @@ class NewtonStep:
     def left(self, angles: Array, targets: Array) -> tuple[Array, Array]:
         """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself; then gaps of loops.
 
-        And the ways between the origins, in the rows that are asked.
+        And the ways between the origins, in the requested rows.
         """
         parts, ways = [], [np.zeros(0)]
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):

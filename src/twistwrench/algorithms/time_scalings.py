@@ -25,11 +25,11 @@ class Polynomial:
     """Polynomial time scaling: s(t), a polynomial of t / T; made by :func:`cubic`, :func:`quintic` and :func:`uniform`."""
 
     name: str
-    """Of the shape."""
+    """Name of the shape."""
     duration: float
     """T [s]."""
     coefficients: tuple[float, ...]
-    """Of 1, x, x², … with x = t / T."""
+    """Coefficients of 1, x, x², … with x = t / T."""
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
@@ -149,11 +149,11 @@ class Trapezoid:
     a: float
     """1/s²."""
     name: str = "trapezoidal"
-    """Of the shape."""
+    """Name of the shape."""
 
     @property
     def ramp(self) -> float:
-        """How long it speeds up, and slows down [s]."""
+        """Duration of acceleration and of deceleration [s]."""
         return self.v / self.a
 
     @property
@@ -205,7 +205,7 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
     Raises
     ------
     ValueRangeError
-        Not two are given, or no trapezoid has them; it says which values would do.
+        Not two are given, or no trapezoid has them; the message gives possible values.
 
     Notes
     -----
@@ -266,7 +266,7 @@ class PosePath:
     end: Array
     """Pose at s = 1 (4, 4)."""
     straight: bool
-    """Whether the origin moves on a straight line."""
+    """True if the origin moves on a straight line."""
     twist: Array
     """(6,) the body twist dT/ds = T [V] of the screw; of a straight path (omega in the frame, v along the base's axes)."""
 

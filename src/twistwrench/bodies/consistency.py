@@ -26,7 +26,7 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     Parameters
     ----------
     size : float, moments [kg m²] that these came from, where they are differences of larger ones
-        As of bodies moved from frame to frame: their rounding is no defect.
+        Their rounding, such as after a change of frame, is not a defect.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def repair(G: SpatialInertia) -> Repair:
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """What :meth:`SpatialInertia.nearest_consistent` changed; printing it says so in words.
+    """Changes made by :meth:`SpatialInertia.nearest_consistent`; ``print`` it for a description.
 
     Examples
     --------
@@ -176,7 +176,7 @@ class Repair:
 
 _GIANT = 100.0
 """m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
-below a centimetre, which a ball's or cube's matrix does not tell otherwise."""
+below a centimetre, which cannot be seen from the matrix of a ball or cube."""
 
 
 def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:

@@ -24,7 +24,7 @@ WrenchLaw = Callable[[float, Array, Array], ArrayLike]
 
 
 def steps(duration: float, dt: float, every: int) -> int:
-    """How many steps fill the duration. Raises ValueRangeError."""
+    """Number of steps that fill the duration. Raises ValueRangeError."""
     for name, x in (("duration", duration), ("dt", dt)):
         if not 0.0 < arguments.number(x, name) < np.inf:
             raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
@@ -82,7 +82,7 @@ _REMARKED = 0.05
 
 State = tuple[Array, Array, Array, Array]
 Push = Callable[..., Array]
-"""From the time, and quaternion, position, angular and linear momentum: the wrench (6,) about the centre of mass."""
+"""Wrench (6,) about the centre of mass from time, quaternion, position, angular and linear momentum."""
 
 
 class Unseen:
@@ -96,7 +96,7 @@ class Unseen:
         self.worst, self.when = 0.0, 0.0
 
     def look(self, t: float, push: Push, before: State, after: State) -> None:
-        """Take note of a step from t: the wrench is asked along the straight line between the two states."""
+        """Record a step from t: the wrench is evaluated along the straight line between the two states."""
         if not self.needed:
             return
         shares, weights = self.rule.shares(self.h)
@@ -112,7 +112,7 @@ class Unseen:
             self.worst, self.when = float(missing.max()), t + self.h * float(shares[int(far.argmax())])
 
     def remark(self, linear: float, angular: float) -> str:
-        """What to know, where it is much of the largest linear [N s] and angular momentum [N m s]; else empty."""
+        """Remark if it is a large part of the largest linear [N s] and angular momentum [N m s]; else empty."""
         if not (self.sum[3:].max() > _REMARKED * linear or self.sum[:3].max() > _REMARKED * angular):
             return ""
         return (
@@ -134,7 +134,7 @@ class FreeBody:
 
     @cached_property
     def T_cb(self) -> Array:
-        """Of the link's frame in the principal one."""
+        """Pose of the link's frame in the principal one."""
         return np.asarray(se3.inverse(self.T_bc))
 
     @cached_property
@@ -168,7 +168,7 @@ class FreeBody:
 
 
 Rows = tuple[Array, Array, Array, Array, Array, Array]
-"""Of a record: quaternion (k, 4), position, angular and linear momentum (k, 3), impulse (k, 6), work (k,)."""
+"""Rows of a record: quaternion (k, 4), position, angular and linear momentum (k, 3), impulse (k, 6), work (k,)."""
 
 
 def torque_free(
@@ -234,7 +234,7 @@ def pushed(
 
 
 def _countable(l: Array, t: float) -> None:
-    """Refuse an angular momentum whose turns per step cannot be told."""
+    """Refuse an angular momentum whose turns per step cannot be counted."""
     if not np.abs(l).max() < 1e100:
         raise ValueRangeError(
             f"at t = {printed(t)} s the angular momentum is {l.tolist()} N m s. Take a smaller V0 or wrench."
@@ -305,7 +305,7 @@ _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
 
 @dataclass(frozen=True)
 class Drift:
-    """How far a flight is from what mechanics keeps: momentum less impulse, energy less work. All relative; 0 is exact."""
+    """Drift of the invariants of a flight: momentum less impulse, energy less work. All relative; 0 is exact."""
 
     momentum: float
     """Largest change of the spatial momentum about the origin of {s}, over the largest of the terms it is made of."""
@@ -316,7 +316,7 @@ class Drift:
     rotation: float
     """Largest entry of RᵀR − 1 over all poses."""
     remarks: tuple[str, ...] = ()
-    """Steps too large to be trusted, or other than asked for, in words; see :func:`fly`."""
+    """Steps too large to be trusted, or different from the requested ones, in words; see :func:`fly`."""
 
     def __str__(self) -> str:
         return "; note: ".join(
@@ -330,7 +330,7 @@ class Drift:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """A recorded free motion: n + 1 states, the first at time 0. Printing it says how many, and what drifted."""
+    """A recorded free motion: n + 1 states, the first at time 0. ``print`` it for the number of states and the drift."""
 
     times: Array
     """(n + 1,) [s]."""
@@ -347,19 +347,19 @@ class Flight:
     work: Array
     """(n + 1,), of the wrench so far [J]."""
     dt: float = np.nan
-    """s: the step asked for."""
+    """Requested step [s]."""
     step: float = np.nan
     """s: the step taken, or with a tolerance the spacing of the record; the duration is a whole number of them."""
     turn: float = 0.0
     """rad: the largest turn in one step; 0 where steps adapt, or are exact."""
     unseen: str = ""
-    """What the wrench does within steps that the method does not see, in words; empty if nothing."""
+    """Change of the wrench within steps that the method does not resolve, in words; empty if none."""
     drift: Drift = field(init=False)
-    """How far the flight is from what mechanics keeps."""
+    """Drift of momentum and energy."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before the flight is used, in words; empty if nothing. Those of :attr:`drift`."""
+        """Remarks of :attr:`drift` and on the wrench, to read before the flight is used; empty if none."""
         return self.drift.remarks
 
     def __repr__(self) -> str:

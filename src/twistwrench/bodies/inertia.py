@@ -27,7 +27,7 @@ class SpatialInertia:
     It names no frame: it is about that of whatever it is used with, the frame of the twist in ``G @ V``, of the other
     in ``G1 + G2``, of ``frame=`` in ``with_payload``. So a sum of inertias about two frames is a wrong number without
     an error: bring one over first, with :meth:`in_frame`. Building one never judges whether a real body can have it:
-    :meth:`defects` does, and whoever needs a real body asks. ``G @ V`` is the momentum of the body moving with twist V.
+    :meth:`defects` does that. ``G @ V`` is the momentum of the body moving with twist V.
     The parameters may be symbols.
 
     Examples
@@ -140,7 +140,7 @@ class SpatialInertia:
 
     @classmethod
     def _of(cls, parameters: Array) -> SpatialInertia:
-        """That of ten floats in an array nobody else has."""
+        """Inertia of ten floats in an array that is not shared."""
         made = object.__new__(cls)
         parameters.setflags(write=False)
         object.__setattr__(made, "parameters", parameters)
@@ -189,7 +189,7 @@ class SpatialInertia:
 
     @property
     def com(self) -> Array:
-        """Centre of mass (3,) [m]; the origin when there is no mass."""
+        """Centre of mass (3,) [m]; the origin if the mass is zero."""
         return self.first_moment / self.mass if self.mass else np.zeros(3)
 
     @property
@@ -413,7 +413,7 @@ class SplitRotor:
 
     @classmethod
     def from_moments(cls, moments: Vec) -> SplitRotor:
-        """From principal moments, ascending."""
+        """Rotor from principal moments, ascending."""
         a, b, c = (1.0 / x for x in moments)
         return cls(b, a - b, c - b)
 

@@ -57,7 +57,7 @@ def mesh(
     Raises
     ------
     ModelError
-        The surface is not closed and so has no inside; it says where.
+        The surface is not closed; the message gives the position.
     MissingExtraError
         There is no trimesh to read a file.
     NotFoundError

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .free_body import Flight, WrenchLaw
 
 _KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench, "T0": Pose}
-"""What each argument is, if labelled; all others are twists and their rates."""
+"""Kinds of labelled arguments; all others are twists and their rates."""
 
 
 def common_frame(known: str | None = None, **given: Any) -> str | None:
@@ -262,7 +262,7 @@ class RigidBody:
 
         Notes
         -----
-        What an accelerometer fixed there feels, without gravity. MR section 8.2.1.
+        Reading of an accelerometer fixed there, without gravity. MR section 8.2.1.
 
         Examples
         --------
@@ -341,9 +341,9 @@ class RigidBody:
         Notes
         -----
         Without a wrench the spatial momentum is constant, and a body with two equal moments moves exactly. A wrench that is a
-        function is asked at further times within each step, eight at least, less than ``dt`` and a thousandth of the duration
-        apart; a shorter pulse may be missed. Steps that were shortened, in which the body turns by more than 1 rad, in which
-        the wrench changes unseen, or that lose more than 1 % of the energy, are said in ``flight.remarks``.
+        function is evaluated at further times within each step, eight at least, less than ``dt`` and a thousandth of the
+        duration apart; a shorter pulse may be missed. Steps that were shortened, in which the body turns by more than 1 rad,
+        in which the wrench changes unseen, or that lose more than 1 % of the energy, are listed in ``flight.remarks``.
 
         Examples
         --------

@@ -38,7 +38,7 @@ def clipped(S: Array, least: float = 0.0) -> Array:
 
 
 def moment_matrix(I: ArrayLike) -> Array:
-    """A rotational inertia (3, 3); three numbers, which could only be its diagonal, are told how to become one."""
+    """A rotational inertia (3, 3); three numbers, perhaps its diagonal, raise an error that shows how to make one."""
     try:
         return arguments.one(I, "moment_about_com", 3, 3)
     except ShapeError as problem:
@@ -329,18 +329,18 @@ def _centred(
 # solid again. Shells that cut each other are no such nest.
 
 _LOOKED_AT = 64
-"""Corners and face centres of a shell that are asked whether they are inside another."""
+"""Corners and face centres of a shell that are tested for being inside another."""
 _PAIRS = 1 << 22
 """Pairs of an edge and a face that are looked at, for each two shells, to find whether they cut each other."""
 _AT_ONCE = 1 << 20
-"""Of these pairs as many are compared at once, by their boxes."""
+"""Number of pairs that are compared at once, by their boxes."""
 _TOUCHING = 1e-9
 """Points this near to a face, as part of what is compared, lie on it; edges that go this little through one only touch it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nest:
-    """What each shell bounds."""
+    """Nesting of closed shells."""
 
     depth: Array
     """(n,): how many shells a shell lies in. Even: it bounds a solid. Odd: a cavity."""
@@ -359,7 +359,7 @@ def edges_of(faces: Array) -> Array:
 
 
 def shell_numbers(faces: Array) -> tuple[int, Array]:
-    """How many shells there are, and the shell of each face (k,): faces that share an edge are of one shell."""
+    """Number of shells, and the shell of each face (k,): faces that share an edge are of one shell."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -374,7 +374,7 @@ def shell_numbers(faces: Array) -> tuple[int, Array]:
 
 
 def nest(triangles: Array, shell: Array, count: int) -> Nest:
-    """Which shells lie inside which; triangles (k, 3, 3), each shell's faces turned outwards, shell (k,) in 0 … count - 1."""
+    """Nesting of shells; triangles (k, 3, 3), each shell's faces turned outwards, shell (k,) in 0 … count - 1."""
     parts = [triangles[shell == i] for i in range(count)]
     low = np.array([part.min(axis=(0, 1)) for part in parts])
     high = np.array([part.max(axis=(0, 1)) for part in parts])
@@ -392,7 +392,7 @@ def nest(triangles: Array, shell: Array, count: int) -> Nest:
 
 
 def _inside(part: Array, other: Array) -> bool | None:
-    """Whether a shell (n, 3, 3) lies inside another one; None where only a part of it does, or all of it on the surface."""
+    """True if a shell (n, 3, 3) lies inside another; None if only a part of it does, or all of it lies on the surface."""
     points = np.concatenate([part.mean(axis=1), part.reshape(-1, 3)])
     points = points[:: max(1, len(points) // _LOOKED_AT)]
     w = _winding(points, other)
@@ -403,7 +403,7 @@ def _inside(part: Array, other: Array) -> bool | None:
 
 
 def _winding(points: Array, triangles: Array) -> Array:
-    """How often the surface goes round each point: 1 inside, 0 outside, NaN on it; (n, 3), (k, 3, 3) → (n,).
+    """Winding number of the surface about each point: 1 inside, 0 outside, NaN on it; (n, 3), (k, 3, 3) → (n,).
 
     By the solid angle of each face: van Oosterom and Strackee, 1983.
     """
@@ -421,7 +421,7 @@ def _winding(points: Array, triangles: Array) -> Array:
 
 
 def _cut(part: Array, other: Array) -> bool:
-    """Whether an edge of the one shell goes through a face of the other."""
+    """True if an edge of the one shell goes through a face of the other."""
     starts, ends = part.reshape(-1, 3), np.roll(part, -1, axis=1).reshape(-1, 3)
     low, high = other.min(axis=(0, 1)), other.max(axis=(0, 1))
     near = (np.minimum(starts, ends) <= high).all(axis=1) & (np.maximum(starts, ends) >= low).all(axis=1)
@@ -453,7 +453,7 @@ def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) ->
 
 
 def _pierced(p: Array, q: Array, faces: Array, least: float) -> Array:
-    """Whether each edge from p to q (n, 3) goes through its face (n, 3, 3), by more than touching it."""
+    """True for each edge from p to q (n, 3) that goes through its face (n, 3, 3), by more than touching it."""
     a, b, c = np.moveaxis(faces, 1, 0)
     normal = np.cross(b - a, c - a)
     before, after = (((x - a) * normal).sum(axis=1) for x in (p, q))

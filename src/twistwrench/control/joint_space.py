@@ -16,10 +16,10 @@ from .references import Motion, Reference, gain, joint_motion, one_state, requir
 
 @dataclass(frozen=True, eq=False)
 class JointLaw:
-    """What joint-space laws have in common: a robot as the law knows it, a reference, and gains."""
+    """Base of joint-space laws: the robot of the controller's model, a reference, and gains."""
 
     robot: Robot
-    """The robot as the law knows it."""
+    """Robot of the controller's model."""
     reference: Reference
     """q_d (nq,), or a function of the time [s] that gives (q_d, dq_d, ddq_d), such as a trajectory."""
     kp: ArrayLike
@@ -141,7 +141,7 @@ class PD(JointLaw):
     """
 
     gravity: bool = True
-    """Whether g is added, with the springs of elastic joints in it; else the joint rests where Kp e carries it."""
+    """True to add g, with the springs of elastic joints; else the joint rests where Kp e carries it."""
 
     @property
     def rate_gains(self) -> Array | None:
@@ -186,7 +186,7 @@ class ComputedTorque(JointLaw):
     """
 
     friction: bool = False
-    """Whether what overcomes the joints' friction is added."""
+    """True to add the torque against the joints' friction."""
 
     def _law(self, given: dict[str, Array]) -> BatchComputedTorque:
         if self.friction:

@@ -40,18 +40,18 @@ SINGULAR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ContactWrench:
-    """Contact wrench estimate: the wrench at a frame that fits the residual r = J'F best, and what it does not say."""
+    """Contact wrench estimate: the wrench at a frame that fits the residual r = J'F best, and what it leaves undetermined."""
 
     wrench: Array
     """(6,): (m, f) by the world on the robot; of all that fit equally well the smallest, zero on rows not chosen [N m, N]."""
     blind: Array
-    """(k - rank, 6), of k chosen rows: orthonormal wrenches on them that no joint feels; any multiple may act there."""
+    """(k - rank, 6), of k chosen rows: orthonormal wrenches on them without joint torques; any multiple may act there."""
     unexplained: Array
     """(nv,): r - J'F, which no wrench at this frame makes; large where the contact is elsewhere."""
     frame: str
     """The frame at which it acts, and in whose axes it is."""
     rank: int
-    """How many independent wrenches the joints feel."""
+    """Number of independent wrenches that the joint torques determine."""
 
     def __str__(self) -> str:
         shown = ", ".join(f"{n} {number(x)}" for n, x in zip(WRENCH, self.wrench, strict=True))
@@ -63,7 +63,7 @@ class ContactWrench:
 class MomentumObserver:
     """Momentum observer: estimates the torques τ_ext that the world applies to the joints.
 
-    It is told the state and the torques, once every sample: :meth:`update`, or :meth:`watch`, which does so for a
+    It takes the state and the torques, once every sample: :meth:`update`, or :meth:`watch`, which does so for a
     controller. Floating bases too, whose torques are zero.
 
     Parameters
@@ -178,7 +178,7 @@ class MomentumObserver:
 
         Notes
         -----
-        What :meth:`update` knows stays as it is.
+        The state of :meth:`update` is unchanged.
 
         Examples
         --------
@@ -219,7 +219,7 @@ class MomentumObserver:
 
         Notes
         -----
-        The observer is up to date when the controller is asked, so that it may use :attr:`residual`.
+        The observer is up to date when the controller is called, so that it may use :attr:`residual`.
 
         Examples
         --------
@@ -251,7 +251,7 @@ class MomentumObserver:
         *,
         residual: ArrayLike | None = None,
     ) -> ContactWrench:
-        """Contact wrench at a frame that explains the residual, by least squares, and what it cannot say.
+        """Contact wrench at a frame that explains the residual, by least squares, and what it leaves undetermined.
 
         Parameters
         ----------

@@ -23,12 +23,12 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 
 Motion = Callable[[float], tuple[Array, Array, Array]]
-"""Of the time [s]: a position, its velocity, its acceleration."""
+"""Position, velocity and acceleration from the time [s]."""
 Reference = ArrayLike | Callable[[float], Any]
 
 
 class Timing(Protocol):
-    """How the time goes along a path, as :func:`twistwrench.trajectories.quintic` says it."""
+    """Time scaling along a path, as returned by :func:`twistwrench.trajectories.quintic`."""
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]."""
@@ -58,7 +58,7 @@ class PoseMotion:
     """
 
     path: PosePath
-    """As :func:`twistwrench.trajectories.screw_path` and :func:`~twistwrench.trajectories.straight_path` give it."""
+    """Path, as returned by :func:`twistwrench.trajectories.screw_path` or :func:`~twistwrench.trajectories.straight_path`."""
     scaling: Timing
     """s(t), as :func:`twistwrench.trajectories.quintic` and its like."""
 
@@ -177,7 +177,7 @@ def _carried(R: Array, p: Array, V: Array) -> Array:
 
 
 def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
-    """What the function gives at t [s]: three things."""
+    """Value of the function at t [s]: three arrays."""
     t = arguments.number(t, "t")
     found = function(t)
     if not isinstance(found, tuple | list) or len(found) != 3:

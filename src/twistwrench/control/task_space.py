@@ -42,7 +42,7 @@ class TaskState(NamedTuple):
     error_rate: Array
     """V_e (r,)."""
     feedforward: Array
-    """Of the reference (r,): its acceleration."""
+    """Acceleration of the reference (r,)."""
     J: Array
     """(r, nv)."""
     drift: Array
@@ -59,7 +59,7 @@ _TOGETHER = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), 
 
 @dataclass(frozen=True, eq=False)
 class TaskLaw:
-    """What task-space laws have in common: a robot as the law knows it, a reference of a frame, rows of it, and a posture.
+    """Base of task-space laws: the robot of the controller's model, a reference of a frame, rows of it, and a posture.
 
     ``kind="world_aligned"``: turning and moving each by itself along the axes of {s}, X_e = (log(R_d R'), p_d - p), so that
     any rows can be chosen. ``kind="body"``: the book's [X_e] = log(X⁻¹ X_d) along the frame's axes, for all rows, those of
@@ -67,7 +67,7 @@ class TaskLaw:
     """
 
     robot: Robot
-    """The robot as the law knows it."""
+    """Robot of the controller's model."""
     reference: Reference
     """T_d (4, 4), or a function of the time [s] that gives (T_d, V_d, dV_d), body twists, such as :class:`PoseMotion`; or one
     that gives (q, dq, ddq) of the joints, such as a trajectory, whose frame is meant."""
@@ -78,7 +78,7 @@ class TaskLaw:
     rows: Rows = field(default=None, kw_only=True)
     """``"vx vz"``; None: all six."""
     posture: Reference | None = field(default=None, kw_only=True)
-    """As the reference of :class:`JointLaw`; None: any, and free motions are damped only."""
+    """Reference as for :class:`JointLaw`; None: any, and free motions are damped only."""
     posture_kp: ArrayLike = field(default=25.0, kw_only=True)
     """1/s²."""
     posture_kd: ArrayLike = field(default=10.0, kw_only=True)
@@ -109,7 +109,7 @@ class TaskLaw:
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Of the rows chosen."""
+        """Names of the rows chosen."""
         return tuple(TWIST[k] for k in self._rows)
 
     def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
@@ -204,7 +204,7 @@ class TaskSpace(TaskLaw):
 # ── Impedance control: mass, spring and damper at a frame. Modern Robotics section 11.7.1
 
 Measured = Callable[[float, Array, Array], ArrayLike]
-"""Of the time [s], q (nq,) and dq (nv,)."""
+"""Measured value from the time [s], q (nq,) and dq (nv,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ class Impedance(TaskLaw):
 
     Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured.
     With it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F. V_e is that of the reference less that of the
-    frame, and F what the chosen rows feel, Λ J M⁻¹ τ_ext.
+    frame, and F the force on the chosen rows, Λ J M⁻¹ τ_ext.
 
     Raises
     ------
@@ -318,7 +318,7 @@ class HybridMotionForce:
     """
 
     closed: ClosedRobot
-    """What holds the robot: ``robot.close("ground", tip, rows="vx", …)`` for a wall across x."""
+    """Closed robot of the constraint: ``robot.close("ground", tip, rows="vx", …)`` for a wall across x."""
     motion: Law
     """Any law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`."""
     force: ArrayLike | Callable[[float], ArrayLike]

@@ -89,7 +89,7 @@ class Ball(Joint):
         return np.roll(q, 1, axis=-1)
 
     def to_mujoco(self, q: Array) -> Array:
-        """Of unit length."""
+        """Coordinates in MuJoCo's order, the quaternion of unit length."""
         return unit(q)
 
     @property

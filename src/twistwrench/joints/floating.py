@@ -78,11 +78,11 @@ class Floating(Joint):
         return np.concatenate([w, v], axis=1), np.concatenate([dw, a], axis=1)
 
     def spread(self, sigma: Array) -> Array:
-        """As of a ball joint, and the largest of x, y, z for all directions."""
+        """Spread of a ball joint, and the largest of x, y, z for all directions."""
         return np.r_[_TURNING.spread(sigma[:4]), np.full(3, sigma[4:].max())]
 
     def bound(self, off: Array) -> Array:
-        """As of a ball joint, and the length of (x, y, z)."""
+        """Bound of a ball joint, and the length of (x, y, z)."""
         return np.r_[_TURNING.bound(off[:4]), np.full(3, np.linalg.norm(off[4:]))]
 
     def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:

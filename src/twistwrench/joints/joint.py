@@ -71,11 +71,11 @@ class ChartEntry:
     """Independent coordinate of a joint for Lagrange's equations."""
 
     letter: str
-    """What its symbol begins with."""
+    """First letter of its symbol."""
     angle: bool
-    """Whether it is an angle."""
+    """True if it is an angle."""
     meaning: str
-    """In words."""
+    """Meaning in words."""
 
 
 @dataclass(frozen=True)
@@ -83,20 +83,20 @@ class Slider:
     """A slider that moves one coordinate of a joint."""
 
     label: str
-    """What follows the joint's name."""
+    """Label after the joint's name."""
     coordinate: int
     """Number of the coordinate, or of the quaternion's first."""
     unit: str
     """``"°"`` or ``"m"``."""
     reach: float
-    """How far it goes either way where there is no limit [rad or m]."""
+    """Range to either side if there is no limit [rad or m]."""
     turn: int | None = None
     """0, 1, 2: roll, pitch, yaw of the quaternion that begins at ``coordinate``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint: its screw axes, and everything the library asks of its type."""
+    """A joint: its screw axes, with the operations of its type."""
 
     name: str
     """The joint's name in its file."""
@@ -106,16 +106,16 @@ class Joint:
     kind: ClassVar[str]
     """The name of the type, as in files and tables."""
     coordinate_suffixes: ClassVar[tuple[str, ...]] = ("",)
-    """What is appended to the joint's name to name its coordinates; one empty text for joints of one degree."""
+    """Suffixes to the joint's name for the names of its coordinates; one empty text for joints with one coordinate."""
     velocity_suffixes: ClassVar[tuple[str, ...]] = ("",)
     quaternion: ClassVar[int | None] = None
-    """Where among its coordinates a quaternion (w, x, y, z) begins."""
+    """Index of the first entry of a quaternion (w, x, y, z) among its coordinates."""
     plain_rates: ClassVar[bool] = True
-    """Whether the rates of the coordinates are the velocities."""
+    """True if the rates of the coordinates are the velocities."""
     moves_body: ClassVar[bool] = True
-    """Whether the child's frame moves: that of a rotor, a body of revolution, stays behind."""
+    """True if the child's frame moves; the frame of a rotor, a body of revolution, does not."""
     driven: ClassVar[bool] = True
-    """Whether something drives it: a free body has no motor."""
+    """True if an actuator may drive it; a free body has none."""
     wraps: ClassVar[tuple[int, ...]] = ()
     """The coordinates that are angles without end, which logs may wrap at ±π."""
     pinocchio_order: ClassVar[tuple[int, ...]] = (0,)
@@ -140,7 +140,7 @@ class Joint:
         return q
 
     def is_configuration(self, q: Array) -> bool:
-        """Whether coordinates stand for a configuration: a quaternion of zeros is no rotation.
+        """True if coordinates are a configuration: a quaternion of zeros is not a rotation.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Joint:
 
     @property
     def turning(self) -> tuple[bool, ...]:
-        """Of each velocity: whether it turns [rad/s, N m], as opposed to slides [m/s, N]."""
+        """True for each velocity that is angular [rad/s, N m], False for linear ones [m/s, N]."""
         return tuple(bool(axis[:3].any()) for axis in self.axes)
 
     @property
@@ -186,7 +186,7 @@ class Joint:
         Raises
         ------
         ModelError
-            There is no such axis.
+            The axis does not exist.
         """
         raise NotImplementedError
 
@@ -389,7 +389,7 @@ class Joint:
         return np.eye(self.nv)
 
     def mujoco_turning(self, dq: Array) -> Array:
-        """What P ddq lacks of d(P dq)/dt, in our axes.
+        """Difference of d(P dq)/dt and P ddq, in our axes.
 
         Parameters
         ----------
@@ -474,7 +474,7 @@ class Fixed(Joint):
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """None; whatever a file says of an axis is not looked at."""
+        """No axes; an axis in the file is ignored."""
         return np.zeros((0, 6))
 
     def pose(self, q: Array) -> Array:

@@ -31,7 +31,7 @@ class Planar(Joint):
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """From its normal."""
+        """Screw axes from the normal of the plane."""
         no_pitch(cls.kind, pitch, who)
         return plane_of(unit_vector(direction_of(axis, who)))
 
@@ -102,7 +102,7 @@ class Planar(Joint):
         return u, B, w * np.array([[0, 0, 0], [-s, c, 0], [-c, -s, 0]])
 
     def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
-        """As :meth:`pose`."""
+        """Pose, the same as :meth:`pose`."""
         normal, e1, e2 = self.axes[0, :3], self.axes[1, 3:], self.axes[2, 3:]
         return exact_rodrigues(normal, *cosine_sine(2)), exact(e1) * coordinate(0) + exact(e2) * coordinate(1)
 

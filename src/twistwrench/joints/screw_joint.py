@@ -114,9 +114,9 @@ class ScrewJoint(Joint):
     """A joint of one degree of freedom; its coordinate is the angle, or the way, along its screw axis."""
 
     turns: ClassVar[bool] = True
-    """Whether it turns about its axis, as opposed to sliding along it."""
+    """True if it turns about its axis, False if it slides along it."""
     has_pitch: ClassVar[bool] = False
-    """Whether it does both."""
+    """True if it turns and slides."""
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
@@ -225,7 +225,7 @@ class RotorJoint(ScrewJoint):
     moves_body = False
 
     def pose(self, q: Array) -> Array:
-        """That of the carrier."""
+        """Pose of the carrier body."""
         return np.eye(4)
 
     def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:

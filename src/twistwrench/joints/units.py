@@ -14,7 +14,7 @@ _UNITS: dict[str, tuple[str, str]] = {
     "ddq": ("rad/s²", "m/s²"),
     "tau": ("N m", "N"),
 }
-"""Of what turns, and of what slides."""
+"""Units of angular and of linear entries."""
 
 
 def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
@@ -37,7 +37,7 @@ def units_of(part: str, turning: Iterable[bool]) -> tuple[str, ...]:
 
 
 def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -> str:
-    """What stands over a column of entries: their unit, or both.
+    """Unit for the heading of a column of entries, or both units.
 
     >>> heading_unit("tau", (True, True)), heading_unit("q", (True, False), degrees=True)
     ('N m', '°, m')
@@ -47,7 +47,7 @@ def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -
 
 
 def torque_word(unit: str) -> str:
-    """What to write beside an axis of torques in that unit.
+    """Label of an axis of torques in that unit.
 
     >>> torque_word("N m"), torque_word("N")
     ('torque [N m]', 'force [N]')

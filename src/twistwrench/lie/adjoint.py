@@ -25,7 +25,7 @@ def _rotate(R: Array, x: Array) -> Array:
 
 
 class _Operator(ABC):
-    """What both adjoints share: application along the last axis, and the full matrix."""
+    """Common part of both adjoints: application along the last axis, and the full matrix."""
 
     __array_ufunc__ = None  # ndarray @ operator is refused rather than broadcast element by element
 
@@ -85,7 +85,7 @@ class Ad(_Operator):
     Raises
     ------
     ValueRangeError
-        ``T`` is no pose; it says how far off it is.
+        ``T`` is not a pose; the message gives the gap.
 
     Notes
     -----

@@ -15,7 +15,7 @@ REACH = LARGEST_HALF_TURN**2
 """The square of the largest angle [rad] that compiled forms take: half angles are clipped at twice as much."""
 
 _SURE = (0.2 * TOLERANCE) ** 2
-"""What the squared gaps of a rotation or a pose may add up to without a closer look."""
+"""Largest sum of squared gaps of a rotation or a pose that passes without a closer check."""
 
 
 def _nothing(_name: str) -> Kernel | None:
@@ -41,7 +41,7 @@ def exponential(name: str, x: Array, formulas: Callable[[Array], Array]) -> Arra
 
 
 def logarithm(name: str, x: Array, checked: Callable[[Array], Array], formulas: Callable[[Array], Array]) -> Array:
-    """log of matrices x (..., n, n), which ``checked`` gives back, or refuses where they are no rotations or poses."""
+    """log of matrices x (..., n, n), which ``checked`` returns, or refuses if they are not rotations or poses."""
     kernel = compiler(name)
     if kernel is None:
         return formulas(checked(x))

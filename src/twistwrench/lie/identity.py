@@ -17,7 +17,7 @@ UPRIGHT: list[list[float]] = np.eye(3).tolist()
 
 
 def is_identity(T: Array) -> bool:
-    """Whether T (4, 4) moves nothing."""
+    """True if T (4, 4) is the identity."""
     return T is IDENTITY or T.tolist() == _ROWS
 
 

@@ -40,7 +40,7 @@ def hash_of(numbers: Array, *names: object) -> int:
 
 
 def missing_pose(to: str, of: str) -> str:
-    """How to write the pose that is missing."""
+    """Advice for writing the pose that is missing."""
     return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
 
 
@@ -79,7 +79,7 @@ class Labelled(ABC):
         frame_name(self.frame, f"the frame of a {self._kind}")
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other is of one kind and frame with this one and has exactly its numbers; one bool of a batch too."""
+        """True if the other has the same kind, frame and numbers; one bool for a batch too."""
         if type(other) is not type(self):
             return NotImplemented
         return self.frame == other.frame and np.array_equal(self.values, other.values)

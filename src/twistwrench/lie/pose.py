@@ -24,7 +24,7 @@ class Pose:
     """The pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``: it brings things of {b} to {a}.
 
     ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}; letters that do not cancel
-    are a :class:`~twistwrench.FrameError`. A matrix that is no pose is a :class:`~twistwrench.ValueRangeError`. Poses
+    are a :class:`~twistwrench.FrameError`. A matrix that is not a pose raises :class:`~twistwrench.ValueRangeError`. Poses
     of the same frames and numbers are equal and have one hash.
 
     Examples
@@ -65,7 +65,7 @@ class Pose:
         frame_name(self.of, "the frame that a pose is of")
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other is a pose of the same two frames with exactly the same numbers; one bool of a batch too."""
+        """True if the other has the same two frames and the same numbers; one bool for a batch too."""
         if not isinstance(other, Pose):
             return NotImplemented
         return (self.to, self.of) == (other.to, other.of) and np.array_equal(self.matrix, other.matrix)

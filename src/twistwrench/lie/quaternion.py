@@ -100,7 +100,7 @@ _MATRIX = "quaternion.from_matrix: R"
 def from_matrix(R: ArrayLike) -> Array:
     """Unit quaternion (w ≥ 0) of a rotation matrix, by the best of four formulas; (..., 3, 3) → (..., 4).
 
-    A matrix that is no rotation is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
+    A matrix that is not a rotation raises :class:`~twistwrench.ValueRangeError` whose message gives the gap.
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
     R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
@@ -126,7 +126,7 @@ def from_matrix(R: ArrayLike) -> Array:
 # of 1 rad, and one of them counts. So values and derivatives of any order are right at every angle, 0 included.
 
 LARGEST_HALF_TURN = 2.0**14
-"""Half the angle [rad] that a step may turn, so that code need not ask whether sines can be taken: no motion has such steps."""
+"""Half the angle [rad] that a step may turn, so that sines are defined without a test; steps of real motions are shorter."""
 
 
 class HalfAngle(NamedTuple):
@@ -144,13 +144,13 @@ _HALF = [(-1.0) ** k / (2.0 ** (2 * k + 1) * math.factorial(2 * k + 1)) for k in
 _COSINE = [(-1.0) ** k / (4.0**k * math.factorial(2 * k)) for k in range(9)]
 _THIRD = [(-1.0) ** k / math.factorial(2 * k + 3) for k in range(9)]
 _ARCTANGENT = [(-1.0) ** k / (2 * k + 1) for k in range(13)]
-"""Of atan(t)/t in t²; the first term left out is below 1e-19 at t = tan(π/16)."""
+"""Coefficients of atan(t)/t in t²; the first term left out is below 1e-19 at t = tan(π/16)."""
 _COTANGENT = list(cot_coefficients(28))
-"""Of (1 - (x/2) cot(x/2)) / x² in x²; the terms fall by 4 each at x = π."""
+"""Coefficients of (1 - (x/2) cot(x/2)) / x² in x²; the terms fall by 4 each at x = π."""
 
 
 def half_angle(square: Any) -> HalfAngle:
-    """Of the square of an angle. Angles are clipped at twice :data:`LARGEST_HALF_TURN`."""
+    """Half-angle terms from the square of an angle. Angles are clipped at twice :data:`LARGEST_HALF_TURN`."""
     near, far = _least(square, 1.0), _largest(square, 1.0)
     angle = np.sqrt(far)
     x = _least(0.5 * angle, LARGEST_HALF_TURN)

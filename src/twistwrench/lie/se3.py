@@ -265,7 +265,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     Raises
     ------
     ValueRangeError
-        A rotation or a last row is further off; it says how far.
+        A rotation or a last row is further off; the message gives the gap.
 
     Examples
     --------

@@ -4,8 +4,8 @@ Largest error of an entry against 50-digit arithmetic, 400 random rotations of a
 8.9e-16, ``left_jacobian`` 2.8e-16, ``left_jacobian_inverse`` 1.8e-16. Beyond π the rounding of the angle itself, eps |w|, is
 added. The bounds are asserted in ``tests/lie/test_lie_accuracy.py``.
 
-What is not real numbers of the shape said is a :class:`~twistwrench.ShapeError` or :class:`~twistwrench.ValueRangeError`; a
-row with NaN gives a row of NaN.
+Input other than real numbers of that shape raises :class:`~twistwrench.ShapeError` or :class:`~twistwrench.ValueRangeError`;
+a row with NaN gives a row of NaN.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     Raises
     ------
     ValueRangeError
-        An entry is further off; it says how far. It is not a rotation with rounding then.
+        An entry is further off; the message gives the gap. Rounding does not explain that.
 
     Notes
     -----

@@ -188,7 +188,7 @@ class Wrench(Labelled):
         return kinds(self.f, self.m, ("pure force", "pure couple", "wrench", "nothing"))
 
     def is_reciprocal_to(self, V: Twist, within: float = 1e-12) -> Any:
-        """Whether wrench and twist are reciprocal: whether the power on V is zero.
+        """True if wrench and twist are reciprocal: the wrench has zero power on V.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
     Examples
     --------
     >>> C_b = np.diag([0, 0, 0, 1.0, 1.0, 1.0])            # 1 N of noise in each direction
-    >>> T_ab = se3.exp([0, 0, 0, 2.0, 0, 0])               # felt 2 m away
+    >>> T_ab = se3.exp([0, 0, 0, 2.0, 0, 0])               # seen 2 m away
     >>> np.diag(move_covariance(T_ab, C_b)).tolist()
     [0.0, 4.0, 4.0, 1.0, 1.0, 1.0]
     """

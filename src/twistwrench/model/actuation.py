@@ -28,7 +28,7 @@ def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
 
     Raises :class:`~twistwrench.UnknownNameError` for joints and links that are not there,
     :class:`~twistwrench.ModelError` for a joint that cannot be driven so or is driven already, and
-    :class:`~twistwrench.InertiaError` where a rotor is said to be part of a link that cannot contain it.
+    :class:`~twistwrench.InertiaError` if a rotor is declared part of a link that cannot contain it.
     """
     for actuator in actuators:
         model = _driven(model, actuator)
@@ -47,7 +47,7 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
     """The model with friction behind the gears, where the links turn: of elastic joints that of the joint's own coordinate.
 
     A rigid gear turns with its joint, so there it adds to what the gear has. Raises ModelError where the sum of two laws
-    is no law, as of two Stribeck speeds.
+    is not a law, as of two Stribeck speeds.
     """
     friction = model.friction
     for joint, law in laws.items():
@@ -183,7 +183,7 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
 
 
 def counted(model: Model, rotor: Body) -> bool:
-    """Whether the link that carries this rotor was weighed with it."""
+    """True if the mass of the link that carries this rotor includes it."""
     name = rotor.joint.name
     actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
     return actuator.rotor is not None and not actuator.rotor.extra

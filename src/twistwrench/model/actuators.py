@@ -143,7 +143,7 @@ class Rotor:
     inertia: float
     """kg m², about the axis."""
     extra: bool = False
-    """Whether the robot's links were weighed without it; else its inertia is part of the link that carries it."""
+    """True if the masses of the links do not include the rotor; else its inertia is part of the link that carries it."""
     mass: float = 0.0
     """kg, of an extra one."""
     link: str | None = None
@@ -174,7 +174,7 @@ class Actuator:
     ratio: float = 1.0
     """G; in rad/m at a sliding joint; negative where the rotor turns the other way."""
     efficiency: float = 1.0
-    """Of the gear, η: what arrives of the power that goes through it, either way."""
+    """Efficiency η of the gear: output power over input power, in either direction."""
     motor: Motor | None = None
     """None where none is described."""
     rotor: Rotor | None = None
@@ -186,10 +186,10 @@ class Actuator:
 # ── Valid parameters of a drive
 
 _SMALLEST, LARGEST = 1e-18, 1e12
-"""In SI units: no drive has a number beyond these, and their squares are still far from overflow."""
+"""Bounds of a drive's numbers in SI units; their squares do not overflow."""
 
 _RATIOS = 1e-6, 1e9
-"""Of gears: rad/rad, or rad/m of a spindle; a thread of a nanometre has 6e9."""
+"""Bounds of gear ratios: rad/rad, or rad/m of a spindle; a thread of a nanometre has 6e9."""
 
 
 def check_actuator(actuator: Actuator) -> None:
@@ -233,5 +233,5 @@ def check_actuator(actuator: Actuator) -> None:
 
 
 def _real(x: float) -> bool:
-    """Whether a drive can have this number."""
+    """True if the number is possible for a drive."""
     return bool(_SMALLEST <= x <= LARGEST)

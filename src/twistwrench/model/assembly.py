@@ -70,7 +70,7 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
 
 
 def _carriers(model: Model, held: Mapping[int, Array]) -> dict[int, tuple[int, Array]]:
-    """For each body, the new index of the body that carries it, and its pose there."""
+    """New index of the body that carries each body, and its pose there."""
     carriers: dict[int, tuple[int, Array]] = {}
     count = 0
     for i, body in enumerate(model.bodies):
@@ -90,7 +90,7 @@ def _seen_from(T: Array, inertia: SpatialInertia) -> SpatialInertia:
 
 
 class _Columns:
-    """Where the coordinates of the joints that still move were and will be."""
+    """Old and new columns of the joints that still move."""
 
     def __init__(self, model: Model, held: Mapping[int, Array]) -> None:
         self.q: dict[int, int] = {}  # new q_index by old v_index
@@ -126,7 +126,7 @@ def _v_index(body: Body) -> int:
 # ── Configurations of a robot: by names, and at random
 
 _ENDLESS = 1e3
-"""rad or m: at an angle of 1e16 neighbouring doubles are two apart, and nothing can be said of the pose."""
+"""rad or m: at an angle of 1e16 neighbouring doubles are two apart, and the pose is undefined."""
 
 
 def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
@@ -152,7 +152,7 @@ def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
 def random_configuration(model: Model, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Random q (*shape, nq): inside the limits, unbounded joints within ±π or ±1 m, quaternions uniform.
 
-    A limit of more than 1000 rad or m says that there is none, as ±1e16 does in files of propellers.
+    A limit of more than 1000 rad or m stands for none, such as ±1e16 in files of propellers.
     """
     parts = [_random(model, body, rng, shape) for body in model.leaders]
     return np.concatenate([np.zeros((*shape, 0)), *parts], axis=-1)
@@ -277,7 +277,7 @@ def shared_limits(
 
 
 def follower_torques(model: Model, F: Array) -> Array:
-    """What followers that have a limit of effort bear, (..., k) [N m or N], of wrenches across the joints (..., nbodies, 6).
+    """Torques of followers with an effort limit, (..., k) [N m or N], from wrenches across the joints (..., nbodies, 6).
 
     τ = S' F for each of ``model.limited_followers``: the torque that a motor in its place would give, friction left out.
     """
@@ -293,7 +293,7 @@ ROOT_JOINT = "root_joint"
 
 @dataclass(frozen=True)
 class _Column:
-    """Where a leader's coordinates and velocities begin."""
+    """First coordinate and first velocity of a leader."""
 
     q: int
     v: int
@@ -301,7 +301,7 @@ class _Column:
 
 @dataclass
 class Additions:
-    """What a file says beside links and joints."""
+    """Entries of a file beside links and joints."""
 
     sites: dict[str, SiteEntry] = field(default_factory=dict)
     springs: list[Spring] = field(default_factory=list)

@@ -39,7 +39,7 @@ from .rounding import DEFAULT_SNAP
 class ModelBuilder:
     """Model builder: collects links and joints, in any order, and builds a model of them.
 
-    The result is a :class:`~twistwrench.model.model.Model`. ``where`` says where a link or joint was described ("line
+    The result is a :class:`~twistwrench.model.model.Model`. ``where`` is the place of a link's or joint's description ("line
     12"), and appears in messages about it.
 
     Parameters
@@ -65,7 +65,7 @@ class ModelBuilder:
         self._remarks: list[str] = []
         self._additions = Additions()
         self.gravity: ArrayLike = GRAVITY
-        """What the file says of gravity, (3,) m/s² in the base frame."""
+        """Gravity of the file, (3,) m/s² in the base frame."""
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -113,7 +113,7 @@ class ModelBuilder:
         name : str
         inertia : SpatialInertia, optional; None is a link without mass
         shaped : bool, the link has a shape in its file, so that it cannot be a mere frame
-        hidden : bool, the link only stands between two joints of one body and is no frame to ask about
+        hidden : bool, the link only stands between two joints of one body and is not offered as a frame
 
         Raises
         ------
@@ -170,7 +170,7 @@ class ModelBuilder:
         effort : float, optional, limit [N m or N]
         damping : float, viscous friction [N m s/rad or N s/m]
         friction : float, Coulomb friction [N m or N]
-        armature : float, inertia of the drive that each velocity of the joint feels [kg m² or kg]
+        armature : float, inertia of the drive that acts on each velocity of the joint [kg m² or kg]
         mimic : (leader, multiplier, offset), optional
 
         Raises
@@ -215,7 +215,7 @@ class ModelBuilder:
         self._remarks.extend(remarks)
 
     def add_site(self, name: str, link: str, pose: ArrayLike | None = None, where: str = "") -> str:
-        """Add a site: a frame fixed to a link, which is no link itself.
+        """Add a site: a frame fixed to a link, which is not a link.
 
         Parameters
         ----------

@@ -25,14 +25,14 @@ Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""
 
 _SURE = 1e-15
-"""What rows may miss of a rotation to be one beyond doubt, to the 1e-14 that placements are let alone with."""
+"""Largest gap of rows from a rotation beyond doubt: the 1e-14 up to which placements stay as they are."""
 
 TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 """The types of joints that may be described; fixed ones are fused away when the model is built."""
 
 
 def label(kind: str, name: str, where: str) -> str:
-    """How messages call a link or joint: ``joint 'elbow' (line 12)``."""
+    """Name of a link or joint in messages: ``joint 'elbow' (line 12)``."""
     name = clipped(name) if isinstance(name, str) else name
     return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
 
@@ -46,9 +46,9 @@ class LinkEntry:
     """About the link frame's origin; zero when none is given."""
     where: str
     shaped: bool = False
-    """Whether it has a shape, to be seen or to be touched."""
+    """True if it has a visual or collision shape."""
     hidden: bool = False
-    """Whether it only stands between two joints of one body, and is no frame that anybody asks about."""
+    """True if it only stands between two joints of one body and is not offered as a frame."""
 
     def __str__(self) -> str:
         return label("link", self.name, self.where)
@@ -77,7 +77,7 @@ class JointEntry:
 
     @property
     def fixed(self) -> bool:
-        """Whether the joint holds two links together rigidly."""
+        """True if the joint holds two links together rigidly."""
         return self.joint.nv == 0
 
     def __str__(self) -> str:
@@ -86,7 +86,7 @@ class JointEntry:
 
 @dataclass(frozen=True, eq=False)
 class SiteEntry:
-    """One described frame that is no link."""
+    """Described frame that is not a link."""
 
     name: str
     link: str

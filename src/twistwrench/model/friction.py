@@ -10,7 +10,7 @@ import numpy as np
 from ..typing import Array
 
 NONE_GIVEN = "friction is asked for, and the robot has none: its file gives none; robot.with_actuators adds it"
-"""What to say where friction is asked for and changes nothing."""
+"""Remark if friction is requested and the robot has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,7 @@ class Friction:
 
     ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
 
-    Nothing is said at rest, where friction takes whatever holds the joint, up to ``static``: the law gives 0 there.
+    The law gives 0 at rest, where friction takes whatever holds the joint, up to ``static``.
     """
 
     viscous: Array
@@ -48,7 +48,7 @@ class Friction:
         return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
 
     def select(self, places: Sequence[int] | Array) -> Friction:
-        """That of some of the velocities, in the order asked for."""
+        """Friction of some of the velocities, in that order."""
         return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
 
     def replaced(self, place: int, **values: float) -> Friction:
@@ -70,7 +70,7 @@ class Friction:
 
     @property
     def any(self) -> bool:
-        """Whether there is friction at all."""
+        """True if any joint has friction."""
         return bool(self.viscous.any() or self.static.any() or self.load.any())
 
 

@@ -17,7 +17,7 @@ from .notes import ModelNote
 _LISTED = 3
 """Bodies that cannot exist that an error describes; a file with many has one cause most often."""
 INERTIA_POLICIES = ("error", "accept", "repair")
-"""What happens to a moving body that cannot exist: refused, kept as it is, or given the nearest inertia that can be."""
+"""Policies for a physically impossible moving body: refuse it, keep it, or take the nearest consistent inertia."""
 
 
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
@@ -32,7 +32,7 @@ def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
 
 
 def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
-    """Judge each moving body, fixed links fused, and remark on single links; ``link`` says how messages call a link.
+    """Judge each moving body, fixed links fused, and remark on single links; ``link`` returns a link's name in messages.
 
     Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every body that cannot exist.
     """
@@ -62,7 +62,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
 
 
 def _clear(inertias: Sequence[SpatialInertia]) -> Array:
-    """Which of them a body can have beyond doubt, without a tolerance: all at once, as few are not. (n,) of bool."""
+    """True for inertias that are consistent beyond doubt, without a tolerance, (n,): all at once, as few are not."""
     p = np.array([G.parameters for G in inertias]).reshape(-1, 10)
     with np.errstate(all="ignore"):
         m, h = p[:, 0], p[:, 1:4]
@@ -158,5 +158,5 @@ def _has_inertia(body: Body) -> bool:
 
 
 def _stands_away(body: Body) -> bool:
-    """Whether the joint of a body is displaced from its parent's origin, by more than rounding of a rotation."""
+    """True if the joint of a body is displaced from its parent's origin by more than the rounding of a rotation."""
     return max(map(abs, body.placement[:3, 3].tolist())) > 1e-9

@@ -62,7 +62,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
 def chain(model: Model, base: str | None, tip: str | None) -> Model:
     """A part of the model, its base standing still: all that a link carries, or the joints between it and a tip alone.
 
-    What is fixed rigidly to the part belongs to it; gravity is as the new base feels it with every joint neutral.
+    What is fixed rigidly to the part belongs to it; gravity is seen from the new base with every joint neutral.
 
     Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, :class:`~twistwrench.FrameError` for a tip that
     the base does not carry, and :class:`~twistwrench.ModelError` where the part depends on joints outside it.
@@ -187,7 +187,7 @@ def _below(found: ModelParts, root: str, tip: str | None, said: str | None) -> s
 
 
 def _rotation(model: Model, link: str) -> Array:
-    """Of a link in the base frame, with every joint neutral."""
+    """Rotation of a link in the base frame, with every joint neutral."""
     q, frame = model.neutral, model.frames[link]
     T, i = frame.pose, frame.body
     while i != BASE:

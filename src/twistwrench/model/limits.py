@@ -11,11 +11,11 @@ from ..typing import Array
 
 TOLERANCE = 1e-6
 """Share of a joint's largest limit by which it may be past one and still counts as at it: rounding to float32, or to six
-digits in a file, is no excess."""
+digits in a file, does not count as excess."""
 
 
 def over_limit(share: Any) -> Any:
-    """Whether a magnitude is beyond its limit by more than rounding.
+    """True if a magnitude exceeds its limit by more than rounding.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def over_limit(share: Any) -> Any:
 
 
 def margin(limit: Any) -> Array:
-    """How far a magnitude may be past its limit and still counts as at it.
+    """Excess over a limit up to which a magnitude counts as at the limit.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Limits:
 
     @property
     def tolerance(self) -> Array:
-        """How far past a limit of position a joint still counts as at it, (nv,) [rad or m].
+        """Excess over a position limit up to which a joint counts as at it, (nv,) [rad or m].
 
         :data:`TOLERANCE` of the larger of the joint's two limits, of those that are finite; of 1 where that is none or zero.
         """
@@ -85,7 +85,7 @@ class Limits:
         return np.asarray(TOLERANCE * np.where(largest > 0.0, largest, 1.0))
 
     def exceeded(self, positions: Any) -> Array:
-        """Whether each joint is beyond a limit of position by more than :attr:`tolerance`.
+        """True for each joint beyond a position limit by more than :attr:`tolerance`.
 
         Parameters
         ----------

@@ -164,21 +164,21 @@ class Body:
     inertia: SpatialInertia
     """About the origin of the body's frame, which is the child link's frame."""
     q_index: int
-    """Where the joint's coordinates begin in q."""
+    """Index of the joint's first coordinate in q."""
     v_index: int
-    """Where the joint's velocities begin in dq."""
+    """Index of the joint's first velocity in dq."""
     ratio: float = 1.0
-    """Of a mimic joint: its coordinate over its leader's."""
+    """Ratio of a mimic joint: its coordinate over its leader's."""
     offset: float = 0.0
-    """Of a mimic joint: its coordinate where its leader's is 0 [rad or m]."""
+    """Coordinate of a mimic joint if its leader's is 0 [rad or m]."""
     follows: bool = False
-    """Whether the joint mimics another, whose coordinate it shares."""
+    """True if the joint mimics another, whose coordinate it shares."""
     effort: float = np.inf
-    """Of a mimic joint: the largest torque that it bears [N m or N]; inf where none is given, and for other joints."""
+    """Largest torque of a mimic joint [N m or N]; inf if none is given, and for other joints."""
 
     @property
     def places(self) -> tuple[slice, slice]:
-        """Where the joint is in q and in dq."""
+        """Slices of the joint in q and in dq."""
         joint = self.joint
         return slice(self.q_index, self.q_index + joint.nq), slice(self.v_index, self.v_index + joint.nv)
 
@@ -204,9 +204,9 @@ class Model:
     frames: dict[str, Frame]
     """Every link of the file by name, fused ones included, in document order."""
     limits: Limits
-    """Of the joints."""
+    """Limits of the joints."""
     friction: Friction
-    """Of the joints, left out of every quantity unless it is asked for."""
+    """Friction of the joints, which quantities include only on request."""
     gravity: Array
     """(3,) m/s², in the base frame."""
     base_inertia: SpatialInertia
@@ -216,32 +216,32 @@ class Model:
     leaves: tuple[str, ...] = ()
     """Links without children, in document order."""
     defects: tuple[str, ...] = ()
-    """What the file says that is doubtful."""
+    """Doubtful entries of the file."""
     link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
     """The inertia of each link by itself, in its own frame, for reports."""
     source: str = ""
-    """What it was read from."""
+    """Path it was read from."""
     springs: tuple[Spring, ...] = ()
     """Between joint coordinates; their torques are part of the dynamics, as gravity's are."""
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
-    """What drives the joints, by joint; their rotors are among the bodies, their elasticity among the springs."""
+    """Actuators by joint; their rotors are among the bodies, their elasticity among the springs."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     """(frame, inertia about it) of what was attached; the bodies and the links that carry it have it in them."""
     shaped: frozenset[str] = frozenset()
     """The links that the file gives a shape, to be seen or to be touched."""
     snap: float = 0.0
-    """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
+    """Distance from 0 or ±1 below which an entry of a fixed rotation was set to it; edits use it too."""
     armature: Array = field(default_factory=lambda: np.zeros(0))
-    """(nv,) kg m² or kg: the inertia of the drive that a velocity feels, on the diagonal of M; it has no weight and no
+    """(nv,) kg m² or kg: the inertia of the drive at a velocity, on the diagonal of M; it has no weight and no
     momentum. A rotor whose place and axis are known is a body instead."""
     sites: dict[str, Frame] = field(default_factory=dict)
-    """Named frames of the file that are no links, in document order; no name is a link's."""
+    """Named frames of the file that are not links, in document order; no name is a link's."""
     configurations: Mapping[str, Array] = field(default_factory=dict)
     """(nq,) each: what the file calls by a name, such as ``home``."""
     closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
     """Loops that the file closes and the tree leaves open."""
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Of each link but the root: the link that carries it and the joint between, as described; fixed joints too. The root of a
+    """Carrier and joint of each link but the root, as described; fixed joints too. The root of a
     floating base hangs on the link ``""``."""
 
     def __post_init__(self) -> None:
@@ -313,7 +313,7 @@ class Model:
 
     @cached_property
     def quaternions(self) -> tuple[slice, ...]:
-        """Where quaternions stand in q."""
+        """Slices of the quaternions in q."""
         found = [(b.q_index, b.joint.quaternion) for b in self.leaders]
         return tuple(slice(at + first, at + first + 4) for at, first in found if first is not None)
 

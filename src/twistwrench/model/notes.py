@@ -30,7 +30,7 @@ class ModelNote(str):
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:
-    """The remarks in their order, those that say the same of other subjects together in one sentence.
+    """Remarks in their order, equal ones of several subjects joined into one sentence.
 
     >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
     ["joint 'a' has no limit; the same of joint 'b'", 'x']

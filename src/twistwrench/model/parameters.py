@@ -45,7 +45,7 @@ def regrouped(model: Model) -> Model:
 
 
 def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
-    """The part of a body's inertia its joint cannot feel; None where nothing is known to be."""
+    """Part of a body's inertia without effect on its joint (base-parameter regrouping); None if none is known."""
     if joint.nv != 1:
         return None
     w, v = joint.axes[0, :3], joint.axes[0, 3:]
@@ -99,7 +99,7 @@ def nominal(model: Model) -> dict[str, float]:
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
-    """Whether lengths are among them. What is linear in the rest stays so when inertias are regrouped."""
+    """True if lengths are among them. Quantities linear in the other parameters stay so if inertias are regrouped."""
     places = {f"{body.joint.name}.{what}" for body in model.bodies for what in _OF_JOINTS}
     return any(name in places for name in names)
 
@@ -152,7 +152,7 @@ def _body_moved(body: Any, new: dict[str, Any]) -> Any:
 
 
 def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
-    """From mass, centre of mass, and moments about it."""
+    """Inertia from mass, centre of mass, and moments about it."""
     m, c, I = numbers[0], np.array(numbers[1:4], object), numbers[4:]
     about_com = np.array([[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]], object)
     J = about_com - m * (so3.hat(c) @ so3.hat(c))  # Steiner
@@ -180,7 +180,7 @@ def _friction(model: Model, new: dict[str, Any]) -> Friction:
 
 _TENSOR = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _SLACK = 1e-6
-"""Of the sum of the principal moments, as of a body that is judged by itself."""
+"""Tolerance relative to the sum of the principal moments, the same as for a single body."""
 
 
 def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:

@@ -19,14 +19,14 @@ from .limits import Limits
 from .model import BASE, Body, Model, find_tree
 
 _ROUNDING = 1e-13
-"""Of the inertia of a body and the sum of those of its links, relative to the largest number."""
+"""Largest difference of a body's inertia and the sum of its links', relative to the largest number."""
 
 
 @dataclass(eq=False)
 class ModelParts:
     """The links of a model with an inertia each, the joints between them, fixed ones too, and what is beside them.
 
-    Rotors are no bodies of it: they stay with the actuators.
+    Rotors are not among its bodies: they stay with the actuators.
     """
 
     name: str
@@ -36,17 +36,17 @@ class ModelParts:
     root: str
     """The link that stands still, or, of a floating base, the first one that moves."""
     floating: bool
-    """Whether the root floats."""
+    """True if the root floats."""
     links: dict[str, LinkEntry] = field(default_factory=dict)
-    """In document order."""
+    """Links in document order."""
     joints: list[JointEntry] = field(default_factory=list)
     """Depth first, so that the moving ones are in the order of q; without armature and losses, which are beside."""
     whole: dict[str, SpatialInertia] = field(default_factory=dict)
-    """Of the link that a moving joint carries, and of the root: with all that is fixed to it."""
+    """Inertia of the link that a moving joint carries, and of the root, with everything fixed to it."""
     friction: dict[str, Friction] = field(default_factory=dict)
-    """Of each joint that has coordinates of its own, by name, (nv of the joint,) each; of motors behind elastic gears too."""
+    """Friction of each joint with coordinates, by name, (nv of the joint,) each; of motors behind elastic gears too."""
     armature: dict[str, Array] = field(default_factory=dict)
-    """Likewise, rotors apart."""
+    """Armature by joint, without rotors."""
     actuators: list[Actuator] = field(default_factory=list)
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     additions: Additions = field(default_factory=Additions)
@@ -54,7 +54,7 @@ class ModelParts:
 
 
 def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
-    """The links and joints of a model. Links have the inertia of rotors that they were weighed with, of extra ones if asked.
+    """The links and joints of a model. Links have the inertia of rotors that they were weighed with, of extra ones on request.
 
     Links that are fixed together and were described one by one are so again; what a link got since, as a payload at a site or
     by a repair, is counted with the link whose joint moves it.
@@ -229,7 +229,7 @@ def _seen_from(T_ab: Array, T_ac: Array) -> Array:
 
 
 def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
-    """Whether the difference between a body and its links is more than rounding."""
+    """True if the difference between a body and its links is more than rounding."""
     most, size = np.abs(rest.parameters), np.abs(whole.parameters)
     parts = (slice(0, 1), slice(1, 4), slice(4, 10))
     return any(most[part].max() > _ROUNDING * max(size[part].max(), size.max() * 1e-3) for part in parts)
@@ -245,7 +245,7 @@ def _unused(name: str, taken: list[str]) -> str:
 
 
 def reassemble(found: ModelParts) -> Model:
-    """The model of an outline: the way back. Nothing is judged again, and nothing is said of it.
+    """Model of its parts, without checks and remarks.
 
     >>> import twistwrench as tw
     >>> from twistwrench.model.parts import disassemble

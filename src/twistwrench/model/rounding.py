@@ -10,7 +10,7 @@ from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
 
 DEFAULT_SNAP = 1e-9
-"""How near to 0 or ±1 an entry of a fixed rotation must be to be taken for it."""
+"""Distance from 0 or ±1 below which an entry of a fixed rotation is set to it."""
 
 _ROUNDING = 4.5e-16, 1e-15
 """A rotation whose R'R and R R' are this near to the identity is one to the last bit: sums of three products, each rounded.

@@ -257,7 +257,7 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def __getattr__(name: str) -> Any:
-    """Of a robot that is not bundled: say which are, and where others are found."""
+    """Raise an error that lists the bundled robots and where others are found."""
     if name.startswith("_"):
         raise AttributeError(name)
     near = get_close_matches(name, names(), 1, 0.6)

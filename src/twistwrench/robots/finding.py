@@ -16,7 +16,7 @@ from . import names, path_of
 _EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
 _ENDINGS = (".urdf", ".sdf")
 _COMMON = ("_simple_description", "_description", "_data")
-"""What folders of robots end with beside the robot's name."""
+"""Suffixes of robot folders after the robot's name."""
 _FETCHED = "robot_descriptions"
 _PATHS = ("URDF_PATH", "MJCF_PATH")
 
@@ -73,7 +73,7 @@ def find(name: str, *, download: bool = False) -> Path:
 
 
 def known_robots() -> dict[str, FoundRobot]:
-    """Every robot that :func:`twistwrench.find` knows without fetching anything, by name; of one name, the first source's."""
+    """Every robot that :func:`twistwrench.find` finds without a download, by name; of one name, the first source's."""
     found: dict[str, FoundRobot] = {}
     for robot in (*_bundled(), *_examples(), *_fetched()):
         found.setdefault(robot.name, robot)
@@ -81,7 +81,7 @@ def known_robots() -> dict[str, FoundRobot]:
 
 
 def plain_name(name: str) -> str:
-    """As names are compared: small letters, ``_`` for blanks and dashes."""
+    """Name in the form that is compared: small letters, ``_`` for blanks and dashes."""
     return name.strip().lower().replace("-", "_").replace(" ", "_")
 
 
@@ -124,7 +124,7 @@ def _folder_name(folder: str) -> str:
 
 
 def _fetched() -> Iterator[FoundRobot]:
-    """What is in the cache of ``robot_descriptions``, whose modules would clone a repository on import."""
+    """Robots in the cache of ``robot_descriptions``, whose modules would clone a repository on import."""
     spec = find_spec(_FETCHED)
     if spec is None or not spec.submodule_search_locations:
         return
@@ -140,7 +140,7 @@ def _fetched() -> Iterator[FoundRobot]:
 
 
 def _repositories(file: Path) -> dict[str, str]:
-    """The folder of each repository in the cache, as the package's table says."""
+    """The folder of each repository in the cache, by the package's table."""
     found = {}
     for node in ast.walk(_parsed(file)):
         if isinstance(node, ast.Dict):

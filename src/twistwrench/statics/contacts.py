@@ -95,7 +95,7 @@ class Contact:
         return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)
 
     def allows(self, force: ArrayLike, slack: float = 1e-9) -> Any:
-        """Whether a force lies in the friction cone itself.
+        """True if a force lies in the friction cone.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ _TOLERANCE = 1e-7
 """Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""
 
 _BALANCED = 1e-6
-"""What may be left of the load by forces that balance it, forces beside forces; checked before a yes is given."""
+"""Largest remainder of the load, relative to the forces, that counts as balanced; checked before a positive answer."""
 
 _ROUNDING = 1e-14
 """The same beside the sum of all that presses, which may be much more than the load where levers are short."""

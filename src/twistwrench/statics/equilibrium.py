@@ -40,7 +40,7 @@ class Equilibrium:
     """
 
     holds: bool | None
-    """Whether forces balance; None where the friction cones, cut into as many edges as they may be, decide neither way:
+    """True if forces balance; None if the friction cones, at the largest number of edges, do not decide:
     the case is then marginal, within one part in 10⁴ of the friction coefficients."""
     forces: Array | None
     """(contacts, 3) N on the body: in its frame, or for a robot in the base frame; None unless it holds."""
@@ -57,11 +57,11 @@ class Equilibrium:
     power: float | None
     """W: what the loads put into that motion beyond all that the motors could take out, with contacts adding at least 0."""
     edges: int
-    """How many edges the friction cones had."""
+    """Number of edges of the friction cones."""
     names: tuple[str, ...]
-    """Of the entries of ``motion``."""
+    """Names of the entries of ``motion``."""
     frame: str
-    """What ``motion`` is, and in which frame."""
+    """Meaning of ``motion`` and its frame."""
 
     def __repr__(self) -> str:
         return f"Equilibrium: {self}"
@@ -268,7 +268,7 @@ class TorqueWrench:
     """The wrench a set of torques produces at rest, and the parts of both worlds that the other never sees.
 
     Balance reads τ - g(q) = J' F + ``unbalanced``. Every F = ``wrench`` + ``borne`` @ x, for any x (6 - rank), fits it
-    equally: what the structure bears takes no torque, and torques cannot tell it. ``print`` it for the whole in words.
+    equally: what the structure bears takes no torque, so torques do not determine it. ``print`` it for the whole in words.
     """
 
     wrench: Array
@@ -282,7 +282,7 @@ class TorqueWrench:
     idle: Array
     """(nv, nv - rank): a basis of the joint motions that leave the frame at rest, null space of J; sparse."""
     singular_values: Array
-    """Of J with lengths in units of ``length``, descending."""
+    """Singular values of J with lengths in units of ``length``, descending."""
     gravity: Array
     """(nv,): g(q), taken off first; use ``robot.with_gravity((0, 0, 0))`` to leave it out."""
     joint_names: tuple[str, ...]
@@ -298,12 +298,12 @@ class TorqueWrench:
 
     @property
     def rank(self) -> int:
-        """How many independent wrenches the torques make."""
+        """Number of independent wrenches that the torques make."""
         return self.producible.shape[1]
 
     @property
     def balanced(self) -> bool:
-        """Whether the wrench balances the torques entirely, to a billionth of them."""
+        """True if the wrench balances the torques, to a billionth of them."""
         return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * self._torques)
 
     @property
@@ -459,11 +459,11 @@ class BeyondStop:
     stop: float
     """The nearest place it can take [rad or m]."""
     turns: bool
-    """Whether it turns, as opposed to slides."""
+    """True if it turns, False if it slides."""
 
     @property
     def by(self) -> float:
-        """How far it is beyond [rad or m], above zero."""
+        """Excess over the limit [rad or m], above zero."""
         return abs(self.value - self.stop)
 
 

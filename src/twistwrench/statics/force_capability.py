@@ -70,7 +70,7 @@ class WrenchEllipsoid:
         return self.semi_axes[..., 0] / self.semi_axes[..., -1]
 
     def reach(self, direction: ArrayLike) -> Array:
-        """How far the ellipsoid extends along a direction.
+        """Extent of the ellipsoid along a direction.
 
         Parameters
         ----------
@@ -323,14 +323,14 @@ class WrenchPolytope:
     part: str
     """"force", "moment" or "wrench"."""
     rest: str
-    """What the other three numbers are: "zero" or "any"."""
+    """Value of the other three numbers: "zero" or "any"."""
     frame: str
     """The frame at which the wrench is applied."""
     kind: Kind
     """Axes and reference point, as in :meth:`Robot.jacobian`."""
 
     def contains(self, x: ArrayLike, slack: float = 1e-9) -> Array:
-        """Whether the robot can apply a force, moment or wrench.
+        """True if the robot can apply a force, moment or wrench.
 
         Parameters
         ----------
@@ -414,7 +414,7 @@ def wrench_polytope(
     Raises
     ------
     ValueRangeError
-        No wrench at all keeps the limits, the base floats, or there are no limits.
+        No wrench keeps the limits, the base floats, or there are no limits.
     UnknownNameError, FrameError
         As the robot's methods.
 

@@ -39,7 +39,7 @@ class LargestPayload:
     """
 
     mass: Array
-    """(...) kg: 0 where the robot cannot hold even itself, inf where no joint feels the mass, nan where q is nan."""
+    """(...) kg: 0 where the robot cannot hold even itself, inf if the mass does not load any joint, nan where q is nan."""
     joint: Array
     """(...) of int: index of the limiting joint in ``joint_names``; -1 if none."""
     side: Array
@@ -130,7 +130,7 @@ def _wrench_per_kilogram(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str 
 def _followers(
     robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None
 ) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """What mimic joints with a limit of effort bear alone and per kilogram, (..., k) each, their limits (k,), their names.
+    """Torques of mimic joints with an effort limit, alone and per kilogram, (..., k) each, their limits (k,), their names.
 
     Of those that the payload loads, or that are beyond their limits without one.
     """
@@ -306,9 +306,9 @@ class PayloadMap:
     plane: str
     """"xz", "yz", "xy" or "rz"."""
     across: float
-    """Where the slice lies on the axis across it [m]; 0 for "rz"."""
+    """Position of the slice on the axis across it [m]; 0 for "rz"."""
     thickness: float
-    """Of the slice [m]; inf for "rz", which has none."""
+    """Thickness of the slice [m]; inf for "rz"."""
     edges: tuple[Array, Array]
     """Cell borders along both axes, (nx + 1,) and (ny + 1,) m."""
     best: Array
@@ -320,7 +320,7 @@ class PayloadMap:
 
     @property
     def samples(self) -> int:
-        """How many configurations fell in the slice."""
+        """Number of configurations in the slice."""
         return int(self.count.sum())
 
     def __str__(self) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _NO_LEVER = 1e-12
-"""Levers shorter than this [m], or this share of the longest, are round-off: a joint at such a one feels no load."""
+"""Levers shorter than this [m], or this share of the longest, are round-off: a load there has no effect on the joint."""
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
@@ -66,7 +66,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
 def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, ArrayLike] | None = None) -> Array:
     """The torques that hold the robot at rest, (..., nv): gravity's, those of springs, and of wrenches on the robot.
 
-    Elastic gears are stretched as that asks, wherever q has their motors, so that they add nothing: see
+    Elastic gears are stretched as that needs, wherever q has their motors, so that they add nothing: see
     :func:`effort_limits`.
 
     >>> import twistwrench as tw
@@ -97,7 +97,7 @@ def _elastic(robot: Robot) -> Iterator[tuple[int, int]]:
 
 
 def floating_entries(robot: Robot) -> Array:
-    """Which entries of τ belong to floating joints; (nv,) of bool."""
+    """True for entries of τ that belong to floating joints; (nv,)."""
     return np.array([not b.joint.driven for b in robot.model.leaders for _ in range(b.joint.nv)], bool)
 
 
@@ -124,12 +124,12 @@ def require_fixed_base(robot: Robot, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """How far a load can grow: the interval of s in which start + s · step stays within the limits."""
+    """Interval of s in which start + s · step stays within the limits."""
 
     least: Array
     """(...): the smallest s; above ``most`` where there is none."""
     most: Array
-    """(...): the largest s, inf where no joint feels the load."""
+    """(...): the largest s, inf if the load does not act on any joint."""
     per_joint: Array
     """(..., nv): the largest s as far as each joint alone is concerned."""
     joint: Array

@@ -100,19 +100,19 @@ def _line(left: str, expr: Any, notation: MathML) -> str:
 LARGEST_POSITION = 1500
 """Terms of a coordinate of a centre of mass, beyond which nothing is expanded."""
 LARGEST_ROTATION = 100
-"""Terms of an entry of a rotation, likewise."""
+"""Largest number of terms of an entry of a rotation."""
 COMFORTABLE = 30_000
-"""Products of two terms in the kinetic energy, up to which equations are written out unless asked otherwise."""
+"""Products of two terms in the kinetic energy, up to which equations are written out by default."""
 LARGEST_EXPANDED = 1_000_000
 """Products times coordinates, each of which differentiates them, beyond which even that is refused: hundreds of pages."""
 MOST_EXPANDED = 4
-"""Coordinates up to which equations are written out unless asked otherwise: beyond, nobody reads them."""
+"""Coordinates up to which equations are written out by default; longer ones are unreadable."""
 LARGEST_NAMED = 8_000
 """Lines of named intermediate results beyond which a derivation is refused."""
 
 
 def expanded_products(entries: ModelEntries, motion: SymbolicMotion | None) -> float:
-    """How many products of terms K takes; infinite where a position alone has too many."""
+    """Number of products of terms in K; infinite if a position alone has too many."""
     if motion is None:
         return float("inf")
     return motion.products(tuple([[e.value for e in row] for row in b.inertia] for b in entries.bodies))
@@ -211,7 +211,7 @@ class Evaluator:
 # ── The check against Newton and Euler, at random states
 
 TOLERANCE = 1e-12
-"""Of the largest torque, mass or force at the states. Both sides round some hundred sums of order-one terms."""
+"""Tolerance relative to the largest torque, mass or force; both sides round some hundred sums of order-one terms."""
 
 _STATES, _SEED = 16, 8100
 
@@ -229,7 +229,7 @@ class DerivationCheck:
     gravity_forces: float
     """Residual of g."""
     states: int
-    """How many random states were compared."""
+    """Number of random states."""
 
     @property
     def worst(self) -> float:
@@ -333,7 +333,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     Raises
     ------
     ValueRangeError
-        The robot is too large; said before starting.
+        The robot is too large; raised before the derivation.
     MissingExtraError
         There is no SymPy.
     KernelError
@@ -341,7 +341,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
 
     Notes
     -----
-    MR section 8.1. Friction is left out, which ``remarks`` then says. Numbers are the shortest decimals within 4e-16 of
+    MR section 8.1. Friction is left out, as noted in ``remarks``. Numbers are the shortest decimals within 4e-16 of
     the model's.
 
     Examples

@@ -19,7 +19,7 @@ from .trig_polynomial import TrigPolynomial
 
 @dataclass(frozen=True)
 class Label:
-    """What stands left of an equals sign: a symbol, or a derivative of L (or K, P) with respect to one."""
+    """Left-hand side of an equation: a symbol, or a derivative of L (or K, P) with respect to one."""
 
     name: str
     variable: str = ""
@@ -28,7 +28,7 @@ class Label:
     """The symbol of time, for what of a rate is due to it alone."""
 
     def write(self, notation: Notation) -> str:
-        """In one of the notations."""
+        """Text in one of the notations."""
         top = notation.symbol(self.name)
         if not self.variable:
             return top
@@ -45,11 +45,11 @@ class Step:
     """Step of a derivation: its name, a sentence about it, its lines."""
 
     name: str
-    """As in :meth:`Equations.step`."""
+    """Name for :meth:`Equations.step`."""
     remark: str
     """A sentence."""
     lines: tuple[Line, ...]
-    """What is printed, line by line."""
+    """Lines of the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,12 @@ class Equations:
     """Symbolic equations of motion τ = M(q) q̈ + h(q, q̇) in SymPy.
 
     Made by :func:`twistwrench.symbolic.lagrange` and ``derive``. Of a robot, and of a Lagrangian that is ½ q̇'M q̇ less
-    a potential, h = c + g: ``split`` says so. Of one with terms linear in the rates (a magnetic force) or with time in
+    a potential, h = c + g: ``split`` is then False. Of one with terms linear in the rates (a magnetic force) or with time in
     it, h has more in it; ``tau`` has it all.
     """
 
     name: str
-    """Of the robot or system."""
+    """Name of the robot or system."""
     q: tuple[Any, ...]
     """Symbols of the coordinates."""
     dq: tuple[Any, ...]
@@ -93,11 +93,11 @@ class Equations:
     meanings: tuple[tuple[str, str], ...] = ()
     """Symbol and meaning of the coordinates."""
     remarks: tuple[str, ...] = ()
-    """What a reader should know, in sentences."""
+    """Remarks for the reader, in sentences."""
     split: bool = True
-    """Whether c and g are all of τ but M q̈."""
+    """True if c and g are all of τ but M q̈."""
     cache: dict[str, Any] = field(default_factory=dict, repr=False)
-    """What was computed from these equations before."""
+    """Results computed from these equations before."""
 
     def __repr__(self) -> str:
         return (
@@ -481,7 +481,7 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
 
 
 def steps_of(lines: dict[str, list[Line]]) -> tuple[Step, ...]:
-    """Those steps of :data:`STEPS` that have lines."""
+    """Steps of :data:`STEPS` that have lines."""
     return tuple(Step(name, STEPS[name], tuple(lines[name])) for name in STEPS if lines.get(name))
 
 

@@ -21,7 +21,7 @@ from .trig_polynomial import Ring, TrigPolynomial
 
 
 class Arithmetic(Protocol):
-    """What kinematics needs of the things it calculates with."""
+    """Interface of the numbers that kinematics computes with."""
 
     def number(self, entry: Entry) -> Any:
         """A number of the model, or its symbol."""
@@ -30,7 +30,7 @@ class Arithmetic(Protocol):
         """The k-th coordinate itself."""
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """Of ``rate`` times the k-th coordinate plus ``offset``."""
+        """Cosine and sine of ``rate`` times the k-th coordinate plus ``offset``."""
 
 
 def numbers_of(arithmetic: Arithmetic, entries: Any) -> Array:
@@ -83,7 +83,7 @@ def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Ar
 
 @dataclass(frozen=True)
 class Variable:
-    """What sums are differentiated with respect to: a coordinate, its rate and acceleration, by their symbols."""
+    """Variable of differentiation: a coordinate, its rate and acceleration, by their symbols."""
 
     name: str
     rate: str
@@ -169,7 +169,7 @@ class SymbolicMotion:
     turning: tuple[Array, ...]
 
     def products(self, moments: Any) -> int:
-        """How many products of two terms the kinetic energy takes."""
+        """Number of products of two terms in the kinetic energy."""
         count = 0
         for v, w, I in zip(self.velocities, self.turning, moments, strict=True):
             count += sum(len(x) ** 2 for x in v)
@@ -195,7 +195,7 @@ class RingArithmetic:
         return self.ring.symbol(self.coordinates[k].name)
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigPolynomial, TrigPolynomial]:
-        """Of ``rate`` times the k-th coordinate plus ``offset``."""
+        """Cosine and sine of ``rate`` times the k-th coordinate plus ``offset``."""
         f: list[Any] = [0] * len(self._places)
         exact = Fraction(rate)  # a float is a fraction, so sums of multiples stay exact
         f[self._places[self.coordinates[k].name]] = int(exact) if exact.denominator == 1 else exact

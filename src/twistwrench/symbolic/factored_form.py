@@ -58,7 +58,7 @@ class EquationWriter:
         return self._grouped(total, self._mass_part)
 
     def by_angle(self, total: TrigPolynomial) -> Any:
-        """What multiplies the same sines and cosines together: (m_1 + m_2) L_1 g cos θ_1."""
+        """Factors of equal sines and cosines together: (m_1 + m_2) L_1 g cos θ_1."""
         groups: dict[Waves, list[Row]] = defaultdict(list)
         for row in self._rows(total):
             groups[row[2]].append(row)

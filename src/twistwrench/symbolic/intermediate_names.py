@@ -39,7 +39,7 @@ class Definitions:
         self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
 
     def group(self, name: str, remark: str) -> None:
-        """What is defined from here on belongs to this step."""
+        """Step of the definitions from here on."""
         self.groups.append((name, remark, len(self.definitions)))
 
     def name(self, name: str, expr: Any) -> Any:
@@ -152,7 +152,7 @@ def _motions(names: Definitions, tags: list[str], raw: list[tuple[Array, Array]]
 def _velocities(
     names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
-    """Of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
+    """Velocities of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
     names.group(
         "velocities",
         "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes",

@@ -34,7 +34,7 @@ def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
 
 
 def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
-    """The symbol of time, None where there is none; ShapeError for what is no symbol, or a coordinate or rate."""
+    """Symbol of time, None if there is none; raises ShapeError for other input, and for a coordinate or rate."""
     import sympy
 
     if given is None:
@@ -81,7 +81,7 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
 
 
 def _is_rate(name: str) -> bool:
-    """By the naming rule, xdot and thetaddot_1; and by a likely other one, theta_1dot and x_dot."""
+    """True if the name is a rate by the naming rule, xdot and thetaddot_1, or by a common other one, theta_1dot and x_dot."""
     stem = name.partition("_")[0]
     return any(word.endswith("dot") and word != "dot" for word in (stem, name))
 
@@ -219,7 +219,7 @@ def _parsed(
 
 
 def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
-    """Find the constants that L is a polynomial in: symbols, and constant expressions that are no polynomials of them."""
+    """Find the constants that L is a polynomial in: symbols, and constant expressions that are not polynomials of them."""
     if expr.is_Rational or expr in atoms:
         return True
     if expr.is_Symbol:
@@ -238,7 +238,7 @@ def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
 
 
 _RAISED = 4
-"""How far Lagrange's equations raise an exponent: c multiplies by two rates, rates of momenta by a rate or acceleration."""
+"""Increase of an exponent by Lagrange's equations: c multiplies by two rates, rates of momenta by a rate or acceleration."""
 
 
 def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:

@@ -118,7 +118,7 @@ _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 class Notation:
-    """The order in which things are written. What follows says how they look."""
+    """Order of writing; subclasses decide the appearance."""
 
     def write(self, expr: Any) -> str:
         """An expression, a column or a matrix."""
@@ -153,7 +153,7 @@ class Notation:
         return self.minus(self._negated(factors)) if negative else self._quotient(factors)
 
     def _negated(self, factors: list[Any]) -> str:
-        """What stands after a minus: a sum by itself in brackets."""
+        """Operand of a minus sign: a sum by itself in brackets."""
         inner = self._quotient(factors)
         return self.bracket(inner) if is_sum(factors) else inner
 
@@ -279,7 +279,7 @@ class Notation:
         return f"∂/∂{variable} {inner}"
 
     def other(self, expr: Any) -> str:
-        """What there is no rule for."""
+        """Expression without a rule of its own."""
         return str(expr)
 
 
@@ -301,23 +301,23 @@ class Parameter:
     name: str
     """Its symbol."""
     value: float
-    """In SI units."""
+    """Value in SI units."""
     kinds: frozenset[str]
-    """What it is of: lengths, coms, masses, inertias, gravity, springs, gears."""
+    """Kinds: lengths, coms, masses, inertias, gravity, springs, gears."""
     meaning: str
-    """In words."""
+    """Meaning in words."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A number of the model, in the equations ``sign * parameter``, or the number itself where there is no parameter."""
+    """A number of the model, in the equations ``sign * parameter``, or the number itself without a parameter."""
 
     value: float
     parameter: Parameter | None = None
 
     @property
     def sign(self) -> int:
-        """Of the value, beside a parameter."""
+        """Sign of the value, beside a parameter."""
         return -1 if self.parameter is not None and self.value * self.parameter.value < 0 else 1
 
 
@@ -329,7 +329,7 @@ class BodyEntries:
     """The numbers of one body: place of its joint, a point of its axis, pitch, mass, centre of mass, inertia about it."""
 
     tag: str
-    """What its symbols end in: its number, r1 for the rotor of joint 1."""
+    """Suffix of its symbols: its number, r1 for the rotor of joint 1."""
     place: Entries
     point: Entries
     pitch: Entry
@@ -337,7 +337,7 @@ class BodyEntries:
     com: Entries
     inertia: tuple[Entries, ...]
     ratio: Entry
-    """Of its joint's rate to that of the coordinate; a symbol where a gear is between."""
+    """Ratio of its joint's rate to that of the coordinate; a symbol if a gear is between."""
 
 
 @dataclass(frozen=True)
@@ -397,7 +397,7 @@ class Namer:
         return self.parameters[-1]
 
     def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
-        """Of body i: coordinate axis and size of what is apart on it, joints and its tip, → their symbol."""
+        """Symbols of lengths of body i: coordinate axis and size of displacements along it, of joints and its tip."""
         children = [(f"joint {b.joint.name}", b.placement[:3, 3]) for b in self.model.bodies if b.parent == i]
         tip = self.model.all_frames.get(self.model.tip or "")
         if i != BASE and tip is not None and tip.body == i:
@@ -445,7 +445,7 @@ class Namer:
         return Entry(body.ratio, self._new(f"G_{n.removeprefix('r')}", body.ratio, ["gears"], meaning))
 
     def _axis(self, n: str, body: Body) -> tuple[Entries, Entry]:
-        """Where the axis passes, in the child's frame, and its pitch; zeros of joints that do not turn about one axis."""
+        """Point of the axis in the child's frame, and its pitch; zeros for joints that do not turn about one axis."""
         none = (Entry(0.0),) * 3
         if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
             return none, Entry(0.0)
@@ -508,7 +508,7 @@ def _driven(model: Model, rotor: Body) -> str:
 
 
 def _tags(model: Model) -> list[str]:
-    """What tells the symbols of bodies apart: their number; of a rotor, r and the number of the joint it drives."""
+    """Suffixes of the symbols of bodies: their number; of a rotor, r and the number of the joint it drives."""
     numbers = {body.joint.name: n for n, body in enumerate(model.leaders, 1)}
     tags: list[str] = []
     for i, body in enumerate(model.bodies, 1):
@@ -529,7 +529,7 @@ def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) ->
 # ── The choice of ``symbols=``
 
 KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
-"""What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""
+"""Kinds that ``symbols=`` accepts; ``"all"`` and ``"none"`` beside them."""
 
 
 def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:

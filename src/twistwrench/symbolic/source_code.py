@@ -42,7 +42,7 @@ _RESERVED = frozenset(
     matherr float_t double_t math_errhandling abs labs div errno stdin stdout stderr I NAN INFINITY NULL EOF DOMAIN
     SING OVERFLOW UNDERFLOW PLOSS TLOSS X_TLOSS MAXFLOAT HUGE linux unix i386 near far huge min max""".split()  # noqa: SIM905
 )
-"""What means something else in Python, C or C++, in their mathematics headers, or in the functions written here."""
+"""Words with another meaning in Python, C or C++, in their mathematics headers, or in the functions written here."""
 _MACRO = re.compile(r"(M_\w*[A-Z]|FP_|HUGE_|MATH_|DBL_|FLT_|LDBL_|INT|UINT|SIZE_|E[A-Z0-9]{3,}$)\w*")
 """Names that mathematics headers keep for macros: M_PI, FP_NAN, HUGE_VAL, and those of limits and errors beside them."""
 
@@ -56,7 +56,7 @@ class Routine:
     """Array (q, dq, ddq, p), index, and the name for it."""
     lines: tuple[tuple[str, Any], ...]
     results: tuple[Any, ...]
-    """In C order; every symbol has its safe name."""
+    """Results in C order; every symbol has its safe name."""
 
 
 def ordered_names(equations: Equations) -> dict[Any, str]:
@@ -152,7 +152,7 @@ def header(equations: Equations) -> list[str]:
 
 
 def unused(names: Iterable[str], made: Routine) -> list[str]:
-    """Those arrays that a function does not read."""
+    """Arrays that a function does not read."""
     read = {array for array, _, _ in made.inputs}
     return [name for name in names if name not in read]
 
@@ -250,7 +250,7 @@ def _double(x: Any) -> float:
 def c_source(equations: Equations, prefix: str | None = None) -> str:
     """One file. ``prefix`` begins the names of its functions; without it, the name of the robot.
 
-    Raises ValueRangeError for a prefix that is no C identifier, and for functions that math.h does not have.
+    Raises ValueRangeError for a prefix that is not a C identifier, and for functions that math.h does not have.
     """
     if prefix is None:
         prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)

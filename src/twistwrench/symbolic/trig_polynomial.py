@@ -29,7 +29,7 @@ HIGHEST = _MASK
 class Ring:
     """The symbols and angles that sums are made of, and a table of the products of sines and cosines met so far.
 
-    Angles are symbols too: ``angles`` says which. Coefficients are floats, exact as long as all are multiples of powers
+    Angles are symbols too: ``angles`` lists them. Coefficients are floats, exact as long as all are multiples of powers
     of two; with ``exact=True`` fractions.
     """
 

@@ -54,7 +54,7 @@ def assert_close(
     rtol : float, the largest gap
     what : str, what is compared
     scale : float, optional, in place of the largest entry of ``desired``
-        Where that is the small difference of large terms; say in the test which terms.
+        Where that is the small difference of large terms; give these terms in the test.
 
     Raises
     ------
@@ -91,8 +91,9 @@ def assert_close(
 _PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 _WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 STEP = 0.01
-"""Of a function that varies with rate 1, such as sin t, the error of order six is STEP⁶/140 = 1e-14 and the rounding of
-six values divided by STEP about 1e-14 too. Dynamics depends on sums of joint angles, twice over: hence some 1e-12."""
+"""Step of differences. For a function that varies with rate 1, such as sin t, the error of order six is STEP⁶/140 = 1e-14, and
+the rounding of six values divided by STEP about 1e-14 too. Dynamics depends on sums of joint angles, twice over:
+hence some 1e-12."""
 
 
 def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Array:

@@ -166,7 +166,7 @@ def random_pose(rng: np.random.Generator | int | None = None) -> Array:
 
 
 class State(NamedTuple):
-    """Where a robot is and how it moves: q (..., nq), dq and ddq (..., nv)."""
+    """State and acceleration of a robot: q (..., nq), dq and ddq (..., nv)."""
 
     q: Array
     """Configuration (..., nq)."""
