@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,10 @@ from ..model.notes import ModelNote
 from ..typing import Array
 from .element import Element
 from .known_elements import LEFT_OUT
-from .mjcf.bodies import COORDINATES, WORLD, MjcfJoint, screw, unused
-from .mjcf.drives import ALL, ANY, POINT, at_joint, effort_of, leaders_of
+from .mjcf.bodies import WORLD, MjcfJoint
+from .mjcf.drives import ALL, ANY, POINT, Drives, at_joint, effort_of, leaders_of
 from .mjcf.preprocess import also_disabled
-from .mjcf.reader import chain
+from .mjcf.reader import add_joints, add_keyframe, chain
 
 _ON_JOINTS = (0, 1)
 """Values of ``mjtTrn``: at a joint, and at one in its parent's frame."""
@@ -34,28 +34,27 @@ _SLIDE = 2
 """Value of ``mjtJoint``: slides and hinges have one degree."""
 
 
-def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, float]], list[str]]:
+def drives_of(model: Any, names: Sequence[str]) -> Drives:
     """Effort, armature and damping of the actuators at each hinge and slide, and notes.
 
     The effort is what the actuators give together, each gear times ``forcerange``, or of plain motors gear times ``ctrlrange``,
     as far as ``actuatorfrcrange`` of the joint lets it through.
     """
-    found: dict[str, dict[str, float]] = {}
+    found = Drives({}, {}, {}, [])
     forces: dict[int, Array] = {}
-    remarks: list[str] = []
     for k in range(len(model.actuator_trntype)):
         j = int(model.actuator_trnid[k, 0])
         if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
-            remarks.append(ModelNote(_actuator(model, k), LEFT_OUT["actuator/joint"]))
+            found.remarks.append(ModelNote(_actuator(model, k), LEFT_OUT["actuator/joint"]))
             continue
         gear = _gear(model, k)
         forces[j] = forces.get(j, np.zeros(2)) + at_joint(_forces(model, k), gear)
-        mine = found.setdefault(names[j], {"armature": 0.0, "damping": 0.0})
-        for what in ("armature", "damping"):
+        for what, mine in (("armature", found.armature), ("damping", found.damping)):
             values = getattr(model, f"actuator_{what}", None)  # older versions have none
-            mine[what] += 0.0 if values is None else gear**2 * polynomial(model, f"actuator_{what}", k)[0]
+            value = 0.0 if values is None else gear**2 * polynomial(model, f"actuator_{what}", k)[0]
+            mine[names[j]] = mine.get(names[j], 0.0) + value
         if polynomial(model, "actuator_damping", k)[1:].any():
-            remarks.append(ModelNote(_actuator(model, k), LEFT_OUT["actuator/damping"]))
+            found.remarks.append(ModelNote(_actuator(model, k), LEFT_OUT["actuator/damping"]))
     bounded = getattr(model, "jnt_actfrclimited", np.zeros(model.njnt))
     for j in range(model.njnt):
         given = forces.get(j, ANY)
@@ -63,10 +62,10 @@ def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, flo
             given = np.clip(given, *model.jnt_actfrcrange[j])
         effort, remark = effort_of(given)
         if remark and (j in forces or effort is not None):
-            remarks.append(ModelNote(f"joint {names[j]!r}", remark))
+            found.remarks.append(ModelNote(f"joint {names[j]!r}", remark))
         if effort is not None:
-            found.setdefault(names[j], {})["effort"] = effort
-    return found, remarks
+            found.efforts[names[j]] = effort
+    return found
 
 
 def _actuator(model: Any, k: int) -> str:
@@ -210,7 +209,7 @@ def _filled(model: Any) -> ModelBuilder:
     names = [WORLD, *(model.body(i).name or f"body{i}" for i in range(1, model.nbody))]
     taken = {model.joint(j).name for j in range(model.njnt)}
     called = _joint_names(model, names)
-    drives, remarks = drives_of(model, called)
+    drives = drives_of(model, called)
     follow, more = ({}, []) if "equality" in disabled else mimics_of(model, called)
     builder.add_link(WORLD)
     for i in range(1, model.nbody):
@@ -221,26 +220,12 @@ def _filled(model: Any) -> ModelBuilder:
         builder.add_link(names[i], G, shaped=bool(model.body_geomnum[i]))
         T = se3.pose(quaternion.rotation(model.body_quat[i]), model.body_pos[i])
         joints = [_joint(model, j, names[i], k) for k, j in enumerate(_joints_of(model, i))]
+        taken.update(joint.name for joint in joints)
         for joint in joints:
-            taken.add(joint.name)
-            if "spring" in disabled:
-                joint.stiffness = 0.0
-            if "frictionloss" in disabled:
-                joint.options["friction"] = 0.0
-            if "damper" in disabled:
-                joint.options["damping"] = 0.0
-        parent = names[int(model.body_parentid[i])]
-        for step in chain(joints, parent, names[i], T):
-            if step.child != names[i]:
-                builder.add_link(step.child, hidden=True)
-            if step.joint is None:
-                name = unused(f"{names[i]}.fixed", taken)
-                builder.add_joint(name, "fixed", step.parent, step.child, placement=step.placement)
-            else:
-                drive = dict(drives.get(step.joint.name, {}))
-                if "damper" in disabled:
-                    drive["damping"] = 0.0
-                _add(builder, step.joint, step.parent, step.child, step.placement, drive, follow.get(step.joint.name))
+            if joint.stiffness and not joint.single and "spring" not in disabled:
+                joint.remarks.append(LEFT_OUT["ball/stiffness"])
+        steps = chain(joints, names[int(model.body_parentid[i])], names[i], T)
+        add_joints(builder, steps, names[i], drives, disabled, follow, taken)
     for i in range(model.nsite):
         if model.site(i).name:
             T = se3.pose(quaternion.rotation(model.site_quat[i]), model.site_pos[i])
@@ -250,7 +235,7 @@ def _filled(model: Any) -> ModelBuilder:
         add_tendons(builder, model, called)
     if "equality" not in disabled:
         add_closures(builder, model, names)
-    for text in (*more, *remarks, *_left_out(model, names)):
+    for text in (*more, *drives.remarks, *_left_out(model, names)):
         builder.remark(text)
     return builder
 
@@ -321,41 +306,11 @@ def _joint_names(model: Any, bodies: list[str]) -> list[str]:
     return found
 
 
-def _add(
-    builder: ModelBuilder,
-    joint: MjcfJoint,
-    parent: str,
-    child: str,
-    T: Array,
-    drive: Mapping[str, float],
-    mimic: Mimic | None,
-) -> None:
-    axis = screw(joint) if joint.single else (0.0, 0.0, 1.0)
-    options = dict(joint.options)
-    if "effort" in drive:
-        options["effort"] = drive["effort"]
-    for what in ("armature", "damping"):
-        options[what] += drive.get(what, 0.0)
-    builder.add_joint(joint.name, joint.kind, parent, child, placement=T, axis=axis, mimic=mimic, **options)
-    for said in joint.remarks:
-        builder.remark(ModelNote(f"joint {joint.name!r}", said))
-    if joint.stiffness and joint.single:
-        builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest)
-    elif joint.stiffness:
-        builder.remark(ModelNote(f"joint {joint.name!r}", LEFT_OUT["ball/stiffness"]))
-
-
 def _add_configurations(builder: ModelBuilder, model: Any, names: list[str]) -> None:
     found = {"qpos0": model.qpos0} | {model.key(k).name or f"key{k}": model.key_qpos[k] for k in range(model.nkey)}
     joints = [_joint(model, j, names[i], k) for i in range(1, model.nbody) for k, j in enumerate(_joints_of(model, i))]
     for name, qpos in found.items():
-        positions: dict[str, Array] = {}
-        at = 0
-        for joint in joints:
-            mine = np.array(qpos[at : at + COORDINATES[joint.kind]], float)
-            at += len(mine)
-            positions[joint.name] = np.concatenate([mine[3:], mine[:3]]) if joint.kind == "floating" else mine
-        builder.add_configuration(name, positions)
+        add_keyframe(builder, name, np.array(qpos, float), joints, {joint.name for joint in joints})
 
 
 def _disabled(model: Any) -> set[str]:

@@ -237,6 +237,18 @@ class MjcfJoint:
     """Notes on properties that are left out."""
 
     @property
+    def where(self) -> str:
+        """Position in the file; empty for compiled models."""
+        return self.element.place if self.element.line else ""
+
+    @property
+    def who(self) -> str:
+        """Name in messages."""
+        if self.where and "name" in self.element.attributes:
+            return str(self.element)
+        return f"joint {self.name!r}" + (f" ({self.where})" if self.where else "")
+
+    @property
     def single(self) -> bool:
         """True if it has one degree of freedom."""
         return COORDINATES[self.kind] == 1

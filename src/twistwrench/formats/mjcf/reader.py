@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,6 +68,35 @@ def chain(joints: Sequence[MjcfJoint], parent: str, body: str, T: Array) -> Iter
         yield ChainLink(None, parent, body, T)
 
 
+def add_joints(
+    builder: ModelBuilder, steps: Iterable[ChainLink], body: str, drives: Drives, disabled: Set[str],
+    follow: Mapping[str, Mimic], names: set[str], where: str = "",
+) -> None:  # fmt: skip
+    """Add the joints of a body with their drives, springs and hidden links; ``names`` are taken."""
+    for step in steps:
+        joint = step.joint
+        if step.child != body:
+            builder.add_link(step.child, hidden=True)
+        if joint is None:
+            name = unused(f"{body}.fixed", names)
+            builder.add_joint(name, "fixed", step.parent, step.child, placement=step.placement, where=where)
+            continue
+        for said in joint.remarks:
+            builder.remark(ModelNote(joint.who, said))
+        options = {"damping": 0.0, "armature": 0.0, **joint.options}
+        options["armature"] += drives.armature.get(joint.name, 0.0)
+        options["damping"] = 0.0 if "damper" in disabled else options["damping"] + drives.damping.get(joint.name, 0.0)
+        if "frictionloss" in disabled:
+            options["friction"] = 0.0
+        builder.add_joint(
+            joint.name, joint.kind, step.parent, step.child, placement=step.placement,
+            axis=screw(joint) if joint.single else (0.0, 0.0, 1.0), effort=drives.efforts.get(joint.name),
+            mimic=follow.get(joint.name), where=joint.where, **options,
+        )  # fmt: skip
+        if joint.single and joint.stiffness and "spring" not in disabled:
+            builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest, where=joint.where)
+
+
 # ── Keyframes, and the initial configuration
 
 REFERENCE = "qpos0"
@@ -79,7 +108,7 @@ def add_configurations(
 ) -> None:
     """``qpos0`` and the keyframes; ``joints`` are those of the file in order, each with the pose of its body."""
     start = np.concatenate([np.zeros(0), *(_reference(joint, T) for joint, T in joints)])
-    _add(builder, REFERENCE, start, joints, kept)
+    add_keyframe(builder, REFERENCE, start, [joint for joint, _ in joints], kept)
     keys = [key for section in root.all("keyframe") for key in section.all("key")]
     for k, key in enumerate(keys):
         name = key.attributes.get("name", "").strip() or f"key{k}"
@@ -88,7 +117,7 @@ def add_configurations(
         q = key.numbers("qpos", len(key.text("qpos").split()))
         if len(q) != len(start):
             raise RobotFileError(f"{key} has {len(q)} numbers in qpos; the model has {len(start)} coordinates.")
-        _add(builder, name, q, joints, kept)
+        add_keyframe(builder, name, q, [joint for joint, _ in joints], kept)
 
 
 def _reference(joint: MjcfJoint, T: Array) -> Array:
@@ -110,10 +139,11 @@ def quaternion_of(R: Array) -> Array:
     return -Q if w < 0 else Q
 
 
-def _add(builder: ModelBuilder, name: str, q: Array, joints: Sequence[tuple[MjcfJoint, Array]], kept: set[str]) -> None:
+def add_keyframe(builder: ModelBuilder, name: str, q: Array, joints: Sequence[MjcfJoint], kept: Set[str]) -> None:
+    """Add a named configuration from ``qpos``; ``joints`` are all in its order, of which those ``kept`` are in the model."""
     positions: dict[str, Array] = {}
     at = 0
-    for joint, _ in joints:
+    for joint in joints:
         mine = q[at : at + COORDINATES[joint.kind]]
         at += len(mine)
         if joint.name in kept:
@@ -243,51 +273,10 @@ class _Reader:
         joints = list(self.joints[k])
         if joints and joints[0].kind == "floating" and self.floating_base is False:
             joints = []
-        for step in chain(joints, parent, body.name, pending):
-            if step.child != body.name:
-                self.builder.add_link(step.child, hidden=True)
-            if step.joint is None:
-                name = unused(f"{body.name}.fixed", self.names)
-                self.builder.add_joint(name, "fixed", step.parent, step.child, placement=step.placement, where=where)
-            else:
-                self._add_joint(step.joint, step.parent, step.child, step.placement, follow)
-
-    def _add_joint(
-        self,
-        joint: MjcfJoint,
-        parent: str,
-        child: str,
-        placement: Array,
-        follow: Mapping[str, Mimic],
-    ) -> None:
-        who = (
-            str(joint.element)
-            if "name" in joint.element.attributes
-            else f"joint {joint.name!r} ({joint.element.place})"
-        )
-        for said in joint.remarks:
-            self.builder.remark(ModelNote(who, said))
-        options = dict(joint.options)
-        for what, more in (("armature", self.drives.armature), ("damping", self.drives.damping)):
-            options[what] = options.get(what, 0.0) + more.get(joint.name, 0.0)
-        if "damper" in self.disabled:
-            options["damping"] = 0.0
-        if "frictionloss" in self.disabled:
-            options["friction"] = 0.0
-        self.builder.add_joint(
-            joint.name,
-            joint.kind,
-            parent,
-            child,
-            placement=placement,
-            axis=screw(joint) if joint.single else (0.0, 0.0, 1.0),
-            effort=self.drives.efforts.get(joint.name),
-            mimic=follow.get(joint.name),
-            where=joint.element.place,
-            **options,
-        )
-        if joint.single and joint.stiffness and "spring" not in self.disabled:
-            self.builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest, where=joint.element.place)
+        add_joints(
+            self.builder, chain(joints, parent, body.name, pending), body.name, self.drives, self.disabled, follow, self.names,
+            where,
+        )  # fmt: skip
 
     def _add_sites(self, body: MjcfBody) -> None:
         for part in body.sites:

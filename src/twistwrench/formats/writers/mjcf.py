@@ -18,10 +18,11 @@ from ...model.notes import ModelNote
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..element import Element
+from ..mjcf.bodies import unused
 from ..mjcf.drives import ALL, POINT
 from ..urdf import ENTRIES, IN_MJCF
 from ..xml import figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
+from .written import Losses, Written, configurations_of, drive_of, screw_of
 
 _FAR = 1e10
 """Stands for no limit on one side, where the format wants two numbers."""
@@ -77,7 +78,7 @@ class MjcfJoints:
         self._drive(entry.name, [joint])
         self._order.append(("single", entry))
         if axis.pitch:
-            slide = self._name(f"{entry.name}.slide")
+            slide = unused(f"{entry.name}.slide", self._names)
             self._axis(body, _Axis(slide, "slide", direction, np.zeros(3)))
             self._follow(slide, entry.name, axis.pitch, 0.0)
             self._order.append(("pitch", entry))
@@ -97,7 +98,7 @@ class MjcfJoints:
         """Two slides and a hinge."""
         w, e1, e2 = entry.joint.axes[0, :3], entry.joint.axes[1, 3:], entry.joint.axes[2, 3:]
         parts = [
-            self._axis(body, _Axis(self._name(f"{entry.name}.{letter}"), kind, direction, np.zeros(3)))
+            self._axis(body, _Axis(unused(f"{entry.name}.{letter}", self._names), kind, direction, np.zeros(3)))
             for letter, kind, direction in (("x", "slide", e1), ("y", "slide", e2), ("theta", "hinge", w))
         ]
         self._drive(entry.name, parts)
@@ -106,11 +107,6 @@ class MjcfJoints:
             entry.name,
             "is planar; it is written as two slides and a hinge, whose velocities are those of x, y and theta",
         )
-
-    def _name(self, name: str) -> str:
-        name = unused(name, self._names)
-        self._names.add(name)
-        return name
 
     def _follow(self, joint: str, leader: str, ratio: float, offset: float) -> None:
         new("joint", self.equality, joint1=joint, joint2=leader, polycoef=figures([offset, ratio, 0, 0, 0]))

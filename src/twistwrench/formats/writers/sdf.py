@@ -17,9 +17,10 @@ from ...model.notes import ModelNote
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..element import Element
+from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
 from ..xml import figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
+from .written import Losses, Written, configurations_of, drive_of, screw_of
 
 WORLD = "world"
 _NONE = 1e16
@@ -83,7 +84,6 @@ class _SdfWriter:
     def _name(self, what: str, name: str) -> str:
         """A name that nothing else has: links, joints and frames share theirs, and ``::`` is between models."""
         found = unused(name.replace("::", "."), self.names)
-        self.names.add(found)
         if found != name:
             self.losses.found.append(
                 ModelNote(f"{what} {name!r}", f"is written as {found!r}: the format keeps its name for others")

@@ -13,9 +13,10 @@ from ...model.notes import ModelNote
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..element import Element
+from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
 from ..xml import figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, moved, screw_of, unused
+from .written import Losses, Written, configurations_of, drive_of, moved, screw_of
 
 _NONE = 1e16
 """Number for no limit, as the format requires one."""
@@ -106,7 +107,6 @@ class _UrdfWriter:
         if axis.point.any():  # the format has axes through the child's origin
             child, T = self._hidden(f"{entry.child}:{entry.name}"), T @ moved(axis.point)
             beside = unused(f"{entry.name}.fixed", self.joint_names)
-            self.joint_names.add(beside)
         middle = self._hidden(f"{entry.child}:{entry.name}:slide") if axis.pitch else child
         low, high = (float(x[0]) for x in (entry.limits.lower, entry.limits.upper))
         free = low == -np.inf and high == np.inf
@@ -119,7 +119,6 @@ class _UrdfWriter:
             self._mimic(joint, *entry.mimic)
         if axis.pitch:
             name = unused(f"{entry.name}.slide", self.joint_names)
-            self.joint_names.add(name)
             slide = self._joint(name, "prismatic", middle, child, np.eye(4))
             new("axis", slide, xyz=figures(axis.direction))
             self._limit(slide, Limits(*(np.full(1, x) for x in (-np.inf, np.inf, np.inf, np.inf))))
@@ -134,7 +133,6 @@ class _UrdfWriter:
         parent, T = entry.parent, entry.placement
         for k, letter in enumerate("xyz"):
             name = unused(f"{entry.name}.{letter}", self.joint_names)
-            self.joint_names.add(name)
             child = entry.child if k == 2 else self._hidden(f"{entry.child}:{name}")
             joint = self._joint(name, "continuous", parent, child, T)
             new("axis", joint, xyz=figures(np.eye(3)[k]))
@@ -170,7 +168,6 @@ class _UrdfWriter:
         for site in self.found.additions.sites.values():
             name = self._hidden(site.name)
             beside = unused(f"{name}.fixed", self.joint_names)
-            self.joint_names.add(beside)
             self._joint(beside, "fixed", site.link, name, site.pose)
             self.losses.found.append(ModelNote(f"site {site.name!r}", "is written as a fixed link without mass"))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -137,10 +136,3 @@ def configurations_of(found: ModelParts) -> dict[str, dict[str, Array]]:
         for name, positions in given.items()
         if name != REFERENCE or any(not np.array_equal(q, neutral[joint]) for joint, q in positions.items())
     }
-
-
-def unused(name: str, taken: Collection[str]) -> str:
-    """The name, with ``_`` appended until nothing else has it."""
-    while name in taken:
-        name += "_"
-    return name
