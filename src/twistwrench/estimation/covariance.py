@@ -28,7 +28,7 @@ def as_weights(freedom: Array) -> Array:
 
 
 def plug_in(Q: Array, freedom: Array, groups: Array) -> Array:
-    """What estimated variances add to the covariance (p, p) of whitened unknowns, of orthonormal columns Q (n, 6, p).
+    """Covariance (p, p) of whitened unknowns that estimated variances add, for orthonormal columns Q (n, 6, p).
 
     With N_c = Σ_g q_gc q_gc' the share of the channels c of one variance, and ν_c its degrees of freedom,
     Σ_c (4 / (ν_c - 2)) (N_c - N_c N_c). Source: Kenward and Roger, "Small sample inference for fixed effects from
@@ -246,7 +246,7 @@ class _WhitenedRows:
 
     @property
     def count(self) -> int:
-        """Of all columns."""
+        """Number of all columns."""
         return int(self.W.shape[2] + self.beside.shape[2])
 
     def of(self, rows: Array | slice) -> Array:
@@ -276,7 +276,7 @@ class _WhitenedRows:
 
 
 def _huber_factor(left: Array, weights: Array) -> float:
-    """What the weights of large residuals make the equations seem steeper by than they are: mean weight over mean slope.
+    """Factor by which weights of large residuals make the equations seem too steep: mean weight over mean slope.
 
     Huber's residuals count with ψ(u) = w u, whose slope is 1 up to k and 0 beyond. Source: Huber, "Robust Statistics", 1981,
     section 7.6.

@@ -80,12 +80,12 @@ class HeldOut:
 
     @property
     def all(self) -> float:
-        """Of all joints together."""
+        """Residual of all joints together, |τ - τ̂| / |τ|."""
         return float(np.sqrt(self.squares.sum() / max(float(self.sizes.sum()), 1e-300)))
 
     @property
     def joints(self) -> dict[str, float]:
-        """Of each joint; not a number where its torque is zero."""
+        """Residual of each joint, |τ - τ̂| / |τ|; NaN if its torque is zero."""
         with np.errstate(invalid="ignore", divide="ignore"):
             found = np.sqrt(self.squares / self.sizes)
         return dict(zip(self.names, found.tolist(), strict=True))

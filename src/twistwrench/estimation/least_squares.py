@@ -20,7 +20,7 @@ from ..typing import Array
 _ROUNDS = 6
 _LEAST_SHARE = 1e-12
 _LEAST_VARIANCE = 1e-7
-"""Of residuals, as a share of the torques' squares: weights of rows that are fitted without noise stay finite."""
+"""Least variance of residuals, as a share of the torques' squares: weights of rows without noise stay finite."""
 _ROUNDING = 1e-13
 
 Information = tuple[Array, Array, float]
@@ -53,7 +53,7 @@ class NormalEquations:
         root: Array | None = None,
         rows: Array | slice | None = None,
     ) -> NormalEquations:
-        """Of rows W (n, nv, r) and τ (n, nv), one joint after another, so that no second W is made."""
+        """Normal equations of rows W (n, nv, r) and τ (n, nv), joint by joint, so that W is not copied."""
         nv, r = W.shape[1:]
         N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
         mine = slice(None) if rows is None else rows
@@ -119,14 +119,14 @@ class FeltEquations:
 
     @classmethod
     def of(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
-        """Of equations whose other entries are zero."""
+        """Compressed equations, from those whose other entries are zero."""
         N = tuple(A[np.ix_(mine, mine)] for A, mine in zip(equations.N, felt, strict=True))
         c = tuple(b[mine] for b, mine in zip(equations.c, felt, strict=True))
         return cls(N, c, equations.y, equations.rows, felt)
 
     @property
     def nbytes(self) -> int:
-        """What they take in memory."""
+        """Size in memory [bytes]."""
         return sum(x.nbytes for x in (*self.N, *self.c, self.y))
 
     def whole(self) -> NormalEquations:

@@ -32,7 +32,7 @@ _WORTH = 0.6
 _FACETS = 0.015
 """Share of a radius that facets are within the round, 0.012 at most."""
 _STEPS = 200
-"""Of the search for the least volume."""
+"""Steps of the search for the least volume."""
 _THICK, _THICKEST = 0.25, 0.08
 """Radius assumed: share of the longest distance between joints, and the most [m]."""
 _BESIDE = 0.5
@@ -168,7 +168,7 @@ def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
 
 
 def _bulge(solid: Solid) -> float:
-    """How far a round shape reaches beyond the facets between its corners [m]."""
+    """Distance that a round shape reaches beyond the facets between its corners [m]."""
     return 0.0 if solid.spec.kind in ("box", "mesh") else _FACETS * max(solid.spec.sizes)
 
 
@@ -242,7 +242,7 @@ _PARALLEL = 1e-12
 
 
 def nearest_points(a: Array, b: Array) -> tuple[Array, Array]:
-    """Where segments come nearest to each other, as shares of their lengths."""
+    """Closest points of segments, as shares of their lengths."""
     d, e, r = a[1] - a[0], b[1] - b[0], a[0] - b[0]
     dd, ee, de, dr, er = _dot(d, d), _dot(e, e), _dot(d, e), _dot(d, r), _dot(e, r)
     det = dd * ee - de**2
@@ -323,7 +323,7 @@ class CapsuleDistances:
 
     @property
     def unwatched(self) -> tuple[str, ...]:
-        """What is not looked at, in sentences."""
+        """Distances that are not checked, in sentences."""
         found = [
             f"capsules around {a} and {b} are near each other wherever the joints are" for a, b in self.overlapping
         ]
@@ -333,7 +333,7 @@ class CapsuleDistances:
 
     @property
     def count(self) -> int:
-        """How many distances there are: m + 2 k."""
+        """Number of distances: m + 2 k."""
         return len(self.pairs) + 2 * len(self.above)
 
     def distances(self, q: Array, near: float = np.inf) -> Array:

@@ -87,7 +87,7 @@ class PositiveFit:
 
 @dataclass(frozen=True, eq=False)
 class PositivePrior:
-    """What bodies and drives are kept near to.
+    """Prior bodies and drives, to which a fit is kept near.
 
     Attributes
     ----------
@@ -330,7 +330,7 @@ class ConsistentRobot:
 
     @property
     def inertias(self) -> tuple[SpatialInertia, ...]:
-        """Of each moving body, fixed links fused, in its own frame; zero of what only stands between two joints of a link."""
+        """Inertia of each moving body, fixed links fused, in its own frame; zero for a body between two joints of one link."""
         unknown = self.base.unknown
         values = np.zeros((len(unknown.model.bodies), len(PARAMETER_NAMES)))
         mine = unknown.of_bodies >= 0
@@ -464,7 +464,7 @@ def consistent_robot(
 
 
 def sum_of(parts: Sequence[Information]) -> Information:
-    """Of the information of several parts."""
+    """Sum of the information of several parts."""
     N, c, y = parts[0]
     for other in parts[1:]:
         N, c, y = N + other[0], c + other[1], y + other[2]

@@ -28,7 +28,7 @@ from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSea
 _JUDGED = 2001
 """Instants at which a motion is judged, at least."""
 NAMES = {"itself": "itself", "floor": "the floor"}
-"""What clearances are from."""
+"""Names of the obstacles of clearances."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +126,7 @@ class ExcitingMotion:
 
     @property
     def unwatched(self) -> tuple[str, ...]:
-        """What was not looked at, in sentences."""
+        """Clearances that were not checked, in sentences."""
         itself = (
             ()
             if self.constraints.capsules.itself or self.constraints.clear is not None

@@ -20,7 +20,7 @@ from .zero_phase import SteadySamples, cutoffs, torques_below
 
 @dataclass(frozen=True, eq=False)
 class FitSettings:
-    """What a fit is made with.
+    """Settings of a fit.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What the user fixes; None: chosen."""
+    """Settings fixed by the user; None: chosen."""
 
     cutoff: float | None = None
     friction_speed: float | None = None
@@ -268,20 +268,9 @@ Made = TypeVar("Made")
 
 
 class BoundedMemory(Generic[Made]):
-    """What was made, by its key, up to so many bytes, and the last one whatever it takes.
+    """Cache of objects by key, up to a number of bytes; the last one is kept whatever its size.
 
     Room is made beforehand for one more as large as the largest.
-
-    Parameters
-    ----------
-    most : int [bytes]
-    size : callable, bytes that one takes
-
-    Examples
-    --------
-    >>> kept = BoundedMemory(10, len)
-    >>> [kept.of(key, lambda n=key: "x" * n) for key in (2, 4, 4, 5)], sorted(kept.keys)
-    (['xx', 'xxxx', 'xxxx', 'xxxxx'], [4, 5])
     """
 
     def __init__(self, most: int, size: Callable[[Made], int]) -> None:
@@ -290,11 +279,11 @@ class BoundedMemory(Generic[Made]):
 
     @property
     def keys(self) -> list[Hashable]:
-        """Of what is kept, the last used last."""
+        """Keys of the cached objects, the last used last."""
         return list(self._made)
 
     def of(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        """What is kept under the key, or is made now."""
+        """Cached object of a key; built if it is missing."""
         if key in self._made:
             found = self._made.pop(key)
         else:
@@ -326,14 +315,14 @@ _SHIFTS = tuple(
 _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
 _BYTES = 48 * 2**20
-"""Of rows at several cut-offs that are kept at a time, and of normal equations of the blocks at several settings, half of
+"""Memory for rows at several cut-offs, and for normal equations of the blocks at several settings, half of
 that; beyond, those used longest ago are made again."""
 _NEAR = 1e-3
 """s, about an offset that was found, where it is sought again."""
 _WORTH = 2e-3
-"""Of log |residual|², that another cut-off, offset or speed has to bring for each joint; else the first one stays."""
+"""Decrease of log |residual|² for each joint from which another cut-off, offset or speed is preferred to the first one."""
 _CHANCE = 6.0
-"""Of log |residual|² of all joints, by the independent rows there are, what an offset or a speed brings by chance once in 70
+"""Decrease of log |residual|² of all joints, times the independent rows, that an offset or a speed brings by chance once in 70
 times: half a log-likelihood ratio that is distributed as χ² of one degree of freedom (Wilks 1938)."""
 
 
@@ -424,7 +413,7 @@ class SettingRows:
         return trial.settings
 
     def _worth(self, cutoff: float) -> float:
-        """What another setting has to bring: of a short log more, where chance brings as much."""
+        """Score that another setting has to gain: more for a short log, where chance gains as much."""
         independent = 2.0 * cutoff * sum(s.seconds for s in self.samples)
         return max(_WORTH * len(self.dead), _CHANCE / independent)
 
@@ -493,7 +482,7 @@ class SettingRows:
 
 
 def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
-    """Where the parabola through three points is least; the middle one where it has no such place."""
+    """Minimum of the parabola through three points; the middle point if it has none."""
     (a, b, c), (d, e, f) = x, y
     below = (b - a) * (e - f) - (b - c) * (e - d)
     return b - 0.5 * ((b - a) ** 2 * (e - f) - (b - c) ** 2 * (e - d)) / below if below < 0 else b

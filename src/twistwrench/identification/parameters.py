@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .payload import MotorSide
 
 DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
-"""What a joint may have besides its bodies, in the order of the columns."""
+"""Parameters of a joint besides those of its bodies, in the order of the columns."""
 FRICTION = ("viscous", "coulomb", "offset")
 """Laws that are identified unless others are asked for."""
 STRIBECK_SPEED = 0.1
@@ -150,7 +150,7 @@ class UnknownParameters:
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """What each is: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck``, ``offset``."""
+        """Kinds: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck``, ``offset``."""
         return tuple(kind.removeprefix("coupled ") for _, kind, _ in self._entries)
 
     @cached_property
@@ -426,7 +426,7 @@ class BaseParameters:
 
     @property
     def count(self) -> int:
-        """How many groups there are."""
+        """Number of groups."""
         return len(self.kept)
 
     @property
@@ -467,7 +467,7 @@ class BaseParameters:
 
 
 def _kept(W: Array) -> tuple[Array, Array]:
-    """Numbers of the columns that are no sums of those before them, and all columns in terms of these; (r,), (r, p).
+    """Columns that are not sums of those before them (r,), and all columns in terms of these (r, p).
 
     Gram and Schmidt's way, twice for each column, so that rounding stays where it is.
     """

@@ -31,7 +31,7 @@ from .parameters import FRICTION, BaseParameters, UnknownParameters
 
 @dataclass(frozen=True, eq=False)
 class MotorSide:
-    """What a log's columns are to the joints.
+    """Relation of a log's columns to the joints.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class MotorSide:
 
 
 def motor_side(model: Model, source: Source) -> MotorSide:
-    """What a log's columns are to the joints, from the entries ``log:`` and ``ratio:`` of an actuator file.
+    """Relation of a log's columns to the joints, from the entries ``log:`` and ``ratio:`` of an actuator file.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def unknown_of(
     payload_only: str | None,
     stribeck_speed: float,
 ) -> UnknownParameters:
-    """What is sought; of a payload alone all but its own numbers and the torques' offsets are known."""
+    """Unknown parameters; for a payload alone all but its own numbers and the torques' offsets are known."""
     held = dict(known or {})
     if payload_only is not None:
         held = known_but_for(robot, payload_body(robot, payload_only)) | held

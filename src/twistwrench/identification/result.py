@@ -160,7 +160,7 @@ class IdentifiedRobot:
 
     @cached_property
     def residuals(self) -> ModelResiduals:
-        """What the file's bodies, these with friction, the groups and the consistent robot leave in fifths held out."""
+        """Held-out residuals of the file's bodies, of these with friction, of the groups and of the consistent robot."""
         return model_residuals(self.base, self.folds, self.prior, self.values, self.sizes, self.consistent.fit.strength)
 
     def interval(self, level: float = 0.95) -> Array:

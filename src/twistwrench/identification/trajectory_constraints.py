@@ -83,7 +83,7 @@ class TrajectoryConstraints:
 
     @cached_property
     def bands(self) -> tuple[Band, Band, Band, Band, Band]:
-        """Of positions, velocities, accelerations, torques and clearances."""
+        """Bands of positions, velocities, accelerations, torques and clearances."""
         b = self.bounds
         half = (b.upper - b.lower) / 2.0
         count = self.clearances(self.robot.neutral[None]).shape[1]

@@ -49,7 +49,7 @@ class Edges:
     finer: int = 1
 
     def pushed(self, shares: Array, multipliers: Array) -> tuple[float, Array]:
-        """What one band adds to the cost, and the forces (n, k): less its derivative by the shares (n, k)."""
+        """Cost of one band, and its forces (n, k): the negative derivative by the shares (n, k)."""
         forces = np.maximum(0.0, multipliers - self.rho * (shares - self.aim))
         return float((forces**2 - multipliers**2).sum()) / (2.0 * self.rho), forces
 
@@ -84,7 +84,7 @@ class Edges:
 # "Fourier-based optimal excitation trajectories for the dynamic identification of robots", Robotica 24(5), 2006, for the ends.
 
 _ORDER = 5
-"""Of the polynomials: six conditions, three at each end."""
+"""Order of the polynomials: six conditions, three at each end."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class MotionInformation:
         return self._inverse(W)[0]
 
     def merit(self, W: Array) -> float:
-        """What a search makes large, of rows (n, nv, r)."""
+        """Objective of a search, to be maximised, for rows (n, nv, r)."""
         return self.merit_and_slope(W)[0]
 
     def merit_and_slope(self, W: Array) -> tuple[float, Array]:
@@ -363,7 +363,7 @@ class MotionSearch:
         return np.asarray(self._basis(finer) @ self.coefficients(z).T)
 
     def merit(self, z: Array) -> float:
-        """What is made large, at the instants of the search."""
+        """Objective at the instants of the search, to be maximised."""
         return self.information.merit(self.information.rows(*self._states(z)))
 
     # ── motions that fit ──

@@ -18,7 +18,7 @@ from ..errors import TrajectoryError
 from ..typing import Array
 
 ORDER = 4
-"""Of the filter; twice that, forward and backward."""
+"""Order of the filter; twice that, forward and backward."""
 STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
 _STEADY = 1e-3
@@ -93,7 +93,7 @@ class SteadySamples:
 
     @property
     def seconds(self) -> float:
-        """How long it is [s]."""
+        """Duration [s]."""
         return (len(self) - 1) / self.rate
 
 
@@ -175,7 +175,7 @@ def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: floa
 
 
 def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
-    """Which states become rows: two and a half a period of the cut-off, without the first and the last, where filters begin.
+    """States that become rows: two and a half a period of the cut-off, without the first and the last, where filters begin.
 
     Of long logs fewer, ``most``, spread evenly: rows that are near each other hang together anyway. Of a piece that is ``cut``
     from a log with pauses two periods of the cut-off are left out at both ends, however short it is.

@@ -51,7 +51,7 @@ class Doubt:
 
 
 _HARMLESS = ("velocity column", "acceleration column", "velocities make", SINGLE_ROW)
-"""What contradictions say that change nothing here: rates are derived from positions, and single rows weigh next to nothing."""
+"""Words of contradictions that change nothing here: rates are derived from positions, and single rows hardly count."""
 
 
 def contradiction(sentence: str, log: str = "") -> Doubt:
@@ -61,7 +61,7 @@ def contradiction(sentence: str, log: str = "") -> Doubt:
 
 
 def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
-    """What is left in rows held out refuses the logs: much, or of other logs far more than of the training logs ``among``."""
+    """Doubts from held-out residuals: too large, or those of other logs far larger than of the training logs ``among``."""
     if held.all > _UNEXPLAINED:
         said = (
             f"rigid bodies with friction leave {percent(held.all, 3)} of the torques unexplained in rows held out: these are "
@@ -80,7 +80,7 @@ def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
 
 @dataclass(frozen=True, eq=False)
 class FittedLog:
-    """What doubts are judged from: rows (m, nv, r), (m, nv) at the settings chosen, and what was fitted to them."""
+    """Rows (m, nv, r), (m, nv) at the chosen settings and the fit to them, from which doubts follow."""
 
     base: BaseParameters
     motions: Sequence[Motion]
@@ -98,7 +98,7 @@ class FittedLog:
     rate: float
     dead: Array
     payload_only: bool = False
-    """What the file lacks is sought, so its torques are not expected."""
+    """True if only a payload is identified, which the file lacks, so that its torques are not expected."""
 
     @property
     def deviations(self) -> Array:
@@ -107,7 +107,7 @@ class FittedLog:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the joints."""
+        """Names of the joints."""
         return self.base.unknown.model.velocity_names
 
 
@@ -235,7 +235,7 @@ def least(equations: NormalEquations) -> Array:
 
 
 def drive_places(base: BaseParameters) -> Array:
-    """Which of the kept parameters are drives'."""
+    """Kept parameters that belong to drives."""
     return np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)
 
 
@@ -373,7 +373,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
 
 
 def _contradictions(seen: FittedLog) -> list[Doubt]:
-    """What reading the logs found."""
+    """Doubts found while the logs were read."""
     said = [note.removeprefix(_SAID) for motion in seen.motions for note in motion.notes if note.startswith(_SAID)]
     for motion in seen.motions:
         if all(note.startswith(LEFT_OUT) for note in motion.notes):  # those of files were looked at when they were read

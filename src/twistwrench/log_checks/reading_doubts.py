@@ -37,12 +37,12 @@ MAY_MOVE = (
 
 
 def may_point_up(log: ReadingLog, asked: str, best: Diagnosis) -> bool:
-    """Whether gravity the other way explains a log exactly as well as the other sign does."""
+    """True if gravity the other way explains a log exactly as well as the other sign does."""
     return log.by_gravity and log.V is None and best.sign != asked
 
 
 def seems_moving(log: ReadingLog) -> bool:
-    """Whether a log without twists turns steadily, as no tool does that is held still in some orientations."""
+    """True if a log without twists turns steadily, unlike a tool held still in some orientations."""
     if log.V is not None or len(log) < _ENOUGH:
         return False
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
@@ -56,7 +56,7 @@ def listed_bias(bias: Array) -> str:
 
 
 def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
-    """What is left of the forces, as a share of how they change in the log."""
+    """Residual of the forces, as a share of their change in the log."""
     f = log.readings[kept][:, 3:]
     change = float(np.sqrt(np.mean((f - f.mean(axis=0)) ** 2)))
     left = float(np.sqrt(np.mean(found.residuals[kept][:, 3:] ** 2)))
@@ -64,7 +64,7 @@ def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
 
 
 def in_a_plane(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
-    """Whether gravity keeps to a plane, to noise: then a half turn about the plane's normal undoes the other sign."""
+    """True if gravity stays in a plane, within noise: a half turn about its normal then undoes the other sign."""
     g = log.gravity[kept]
     if found.unknowns.bias:  # what is constant is as good as bias
         g = g - g.mean(axis=0)
@@ -101,7 +101,7 @@ def unexplained_turns(log: ReadingLog, found: Fit, kept: Array) -> float | None:
 
 
 def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
-    """Whether some sign and mounting may explain a log surely better: at rest, whether any readings linear in gravity do.
+    """True if some sign and mounting may explain a log surely better: at rest, if any readings linear in gravity do.
 
     The bias and the weight of a load are that, in whatever axes and with whatever sign; so where the best of all linear
     maps is no better, nothing else need be tried.
@@ -136,7 +136,7 @@ _ROUNDS = 50
 def departure(
     log: ReadingLog, sensor: ForceTorqueSensor, rest: Array, sigma: Array, off: Callable[[Array], Array]
 ) -> str | None:
-    """What explains nearly all readings that are ``off`` in rest (n, 6), with noise sigma (n, 6); None if nothing.
+    """Cause of nearly all readings that are ``off`` in rest (n, 6), with noise sigma (n, 6); None if there is none.
 
     Each channel is explained by columns X with Huber's weights: the powers 1, t, t² of time for a bias that drifts, or 1 and
     the load's six wrench components for a gain or cross-talk. A push of a while is neither.
@@ -187,7 +187,7 @@ def _basis(X: Array) -> Array:
 
 
 def _robust(X: Array, y: Array, sigma: Array) -> Array:
-    """What columns X (n, k) explain of y (n,), with Huber's weights; least absolute deviations to begin with."""
+    """Robust fit of y (n,) by columns X (n, k), with Huber's weights; least absolute deviations to begin with."""
     e, fitted = y - np.median(y), np.zeros_like(y)
     scale = max(float(np.median(np.abs(e))), 1e-300)
     for round_ in range(_ROUNDS):
@@ -214,9 +214,9 @@ class Mixup(NamedTuple):
     said: str
     cure: str
     force: float
-    """Of that unit in a newton."""
+    """Units in a newton."""
     moment: float
-    """Of that unit in a newton metre."""
+    """Units in a newton metre."""
 
 
 MIXUPS = (
@@ -231,7 +231,7 @@ MIXUPS = (
     Mixup("forces are in pounds and moments in pound inches",
           "multiply fx, fy, fz by 4.448 and mx, my, mz by 0.113", 0.22481, 8.8507),
 )  # fmt: skip
-"""What logs are found in, the usual ones first."""
+"""Units found in logs, the usual ones first."""
 
 # A tool: mass [kg], centre of mass from the sensor [m]; a sensor: noise of forces over that of moments [1/m], which is
 # how far its strain gauges are from its axis, at most a few times its radius. All with a tenth to spare.
@@ -243,7 +243,7 @@ _NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their 
 
 
 def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> str | None:
-    """Which unit the log seems to be in, and what to do about it; None if the tool found is one that there may be."""
+    """Unit that the log seems to be in, and the remedy; None if the tool found is plausible."""
     found = _found(result, sensor, log)
     usual = _USUAL.copy()
     usual[1, 1] = _FAR

@@ -30,7 +30,7 @@ class Diagnosis:
 
     @property
     def turn(self) -> bool:
-        """Whether the mounting is an unknown."""
+        """True if the mounting is an unknown."""
         return self.fit.unknowns.turn
 
     @property
@@ -40,23 +40,23 @@ class Diagnosis:
 
     @property
     def mass(self) -> float:
-        """kg; negative if it is no explanation."""
+        """Mass [kg]; negative if this does not explain the log."""
         return float(self.fit.load[0])
 
     @property
     def options(self) -> str:
-        """How to ask for it."""
+        """Options of the command that give this explanation."""
         if not self.turn:
             return f"sign={self.sign!r}"
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
         return f"sign={self.sign!r} with orientation=True (turned by {number(degrees, 3)}°)"
 
     def improves(self, on: Fit) -> bool:
-        """Whether the noise left is surely less than that of another fit of the same log."""
+        """True if the remaining noise is surely less than that of another fit of the same log."""
         return _surely_less(self.fit, on, self.kept)
 
     def equals(self, other: Fit, kept: Array) -> bool:
-        """Whether another fit is not surely better than this explanation."""
+        """True if another fit is not surely better than this explanation."""
         return not _surely_less(other, self.fit, kept)
 
 
@@ -87,7 +87,7 @@ def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
 
 
 def as_good_as_the_best(sorted_: list[Diagnosis]) -> list[Diagnosis]:
-    """Those not surely worse than the first; a turned mounting only where that sign does not do without."""
+    """Explanations not surely worse than the first; a turned mounting only if its sign does not explain the log without."""
     best = sorted_[0]
     good = [e for e in sorted_ if e is best or e.equals(best.fit, best.kept)]
     straight = {e.sign for e in good if not e.turn}

@@ -46,7 +46,7 @@ def smallest_noise(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[floa
 
 
 def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> str | None:
-    """What a log seems to be in that this sensor does not explain; None if nothing explains it far better."""
+    """Unit, sign or bias with which this sensor explains the log far better, as a sentence; None if there is none."""
     predicted = log.predicted(sensor)
     sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
     if sensor.missing_signals(log.V, log.dV):
@@ -129,13 +129,13 @@ class Compensation:
     doubts: tuple[str, ...]
     """Why the file and the log do not belong together."""
     missing_signals: str | None
-    """What is left in the moments because the load's inertia is unknown."""
+    """Moments left in the readings because the load's inertia is unknown, as a sentence."""
     missing_signals_show: bool
-    """Whether that is more than noise."""
+    """True if these moments are more than noise."""
     threshold: CollisionThreshold | None
-    """What is called a contact, if any were looked for."""
+    """Threshold of contacts, if any were looked for."""
     remarks: tuple[str, ...] = ()
-    """What a person should know of the answer."""
+    """Remarks on the result."""
 
     @property
     def hits(self) -> Array:
@@ -157,7 +157,7 @@ class Compensation:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a person must look: whether the verdict is not OK."""
+        """True if the verdict is not OK."""
         return not self.verdict.ok
 
 
@@ -203,7 +203,7 @@ def compensation(
 
 
 def _named(doubts: list[str]) -> bool:
-    """Whether a doubt names what is wrong."""
+    """True if a doubt names a cause."""
     return any("Perhaps" in doubt or MAY_MOVE in doubt for doubt in doubts)
 
 

@@ -63,7 +63,7 @@ def residual_moment(F: ArrayLike) -> Array:
 
 
 def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array:
-    """Contact point on a plane: where a force alone acts if it is on it.
+    """Contact point on a plane: intersection with the line of action of the force.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ class CollisionThreshold:
     false_alarms: float
     """Share of readings without contact that pass it."""
     axes: slice = field(default_factory=lambda: slice(0, 6))
-    """Which of the six are looked at: ``slice(3, 6)`` for forces alone."""
+    """Axes that are tested: ``slice(3, 6)`` for forces alone."""
     freedom: Array | None = None
     """(6,) degrees of freedom of the variances where they are estimates; None where they are known."""
 
@@ -307,7 +307,7 @@ class CollisionThreshold:
         return cls(r.mean(axis=0), spread, limit, false_alarms)
 
     def __call__(self, compensated: ArrayLike) -> Array:
-        """Whether each compensated reading (..., 6) is a contact; one that is no number counts as one, to be safe."""
+        """True for each compensated reading (..., 6) that is a contact; NaN counts as one, to be safe."""
         return ~np.asarray(self.distance(compensated) <= self.limit)
 
     def distance(self, compensated: ArrayLike) -> Array:

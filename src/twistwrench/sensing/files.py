@@ -37,13 +37,13 @@ _ADVICE = "`sensor identify LOG --save FILE` writes one."
 
 @dataclass(frozen=True)
 class SensorFile:
-    """What a sensor file says."""
+    """Content of a sensor file."""
 
     sensor: ForceTorqueSensor
     noise: tuple[float, float]
     """Standard deviations of moments [N m] and forces [N]."""
     uncertainty: Uncertainty | None
-    """How well the sensor is known; None in older files, which say nothing of it."""
+    """Uncertainty of the sensor; None in older files, which lack it."""
 
 
 def write_sensor(
@@ -183,7 +183,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
-    """What the file says of the rotational inertia; one that says nothing has none if it is that of a point mass."""
+    """State of the rotational inertia in the file; if it lacks the entry, a point mass's inertia is unknown."""
     if "inertia" in content:
         return content["inertia"]
     point = SpatialInertia.from_com(load.mass, load.com) if load.mass else SpatialInertia.zero()
@@ -276,7 +276,7 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
 
 
 def _place(blocks: list[Block], row: int) -> str:
-    """Where a row stands in the file."""
+    """Position of a row in the file."""
     for block in blocks:
         if row < len(block.table):
             return block.place(row)

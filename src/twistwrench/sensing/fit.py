@@ -29,7 +29,7 @@ _SIZES = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "
 
 @dataclass(frozen=True, eq=False)
 class SensorState:
-    """Where the unknowns that readings are not linear in stand."""
+    """Values of the unknowns that readings are not linear in."""
 
     mounting: Array = field(default_factory=lambda: np.eye(3))
     """R_fs (3, 3)."""
@@ -45,7 +45,7 @@ class SensorState:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is asked: bias unless known, mass and first moment always, and the rest if asked for.
+    """Unknowns of a fit: bias unless known, mass and first moment always, and the rest if requested.
 
     ``drift`` is a linear change of the bias, which is then that of the middle of the log; ``tilt`` turns gravity about two
     level axes of {w}; ``delay`` is the time by which readings are late.
@@ -65,7 +65,7 @@ class Unknowns:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns of the design, in order."""
+        """Names of the columns of the design, in order."""
         return tuple(name for kind in self.kinds for name in _NAMES[kind])
 
     @property
@@ -75,17 +75,17 @@ class Unknowns:
 
     @property
     def load(self) -> slice:
-        """Where mass, first moment (and inertia) are."""
+        """Columns of mass, first moment (and inertia)."""
         start = 6 * self.bias
         return slice(start, start + 4 + 6 * self.inertia)
 
     @property
     def curved(self) -> bool:
-        """Whether readings are not linear in some of them."""
+        """True if readings are not linear in some of the unknowns."""
         return self.turn or self.tilt or self.delay
 
     def part(self, kind: str) -> slice:
-        """Where the unknowns of one group are."""
+        """Columns of the unknowns of one group."""
         before = self.kinds[: self.kinds.index(kind)]
         start = sum(len(_NAMES[k]) for k in before)
         return slice(start, start + len(_NAMES[kind]))
@@ -178,7 +178,7 @@ _LATE = 0.5  # s, the longest delay that is looked for
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What a fit is asked: rows, unknowns, and what is known beforehand."""
+    """Problem of a fit: rows, unknowns, and known values."""
 
     log: ReadingLog
     """n rows: means of dwells, and readings in motion."""
@@ -186,7 +186,7 @@ class Problem:
     factor: float
     """+1 for readings on the sensor, -1 for readings by it."""
     bias: Array
-    """(6,) where it is no unknown."""
+    """(6,) if it is known."""
     noise: Array | None
     """(6,) standard deviations of one reading if known."""
     count: Array
@@ -197,7 +197,7 @@ class Problem:
     label: Array
     """(n,) the witness of each row."""
     timed: bool = False
-    """Whether the log has times, and not only an order."""
+    """True if the log has times, and not only an order."""
     state: SensorState = field(default_factory=SensorState)
 
     def asked(self, **changes: bool) -> Problem:
@@ -226,7 +226,7 @@ class Fit:
     joint: Array
     """(p, p) covariance for regions of several unknowns: that of independent rows, which is of full rank."""
     joint_freedom: float
-    """Of mass and first moment together."""
+    """Degrees of freedom of mass and first moment together."""
     sigma: Array
     """(6,) standard deviation of one reading in any orientation [N m, N]."""
     freedom: Array
@@ -277,7 +277,7 @@ class Fit:
 
 
 def few(label: Array) -> bool:
-    """Whether the clusters are too few for a variance of each channel."""
+    """True if the clusters are too few for a variance of each channel."""
     return len(np.unique(label)) < _FEW
 
 
@@ -459,33 +459,14 @@ class Uncertainty:
         return Unknowns(bias="bias mx" in has, inertia="Ixx" in has, turn="turn x" in has)
 
     def predictive(self, log: ReadingLog, sensor: ForceTorqueSensor) -> Array:
-        """Predictive covariance of what that sensor leaves of readings without contact: S = diag σ² + A C A'.
-
-        Parameters
-        ----------
-        log : ReadingLog
-        sensor : ForceTorqueSensor
-
-        Returns
-        -------
-        S : (n, 6, 6) array, in products of the units (N m, N)
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia, sensing
-        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
-        >>> log = sensing.simulate(tool, 12)
-        >>> found = sensing.identify(log)
-        >>> found.uncertainty.predictive(log, found.sensor).shape
-        (12, 6, 6)
-        """
+        """Predictive covariance of what that sensor leaves of readings without contact: S = diag σ² + A C A'."""
         state = SensorState(np.asarray(sensor.mounting), load=sensor.load.parameters.astype(float))
         A = self._asked.design(log, sign_factor(sensor.sign), state)
         return np.asarray(np.diag(self.noise**2) + A @ self.covariance @ np.swapaxes(A, 1, 2))
 
 
 def uncertainty_of(fit: Fit) -> Uncertainty:
-    """What a fit knows of its sensor; what was of its log alone is left out, its variance stays in the others'."""
+    """Uncertainty of a fit's sensor; unknowns of its log alone are left out, their variance stays in the others'."""
     kinds = [kind for kind in fit.unknowns.kinds if kind in _KINDS]
     places = np.concatenate([np.arange(*fit.unknowns.part(kind).indices(len(fit.estimate))) for kind in kinds])
     names = tuple(fit.unknowns.names[k] for k in places)

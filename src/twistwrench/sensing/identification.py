@@ -50,9 +50,9 @@ class Offer:
     kind: str
     """drift, delay, turn, tilt, or gain."""
     share: float
-    """Of the squares of what was left, in units of the noise, that it explains."""
+    """Share of the squared residuals, in units of the noise, that it explains."""
     said: str
-    """What it is, and how large."""
+    """Name and size of the unknown, in words."""
 
     def __str__(self) -> str:
         what = f"{self.said} would explain {percent(self.share)} of what is left (squares over noise)"
@@ -80,7 +80,7 @@ def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Ar
 
 
 def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
-    """What would explain the residuals of the kept rows (n,), the best first, each beside those before it.
+    """Unknowns that would explain the residuals of the kept rows (n,), the best first, each beside those before it.
 
     Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
     F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
@@ -122,7 +122,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
 
 
 def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
-    """How often noise alone is explained as well by the columns E (N, k)."""
+    """Probability that noise alone is explained as well by the columns E (N, k)."""
     from scipy import special
 
     channel = np.arange(e.size) % 6
@@ -178,7 +178,7 @@ def _loads(fit: Fit) -> Array:
 
 
 def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) -> str | None:
-    """What the unknown is and how large, from the part (n, 6) of the residuals that it explains; None if it is fine print."""
+    """Name and size of an unknown, from the part (n, 6) of the residuals that it explains; None if it is negligible."""
     if kind == "drift":
         return f"A bias that drifts, by {listed_bias(explained[-1] - explained[0])} [N m, N] over the log,"
     if kind == "gain":
@@ -207,7 +207,7 @@ _ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; wi
 
 @dataclass(frozen=True, eq=False)
 class UsedReadings:
-    """What was made of the readings of a log."""
+    """Use of the readings of a log: left out, between static poses, or explained."""
 
     left_out: Array
     """(N,) readings that the others contradict."""
@@ -216,7 +216,7 @@ class UsedReadings:
     orientation: Array
     """(n,) label of the orientation of each row that the fit was asked to explain."""
     whiteness: Whiteness | None
-    """Of what is left; None of rows too few."""
+    """Whiteness of the residuals; None for too few rows."""
 
 
 def acceptance_test(

@@ -56,11 +56,11 @@ class ReadingLog:
     time: Array | None = None
     """(n,) s."""
     name: str = "log"
-    """What errors and reports call it."""
+    """Name in errors and reports."""
     notes: tuple[str, ...] = ()
-    """What was left out when it was read, in sentences."""
+    """Parts left out when the log was read, in sentences."""
     by_gravity: bool = False
-    """Whether gravity itself was logged, reading by reading, and not orientations."""
+    """True if gravity itself was logged, reading by reading, and not orientations."""
     rotations: Array | None = None
     """(n, 3, 3) orientations R_wf, or None where gravity itself was logged."""
 

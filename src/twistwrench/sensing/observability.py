@@ -52,7 +52,7 @@ def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]
 
 
 def advice(log: ReadingLog, unknowns: Unknowns) -> str:
-    """What to do about it: which turns the log lacks."""
+    """Advice: rotations that the log lacks."""
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     centre = unit.mean(axis=0)
     spread, axes = np.linalg.svd(unit - centre)[1:]
@@ -127,14 +127,14 @@ class Whiteness:
     lag1: float
     """Autocorrelation of neighbouring rows."""
     chance: float
-    """That white noise has as much in any channel."""
+    """Probability that white noise has as much in any channel."""
     length: int
     """Rows over which residuals hang together; 1 if they are white."""
     test: str
 
     @property
     def white(self) -> bool:
-        """Whether noise alone may do it."""
+        """True if noise alone may cause it."""
         return self.chance > _CHANCE
 
 
@@ -199,7 +199,7 @@ def _neighbours(x: Array) -> Array:
 
 
 def _autocorrelation(r: Array, lags: int) -> Array:
-    """Of lags 1 to ``lags``."""
+    """Autocorrelation at lags 1 to ``lags``."""
     return np.array([float(r[k:] @ r[:-k]) for k in range(1, lags + 1)]) / max(float(r @ r), 1e-300)
 
 

@@ -27,7 +27,7 @@ class StaticPoses:
     """A log with one row for each dwell, the mean of its readings, and one for each reading in motion."""
 
     log: ReadingLog
-    """Of n rows, with their times, or where none were logged their numbers."""
+    """Log of n rows, with their times, or their numbers if none were logged."""
     count: Array
     """(n,) readings in each row."""
     within: Array
@@ -164,7 +164,7 @@ _MAD = 1.4826  # standard deviations that the median absolute deviation of norma
 
 
 def least_rows(problem: Problem) -> int:
-    """How many rows these unknowns need."""
+    """Number of rows that these unknowns need."""
     asked = problem.unknowns
     return max(_LEAST, math.ceil((len(asked.names) + 2) / 6) + asked.turn)
 
@@ -236,7 +236,7 @@ def trimmed(problem: Problem) -> tuple[Fit, Array]:
 
 
 def _still_told(problem: Problem, robust: Fit, keep: Array) -> bool:
-    """Whether the rows kept tell every unknown nearly as well as all rows do."""
+    """True if the kept rows determine every unknown nearly as well as all rows do."""
     rows = problem.log.rows(keep)
     if blind_spots(rows, problem.unknowns, problem.factor):
         return False

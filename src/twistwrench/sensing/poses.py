@@ -102,7 +102,7 @@ def propose_poses(
 
 
 def checked_count(count: Any) -> int:
-    """How many poses, as an int of 1 or more; :class:`~twistwrench.ValueRangeError` otherwise."""
+    """Number of poses, as an int of 1 or more; :class:`~twistwrench.ValueRangeError` otherwise."""
     try:
         whole = operator.index(count)
     except TypeError:

@@ -36,9 +36,9 @@ class Identification:
     kept: Array
     """(N,) which readings were used; the others are outliers, or were read between dwells."""
     confidence: float
-    """Of intervals and regions, 0 to 1."""
+    """Confidence level of intervals and regions, 0 to 1."""
     remarks: tuple[str, ...]
-    """What a person should know before using it, in sentences."""
+    """Remarks on the result, in sentences."""
     doubts: tuple[str, ...] = ()
     """Why the log seems not to mean what it says: its units, sign, mounting or poses, in sentences."""
     verdict: Verdict = _OK
@@ -70,7 +70,7 @@ class Identification:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a person must look: the verdict is not OK."""
+        """True if the verdict is not OK."""
         return not self.verdict.ok
 
     def rest(self, log: ReadingLog) -> Array:
@@ -99,7 +99,7 @@ class Identification:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """What the sensor's file keeps of how well it is known."""
+        """Uncertainty of the sensor, as its file stores it."""
         return uncertainty_of(self.fit)
 
     @property
@@ -162,7 +162,7 @@ class Identification:
         return out
 
     def com_region_contains(self, com: ArrayLike) -> bool:
-        """Whether a point is in the joint confidence region of the centre of mass (Fieller's, for three).
+        """Test if a point is in the joint confidence region of the centre of mass (Fieller's, for three).
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Identification:
         return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
-        """Whether mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
+        """Test if mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
 
         Parameters
         ----------

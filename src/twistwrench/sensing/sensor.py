@@ -144,7 +144,7 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
 
 
 def _at(badness: Array) -> str:
-    """Which one of a batch is the worst, counting from 0; nothing for a single one."""
+    """Index of the worst one of a batch, from 0; empty for a single one."""
     if badness.ndim == 0:
         return ""
     place = ", ".join(str(k) for k in np.unravel_index(int(badness.argmax()), badness.shape))
@@ -371,7 +371,7 @@ class ForceTorqueSensor:
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
     def missing_signals(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
-        """What a motion leaves in the moments because the load's inertia is unknown.
+        """Explanation of the moments that a motion leaves because the load's inertia is unknown.
 
         Returns
         -------
