@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..core.numbers import percent, printed
 from ..core.quadrature import ProbeRule, left_out
 from ..errors import SimulationError
-from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .forces import System
 from .schemes import ADAPTIVE
@@ -58,7 +57,7 @@ class Extent:
         rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # rows are faster
         each, speeds = ways.max(axis=1) - ways.min(axis=1), np.maximum(rates.max(axis=1), -rates.min(axis=1))
         travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
-        angular = Coordinates.of(robot.model).angular_velocity
+        angular = np.array([turns for body in robot.model.leaders for turns in body.joint.turning], bool)
         for group in (angular, ~angular):
             if group.any():
                 travels[group], peak = each[group].max(), speeds[group].max()
