@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
 _APART = {"friction": style.GREY, "springs": style.YELLOW}
-"""What is no body's; wrenches are the rest of that."""
+"""Terms that do not belong to a body; wrenches are the remaining ones."""
 _MOST = 8
 """Causes drawn by themselves; the smallest of more are drawn as one."""
 
@@ -206,7 +206,7 @@ def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: A
 
 
 def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
-    """What bias and load explain, over the readings: bars over dots, a thin dark line over lines."""
+    """Draw the readings predicted by bias and load: bars over dots, a thin dark line over lines."""
     few = len(x) <= _FEW
     for k in range(3):
         line: dict[str, Any] = (

@@ -164,7 +164,7 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
 
 
 def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
-    """What is left of the torques of rows held out, over time, beside what the training rows left; far rows are marked."""
+    """Draw residual torques of held-out rows over time, beside those of the training rows; outliers are marked."""
     kinds = Coordinates.of(found.original.model)
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
         sigma = float(found.sigma[j])
@@ -190,7 +190,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
 
 
 def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
-    """What is left of each joint's torque by the file, by the file with friction, by the groups and by bodies that can exist.
+    """Draw the residual of each joint's torque by file, file with friction, groups and consistent bodies.
 
     Bars end at the whole torque; what is beyond is written on them.
     """
@@ -252,7 +252,7 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
 
 
 def identification_page(found: IdentifiedRobot) -> str:
-    """Page of HTML that says and shows what was found, whole in itself."""
+    """HTML page of the identification, in one file."""
     return "\n".join(_page(found)) + "\n"
 
 

@@ -37,12 +37,12 @@ _ZERO = 1e-9
 
 
 class Energies(NamedTuple):
-    """Where the energy of a motion comes from and goes, over its time; all but ``power`` are (n,) J, since its beginning."""
+    """Energy balance of a motion over time; all but ``power`` are (n,) J, since its beginning."""
 
     power: Array
     """(n, nv) τ dq of each joint [W]."""
     work: Array
-    """Of the joints."""
+    """Names of the joints."""
     friction: Array
     """Lost to it."""
     wrenches: Array
@@ -50,9 +50,9 @@ class Energies(NamedTuple):
     springs: Array
     """Stored in them; part of the potential energy."""
     kinetic: Array
-    """As it is, not since the beginning."""
+    """Total, not since the beginning."""
     potential: Array
-    """As it is, not since the beginning."""
+    """Total, not since the beginning."""
 
 
 def energies(motion: DrawnMotion) -> Energies:
@@ -306,7 +306,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
 
 PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_power, "phase": plot_phase}
-"""The pictures by the name the shell knows them by."""
+"""Pictures by their names in the shell."""
 
 
 def _panels(
@@ -340,7 +340,7 @@ def _panels(
 
 
 def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
-    """Which torques are those of the named joints; all of them if none is named."""
+    """Indices of the torques of the named joints; all of them if none is named."""
     model = motion.load.with_load.model
     if not joints:
         return list(range(model.nv))

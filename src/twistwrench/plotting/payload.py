@@ -177,7 +177,7 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
 
 
 def _flat_words(polytope: WrenchPolytope) -> str:
-    """What there is to say where at most one direction of force takes torque."""
+    """Caption if at most one direction of force takes torque."""
     if polytope.borne.shape[1] > 2:
         return "The structure bears forces\nin every direction here."
     along = np.linalg.svd(polytope.borne.T)[2][-1]

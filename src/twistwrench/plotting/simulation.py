@@ -22,7 +22,7 @@ _WORKS = {"torques": style.GREEN, "friction": style.GREY, "wrenches": style.PURP
 _MOST = 14
 """Curves of a panel, beyond which names no longer fit."""
 _PANELS = {"rad": "Angles [rad]", "m": "Positions [m]", "": "Orientations: quaternions", None: "Coordinates [rad, m]"}
-"""One for each unit; None where a file from before says none."""
+"""Axis label for each unit; None for files without units."""
 
 
 def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
@@ -70,7 +70,7 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
 
 
 def _panels(result: SimulationResult) -> dict[str, list[int]]:
-    """What each panel of coordinates is called, and which of them it shows."""
+    """Titles of the panels of coordinates, and the coordinates that each shows."""
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
     found = {}
     for unit, said in _PANELS.items():
@@ -91,7 +91,7 @@ def _draw_coordinates(axis: style.Axes, result: SimulationResult, said: str, pla
 
 
 def _colours(n: int) -> list[Any]:
-    """That many colours, no two the same."""
+    """Return n distinct colours."""
     if n <= len(_COLOURS):
         return list(_COLOURS[:n])
     from matplotlib import colormaps

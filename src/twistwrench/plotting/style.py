@@ -21,7 +21,7 @@ __all__ = ["figure", "require_matplotlib", "save"]
 LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#8a8f98", "#555b63", "#222222", "#d5d9df"
 """A curve, what is over a limit or in doubt, remarks, axes and zero lines, what is drawn over colours, and behind curves."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
-"""Okabe and Ito's colours, told apart by colour-blind readers too; the rest of them follow."""
+"""Okabe and Ito's colours, which colour-blind readers can distinguish; the rest of them follow."""
 VERMILION, PURPLE, GREY, YELLOW = "#D55E00", "#CC79A7", "#999999", "#F0E442"
 LIMIT: Mapping[str, Any] = MappingProxyType({"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))})
 """A line at a limit."""

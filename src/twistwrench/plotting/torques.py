@@ -147,7 +147,7 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
 
 
 def _draw_key(figure_: Any, report: TorqueReport) -> None:
-    """What the curves of a noisy log are."""
+    """Draw the legend of a noisy log."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -227,7 +227,7 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
 
 _ABREAST = 3
 _SHORT, _LONG = "#f8e3b5", "#c3e3d3"
-"""What a motor can do for a while, and for ever; drawn one over the other, so opaque."""
+"""Colours of a motor's peak and continuous regions; drawn one over the other, so opaque."""
 
 
 def plot_motors(report: TorqueReport, path: str | Path) -> Path:

@@ -24,18 +24,19 @@ if TYPE_CHECKING:
 _DRIFT = 0.01
 """Share of the energy that moved from which the drift is remarked on."""
 _ERROR = 0.05
-"""Share of the motion from which its error is remarked on. Errors that would cancel are added up, so less says little."""
+"""Share of the motion from which its error is reported. Errors are added without sign, so smaller shares mean little.
+"""
 _REST = 1e-9
 """rad or m: a motion shorter than this is rest."""
 _MANY = 1e4
 _MORE = "more than 10 000 times"
-"""Times the motion from which its error is not said in numbers."""
+"""Error, as a multiple of the motion, above which it is not printed as a number."""
 _ROWS = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """How far and for how long the joints of a run move: all that turn together, and all that slide."""
+    """Travel of the joints of a run and its duration, over all revolute and over all prismatic velocities."""
 
     travels: Array
     """(nv,) rad or m, the largest difference of two places of a joint."""
@@ -49,7 +50,7 @@ class Extent:
 
     @classmethod
     def of(cls, robot: Robot, states: Array) -> Extent:
-        """Of states (n, nq + nv or more)."""
+        """Return the extent of states (n, nq + nv or more)."""
         rows: Any = slice(None)
         if len(states) > _ROWS:
             rows = np.linspace(0, len(states) - 1, _ROWS).round().astype(int)
@@ -80,16 +81,16 @@ class Accuracy:
 
     @classmethod
     def unknown(cls, nv: int) -> Accuracy:
-        """Where no step was judged."""
+        """Return the accuracy of a run without a judged step."""
         return cls(np.full(nv, np.nan), np.nan)
 
     @property
     def remarkable(self) -> bool:
-        """Whether the error is a share of the motion that is remarked on."""
+        """True if the error is a share of the motion that is reported."""
         return self.relative > _ERROR
 
     def remarks(self, method: str, relative_drift: float) -> list[str]:
-        """What to say of errors and drift where they call for it."""
+        """Return remarks on errors and drift, if they are large."""
         less, said = "rtol" if method == ADAPTIVE else "dt", []
         if self.remarkable:
             share = f"about {_percent(self.relative)} of" if self.relative < _MANY else _MORE
@@ -137,7 +138,7 @@ class SampledSteps:
 
     @classmethod
     def of_all(cls, parts: list[SampledSteps]) -> SampledSteps:
-        """All steps of several."""
+        """Concatenate several samples."""
         if len(parts) == 1:
             return parts[0]
         numbers, times, before, after, begun = (
@@ -151,7 +152,7 @@ class SampledSteps:
 
 @lru_cache(maxsize=16)
 def sampled_steps(n: int) -> tuple[int, ...]:
-    """Which of n steps are probed: the first ones closely, then one of each block, at places that have no period.
+    """Numbers of the sampled steps among n: the first ones densely, then one of each block, without a period.
 
     >>> sampled_steps(3000)[:9]
     (0, 1, 2, 4, 8, 16, 32, 80, 111)
@@ -183,10 +184,10 @@ _ROUNDING = 1e-14
 
 
 class Accelerations(Protocol):
-    """What a motion obeys."""
+    """Equations of motion."""
 
     def accelerations(self, t: float, y: Array, /) -> Array:
-        """Of a state (size,), (nv,)."""
+        """Return the accelerations (nv,) of a state (size,)."""
 
 
 class Flow(Accelerations, Protocol):
@@ -194,17 +195,17 @@ class Flow(Accelerations, Protocol):
 
     @property
     def order(self) -> int:
-        """Of the method."""
+        """Order of the method."""
 
     @property
     def takes_many(self) -> bool:
-        """Whether states and times may have an axis of their own before."""
+        """True if states and times may have a batch axis."""
 
     def after(self, t: float, y: Array, h: float, /) -> Array:
         """The state a time h later, quaternions of unit length."""
 
     def begun(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
-        """The same, and the accelerations (nv,) at the state."""
+        """Return the state a time h later and the accelerations (nv,) at the given state."""
 
 
 class StepDoubling:
@@ -212,7 +213,7 @@ class StepDoubling:
 
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
         self.h, self.lagging = h, lagging
-        """Whether velocities are those of half a step before: see :meth:`_lagging`."""
+        """True if velocities lag half a step behind coordinates: see :meth:`_lagging`."""
         self._ordered = sampled_steps(n)
         self._due = frozenset(self._ordered)
         self._spread: list[SampledSteps] = []
@@ -269,7 +270,7 @@ class StepDoubling:
             self._changed.append(steps[:left])
 
     def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
-        """What all steps are off by, all together and signs left out, (nv,) [rad or m]; None where no step could be probed.
+        """Error of all steps together, added without sign, (nv,) [rad or m]; None if no step could be sampled.
 
         An error of velocity counts as the way it makes in ``spans`` (nv) [s], or until friction and damping have ended it.
         """
@@ -327,7 +328,7 @@ class StepDoubling:
         return numbers, off / (1.0 - 0.5**flow.order)
 
     def _late(self, system: System, flow: Flow, spans: Array) -> Array:
-        """What it does that the first velocities of a lagging method are too late: they were given for the start itself."""
+        """Effect of the initial velocities of a lagging method, given for the start and not half a step before it."""
         if not self.lagging:
             return np.zeros(system.nv)
         first, v = self._spread[0][0], system.moving
@@ -341,7 +342,7 @@ class StepDoubling:
         return flow.after(step.t + half, flow.after(step.t, step.y, half), half), None
 
     def _lagging(self, system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array | None]:
-        """The same for a method whose velocities are those of h/2 before, and with half the step those of h/4 before.
+        """Step in halves for a method whose velocities lag by h/2, and by h/4 with half the step.
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
         one time to the other before the halves, and back after them, by the accelerations over a half step. Those after the
@@ -386,10 +387,11 @@ Path = Callable[[Array], Array]
 """From shares (m,) of a step to the states (m, size) then."""
 
 _Step = tuple[float, Array, Array, Array]
-"""Its time, the states before and after, and the torques held by a controller."""
+"""Time of a step, states before and after it, and the torques of the controller."""
 
 _MOST_KEPT = 100_000
-"""Steps that are kept until the run is over, so that nothing is asked before; of more, the first are looked at on the way."""
+"""Steps that are stored until the end of the run before functions are called; of more, the first are checked earlier.
+"""
 
 
 _AT_ONCE = 256
@@ -397,13 +399,13 @@ _AT_ONCE = 256
 
 
 class ForceQuadrature:
-    """The functions of a run, and the times at which they are asked: see :class:`~twistwrench.core.quadrature.ProbeRule`."""
+    """Functions of a run, evaluated at the times of :class:`~twistwrench.core.quadrature.ProbeRule`."""
 
     def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
         self.system, self.rule = system, ProbeRule(times, weights, spacing)
 
     def impulse(self, t: float, h: float, path: Path) -> Array | None:
-        """What a step from t leaves out of the impulse of the functions, (nv,) [N m s or N s]; None if nothing.
+        """Missed impulse of the functions in a step from t, (nv,) [N m s or N s]; None without functions.
 
         Raises SimulationError where a function fails at one of the times.
         """
@@ -417,7 +419,7 @@ class ForceQuadrature:
         return h * missing if missing.any() else None
 
     def impulses(self, t: Array, h: float, y: Array, after: Array) -> Array:
-        """The same of n steps from times (n,) along straight lines from states (n, size) to others, (n, nv)."""
+        """Missed impulses of n steps from times (n,) along straight lines between states (n, size), (n, nv)."""
         missing = np.zeros((len(t), self.system.nv))
         if not self.system.functions or not self.rule.needed(h):
             return missing
@@ -434,7 +436,7 @@ class ForceQuadrature:
         return np.asarray(forward(q, dq, impulse) - forward(q, dq, np.zeros_like(impulse)))
 
     def furthest(self, t: float, h: float, path: Path) -> tuple[str, float]:
-        """Which function is furthest from its usual value in a step from t, and when [s]."""
+        """Name of the function furthest from its usual value in a step from t, and the time of it [s]."""
         shares, _ = self.rule.shares(h)
         states, found = path(shares), (-1.0, "", t)
         for name, forces in self.system.functions:
@@ -445,7 +447,7 @@ class ForceQuadrature:
 
 
 class ForceCheck:
-    """What all steps of one length ``h`` leave out, added up; found out when the run is over, as by step doubling."""
+    """Missed impulses of all steps of length ``h``, added up; evaluated at the end of the run, like step doubling."""
 
     def __init__(self, probes: ForceQuadrature, h: float) -> None:
         self.probes, self.h = probes, h
@@ -489,7 +491,7 @@ class ForceCheck:
         return np.asarray(np.minimum(np.where(extent.rests, end, extent.spans), lasts) * self._sum)
 
     def remark(self) -> str:
-        """What to know of it, where the steps are too long for it."""
+        """Remark on the functions for which the steps are too long."""
         if self._worst is None:
             return ""
         t, y, after, _ = self._worst[1]
@@ -517,7 +519,7 @@ class ForceCheck:
             self._worst = change[largest], found[largest][1]
 
     def _impulses(self, steps: list[_Step]) -> Array:
-        """What steps leave out, (n, nv); nothing where a function fails at other times than those of the run."""
+        """Missed impulses of steps, (n, nv); zero if a function fails at other times than those of the run."""
         t, y, after = (np.array(x) for x in list(zip(*steps, strict=True))[:3])
         try:
             return self.probes.impulses(t, self.h, y, after)

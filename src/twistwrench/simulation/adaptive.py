@@ -50,7 +50,7 @@ class Stiffness:
         self.note(t, h, h * float(np.linalg.norm((K[-1] - K[-2])[moving])), float(np.linalg.norm((y1 - z)[moving])))
 
     def note(self, t: float, h: float, steep: float, away: float) -> None:
-        """The same, of two states so far away from each other, whose rates differ by ``steep`` / h."""
+        """Record two states at a distance of ``away``, whose rates differ by ``steep`` / h."""
         self._tried += 1
         self._at_edge += steep > _EDGE * away > 0.0
         if self._tried < _WINDOW:
@@ -100,7 +100,7 @@ class Stepper:
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
         self.trials = trials
-        """Its steps in machine code, where no force is a function in Python."""
+        """Compiled trial steps; None if a force is a Python function."""
         if trials is not None:
             self.stiffness.stages = lambda: trials.rates[trials.count]
         self.speed = 0.0
@@ -108,7 +108,7 @@ class Stepper:
         self.rate_after = np.zeros(0)
         """f at the end of the last step; a part of what the dense output is made of."""
         self.errors = np.zeros(system.size)
-        """What the steps were judged to be off by, one by one, added up."""
+        """Estimated errors of all steps, added up."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
@@ -176,7 +176,7 @@ class Stepper:
         return self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
 
     def judged(self, spans: Array) -> Array:
-        """What all steps so far were judged to be off by, (nv,) [rad or m], errors of velocity for ``spans`` (nv) [s].
+        """Estimated error of all steps so far, (nv,) [rad or m], errors of velocity times ``spans`` (nv) [s].
 
         They are judged by a method of order 4, so it is more than they are off by.
         """
@@ -184,7 +184,7 @@ class Stepper:
         return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
 
     def _unseen(self, t: float, h: float, y: Array, allowed: Array) -> float:
-        """What functions do between the stages of a step, as a change of velocity, over what is allowed."""
+        """Impulse of functions between the stages of a step, as a change of velocity, over the tolerance."""
         Q = self.scheme.dense.T @ self.scheme.K
         missing = self.probes.impulse(t, h, lambda shares: y + h * _dense(shares[:, None], Q))
         if missing is None:
@@ -253,7 +253,7 @@ class _Waiting:
 
     def __init__(self, run: Run, stepper: Stepper, trials: TrialSteps) -> None:
         self.run, self.trials, self.dense, self.kept = run, trials, stepper.scheme.dense, 1
-        """How many states are kept."""
+        """Number of stored states."""
         self.steps: list[tuple[float, float, int, int]] = []
         """When each begins and how long it is [s]; evaluations and steps rejected up to its end."""
         self.first = run.last[1].copy()
@@ -263,7 +263,7 @@ class _Waiting:
 
     @property
     def many(self) -> bool:
-        """Whether so many states are due that they should not wait."""
+        """True if so many states are due that they are to be stored now."""
         return self.run.last[0] > (self.kept + self._most) * self.run.h * self.run.every
 
     def add(self, t: float, h: float) -> None:
@@ -302,7 +302,7 @@ class _Waiting:
         return False
 
     def _ends(self, before: Array, k: NDArray[np.intp], since: Array, between: Array) -> bool:
-        """Whether a step ends the run: then the states up to there are kept, and what came after it is forgotten.
+        """True if a step ends the run; then the states up to there are stored and later ones discarded.
 
         ``between`` (m, size) are the states kept in steps k (m,), so long after these begin.
         """
@@ -356,7 +356,7 @@ if TYPE_CHECKING:
 
 
 def run_adaptive(run: Run, stepper: Stepper) -> None:
-    """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
+    """Take adaptive steps, between the samples of a controller if there is one; states between come from dense output."""
     run.stepper = stepper
     y = run.begin()
     t, k, spacing = 0.0, 0, run.h * run.every

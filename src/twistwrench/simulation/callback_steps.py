@@ -25,7 +25,7 @@ class CallbackSteps(CompiledSteps):
 
     @staticmethod
     def recurrence(plan: SimulatedStep) -> Scan:
-        """What is compiled: a stage, which of a method of one stage is a step."""
+        """Return the compiled loop: one stage, which is a step for methods of one stage."""
         return plan.one_stage() if plan.stages > 1 else plan.recurrence()
 
     @property
@@ -35,7 +35,7 @@ class CallbackSteps(CompiledSteps):
 
     @property
     def table(self) -> Array:
-        """What leads from each stage to the next, (stages, 5)."""
+        """Coefficients from each stage to the next, (stages, 5)."""
         return np.array(stages(TABLEAUS[self.plan.method]))
 
     def laws(self) -> Iterator[tuple[str, ControlLaw]]:
@@ -51,19 +51,19 @@ class CallbackSteps(CompiledSteps):
         return self._stepped(t, y, h, len(self.shares))[0]
 
     def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
-        """The same, and the accelerations (..., nv) at these states."""
+        """Return the states a time h later and the accelerations (..., nv) at the given states."""
         if self.system.dry_friction is not None:
             return self.after(t, y, h), self.accelerations(t, y)
         return self._stepped(t, y, h, len(self.shares))
 
     def accelerations(self, t: Any, y: Array) -> Array:
-        """Of states (..., size) at times t, (..., nv), those that a step begins with."""
+        """Accelerations (..., nv) at the beginning of steps from states (..., size) at times t."""
         return self._stepped(t, y, self.h, 1)[1]
 
     def _stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
         """States after so many stages of a step, and the accelerations that it begins with."""
         if self.stages == 1:
-            states, ddq, _ = self.taken(y, 1, h, self._given(t, y))
+            states, ddq, _ = self.advance_with(y, 1, h, self._given(t, y))
             return states[..., 1, :], ddq[..., 0, :]
         s, x, sums, begun = self.system, y, np.zeros_like(y), None
         start = [y[..., None, cut] for cut in self.cuts]
@@ -82,7 +82,7 @@ class CallbackSteps(CompiledSteps):
         return x, begun
 
     def _given(self, t: Any, y: Array) -> list[Array]:
-        """What a stage at states (..., size) is given but its length, functions asked there."""
+        """Inputs of a stage at states (..., size) but its length, with functions evaluated there."""
         s = self.system
         given = {"tau": s.held, **self.constants}
         for name, law in self.laws():
@@ -95,10 +95,10 @@ class CallbackSteps(CompiledSteps):
 # ── Buffers of a block of steps with callbacks, and the prepared calls
 
 Ask = tuple[ControlLaw, Array, Array | None]
-"""A function to be asked, where what it gives goes, and what is added to it, if anything."""
+"""Function to evaluate, destination of its result, and an addend, if any."""
 
 Stage = tuple[float, int, Array, Array, list[Ask]]
-"""A call: at which share of its step, its number, its coordinates and velocities, and who is asked."""
+"""A kernel call: share of its step, number, coordinates and velocities, and the functions to evaluate."""
 
 
 SHORT, LONG = 128, 512
@@ -131,7 +131,7 @@ class CallbackRows:
         self.tau = self.given[:: len(self.given) // m]
         """(m, nv), the torques as each step begins."""
         self.peaks = np.zeros(m * n + 1)
-        """Of the same states: see :func:`.simulated_step.ended`."""
+        """Peaks of these states: see :func:`.compiled_steps.ended`."""
         states, after = ([*self._parts(steps, which), (self.peaks, which)] for which in (own, own + 1))
         if isinstance(steps, CallbackSteps) and n > 1:
             sums = np.zeros_like(self.states)
@@ -140,7 +140,7 @@ class CallbackRows:
             states += [*self._parts(steps, step * n), (steps.table, own % n)]
         named = [given[name] for name in steps.names]
         self.gaps = np.zeros((m * n, len(s.contacts)))
-        """Of the contacts as each call begins."""
+        """Gaps of the contacts as each call begins."""
         said = [(self.ddq, own), (self.gaps, own)][: 1 + bool(s.contacts)]
         operands = [*states, (self._h, one), *named, *after, *said]
         first = len(states) + 1
@@ -153,9 +153,9 @@ class CallbackRows:
         q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
         self._calls = [*zip(shares * m, own.tolist(), q, dq, strict=True)]
         self.sole: ControlLaw | None = None
-        """Who alone gives the torques of every call, if one function does and no other is asked."""
+        """The only function, if it gives the torques of every call."""
         self.steps: list[list[Stage]] = []
-        """Of each step its calls."""
+        """Calls of each step."""
         self._plain: list[list[Stage]] = []
 
     @classmethod
@@ -212,7 +212,7 @@ def _laws(steps: CompiledSteps) -> list[tuple[str, ControlLaw]]:
 
 
 def _sole(controller: ControlLaw | None, constant: Array, laws: list[tuple[str, ControlLaw]]) -> ControlLaw | None:
-    """The one function that gives all torques, to which nothing is added, where no other is asked."""
+    """Return the function that gives all torques without an addend, if it is the only one."""
     if controller is not None:
         return None if laws or constant.any() else controller
     return laws[0][1] if len(laws) == 1 and laws[0][0] == "tau" else None
@@ -223,7 +223,7 @@ def _sole(controller: ControlLaw | None, constant: Array, laws: list[tuple[str, 
 FASTEST = 1e6
 """rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
 _LOOKS = 100
-"""Blocks of a run of which progress is told, at least."""
+"""Number of blocks of a run after which progress is reported, at least."""
 
 
 def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
@@ -266,7 +266,7 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
 
 
 def _all_gaps(run: Run, begun: Array, last: Array) -> Array:
-    """How far each contact is from touching at the beginnings of m steps and after them, (m + 1, contacts)."""
+    """Gaps of the contacts at the beginnings of m steps and after them, (m + 1, contacts)."""
     if not (contacts := run.system.contacts) or run.detector is None:
         return np.zeros((len(begun) + 1, 0))
     q = run.system.split(last)[0]
@@ -276,7 +276,7 @@ def _all_gaps(run: Run, begun: Array, last: Array) -> Array:
 
 
 def _stable_steps(Y: Array, moving: slice) -> int:
-    """How many states (m, size) there are up to the first with an entry that is no number, or velocities out of reach."""
+    """Number of states (m, size) up to the first that is not finite or has velocities out of range."""
     if abs(float(Y[:, moving].max())) < FASTEST and float(Y[:, moving].min()) > -FASTEST and np.isfinite(Y).all():
         return len(Y)  # row by row takes ten times as long
     return int((np.isfinite(Y).all(axis=1) & (np.abs(Y[:, moving]).max(axis=1) < FASTEST)).argmin())
@@ -338,7 +338,7 @@ def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
 
 
 def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
-    """As many steps as there are rows, or are left; whether an event ended the run."""
+    """Take as many steps as there are rows, or are left; True if an event ended the run."""
     first, h, system = run.steps, run.h, run.system
     watched, tick = run.detector is not None, run.tick
     states = rows.states[:: rows.every]
@@ -391,6 +391,6 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
 
 
 def _gaps(run: Run, rows: CallbackRows, last: Array, done: int) -> Array:
-    """How far each contact is from touching as each step begins and after the last one, (done + 1, contacts)."""
+    """Gaps of the contacts as each step begins and after the last one, (done + 1, contacts)."""
     q = run.system.split(last)[0]
     return np.concatenate([rows.gaps[:: rows.every][:done], [[contact.gap(q) for contact in run.system.contacts]]])

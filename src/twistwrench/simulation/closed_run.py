@@ -30,7 +30,7 @@ class ClosedSimulation(SimulationResult):
     """A simulated motion of a closed robot. What it has beside :class:`SimulationResult` is read from no file."""
 
     row_names: tuple[str, ...] = ()
-    """Of the entries of lam."""
+    """Names of the entries of lam."""
     lam: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(n, k) N m or N, λ of each state: what the robot applies where it is held."""
     gap: Array = field(default_factory=lambda: np.zeros(0))

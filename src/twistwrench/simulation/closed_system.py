@@ -36,25 +36,25 @@ if TYPE_CHECKING:
     from ..robot.closed.closed_robot import ClosedRobot
 
 WIDEST, FASTEST, OPEN, PIVOT, GOOD = range(5)
-"""What is passed on beside q and dq: the largest gap [rad or m] and rate of one that a step left before they were taken away,
-the largest gap after that, the smallest pivot of A M⁻¹ A' over its usual size, and 1 while all steps end on the constraints."""
+"""Loop-closure state passed from step to step, beside q and dq: largest gap [rad or m] and gap rate before projection,
+largest gap after it, smallest pivot of A M⁻¹ A' over its usual size, and 1 while all steps end on the constraints."""
 KEPT = 5
 SMALL, SHRUNK = 1e-2, 0.25
-"""Of its usual size: a pivot that is small; and where the smallest pivot is small and one step leaves less
-than this part of it, its root has halved: another step as long would be at the singular configuration, or beyond it."""
+"""Small pivot over its usual size; and the share of the previous one at which its root has halved, so that another such
+step would reach or pass the singular configuration."""
 
 
 @dataclass(frozen=True)
 class ClosedStep(SimulatedStep):
-    """What a step on constraints is made of."""
+    """Step on constraints, without its numbers."""
 
     loops: LoopRows = field(default_factory=lambda: LoopRows((), ()))
     usual: tuple[float, ...] = ()
     """The usual size of each pivot of A M⁻¹ A'."""
     allowed: tuple[float, ...] = ()
-    """How far each row that has a position may be open after a step, rad or m."""
+    """Largest gap of each row with a position after a step, rad or m."""
     works: bool = False
-    """Whether works and accelerations are asked for, as in simulations."""
+    """True if works and accelerations are returned, as in simulations."""
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -63,7 +63,7 @@ class ClosedStep(SimulatedStep):
 
     @property
     def state_sizes(self) -> tuple[int, ...]:
-        """How many numbers each part of the state is."""
+        """Sizes of the parts of the state."""
         return self.model.nq, self.model.nv, KEPT, *[len(WORKS)] * self.works
 
     @property
@@ -118,7 +118,7 @@ class ClosedStep(SimulatedStep):
         return (coordinate_rates(self.model, q) @ dq, ddq, powers), tau
 
     def _passed_on(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
-        """What is passed on to the next step; :func:`lost` says the same of numbers."""
+        """Loop-closure state for the next step; :func:`lost` judges it in numbers."""
         pivot: Any = smallest(pivots / np.array(self.usual), np.inf)
         beyond = after / np.array(self.allowed) if self.allowed else after
         gone = (1.0 - positive(SMALL - pivot) * positive(SHRUNK * before[PIVOT] - pivot)) * (
@@ -138,7 +138,7 @@ def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[tupl
 
 
 def lost(pivot: Array, earlier: Array | float) -> Array:
-    """Whether the constraints lose rank after a step, or would in the next, by the smallest pivots after it and before."""
+    """True if the constraints lose rank after a step, or would in the next, by the smallest pivots after and before it."""
     return ~(pivot >= SAFE) | ((pivot < SMALL) & (pivot < SHRUNK * earlier))
 
 
@@ -149,7 +149,7 @@ def lost(pivot: Array, earlier: Array | float) -> Array:
 # hold the acceleration only, so after each step q and dq are projected: see :mod:`twistwrench.algorithms.loop_closure`.
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
-"""Those whose steps ask for nothing but rates; the variational ones know the open robot alone."""
+"""Methods that evaluate rates only; the variational ones are written for open robots."""
 
 
 class Loops:
@@ -168,7 +168,7 @@ class Loops:
         self.widest = self.fastest = 0.0
         """The largest gap [rad or m] and the largest rate of one [rad/s, m/s] that a step left, before they were taken away."""
         self.system: ClosedSystem
-        """What acts on the robot, once it is known."""
+        """Forces on the robot, set when they are known."""
 
     def _compiled(self) -> Any:
         closed, robot = self.closed, self.closed.robot
@@ -268,12 +268,12 @@ class ClosedSystem(System):
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
     def allowed_velocities(self, y: Array) -> Array:
-        """As :meth:`.System.allowed_velocities`: by the projection that ends a step."""
+        """Velocities (..., nv) on the constraints, by the projection that ends a step."""
         with np.errstate(all="ignore"):  # a state that is no numbers has none
             return self.loops.projected(y[..., : self.nq], y[..., self.moving])[1]
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
-        """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
+        """Multipliers λ (n, k) of states under torques tau and all other forces; wrench functions are called again."""
         if not len(times):
             return np.zeros((0, len(self.loops.closed.sizes)))
         total = tau if self.friction is None else self.friction.left(dq, tau)
@@ -299,7 +299,7 @@ class ClosedScheme:
 
     @property
     def lagging(self) -> bool:
-        """As of the method itself."""
+        """True if velocities lag half a step behind coordinates."""
         return self.scheme.lagging
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
@@ -364,7 +364,7 @@ class ClosedSteps(CompiledSteps):
         return found
 
     def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
-        """As :meth:`.CompiledSteps.take`; states are no numbers from a step on that ends off the constraints."""
+        """Take steps as :meth:`.CompiledSteps.take`; states are NaN from the first step that ends off the constraints."""
         s, loops = self.system, self.loops
         lengths = np.full(steps, self.h if h is None else h)
         batch = (*y.shape[:-1], steps)
@@ -378,7 +378,7 @@ class ClosedSteps(CompiledSteps):
         begun = np.zeros((*y.shape[:-1], KEPT))
         begun[..., PIVOT], begun[..., GOOD] = loops.smallest(y), 1.0
         q, dq, work = self.cuts
-        given = [np.broadcast_to(x, (steps, *x.shape)) for x in self.told()]
+        given = [np.broadcast_to(x, (steps, *x.shape)) for x in self.inputs()]
         with np.errstate(all="ignore"):
             self.kernel(
                 y[..., q], y[..., dq], begun, y[..., work], lengths, *given,

@@ -49,15 +49,15 @@ def method_named(name: Any) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a step is made of; everything but numbers."""
+    """Step of a simulation or rollout, without its numbers."""
 
     model: Model
     law: TorqueLaw
     method: str
     limited: bool = False
-    """Whether torques are clipped."""
+    """True if torques are clipped."""
     frames: tuple[str, ...] = ()
-    """Where wrenches act on the robot."""
+    """Frames at which wrenches act on the robot."""
     parameters: tuple[str, ...] = ()
     friction: bool = False
     says_torques: bool = False
@@ -70,12 +70,12 @@ class Plan:
 
     @property
     def state_sizes(self) -> tuple[int, ...]:
-        """How many numbers each part of the state is: q, dq, and what else is passed on from step to step."""
+        """Sizes of the parts of the state: q, dq, and the rest that is passed from step to step."""
         return self.model.nq, self.model.nv
 
     @property
     def eases(self) -> bool:
-        """Whether dry friction is eased off at low speeds, and not an impulse that at most stops a joint."""
+        """True if dry friction is smoothed at low speeds, and not an impulse that stops a joint."""
         return self.friction and self.method != "semi_implicit"
 
     @property
@@ -114,7 +114,7 @@ class Plan:
     # ── on symbols ──
 
     def step(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
-        """The state after a step and the torques applied, if they are said: all stages of the step one after another."""
+        """State after a step, by all of its stages, and the applied torques if they are requested."""
         if self.method == "semi_implicit":
             return self._semi_implicit(angles, q, dq, h, *given)
         found: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
@@ -170,12 +170,12 @@ class Plan:
         return tau, forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
 
     def _torques(self, known: Model, angles: Array, q: Array, dq: Array, rest: dict[str, Array]) -> Array:
-        """Of the law, within the limits."""
+        """Torques of the law, clipped to the limits."""
         tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
         return clipped(tau, rest["torque limits"]) if self.limited else tau
 
     def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:
-        """The robot as the law knows it and as it is, and what is given for the step, by name."""
+        """Model in the control law, model of the plant, and the inputs of the step by name."""
         rest = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
         known = regrouped(self.model)
         plant = known if not moves_joints(self.model, self.parameters) else self.model
@@ -211,21 +211,21 @@ SIMULATED = ("semi_implicit", *TABLEAUS)
 """The methods that have steps here, by their names in simulations."""
 
 FED = (*(Source("state", k) for k in (0, 0, 1, 2)),)
-"""Where the state of a program comes from: angles and coordinates are the same numbers."""
+"""Sources of the state of a program: angles and coordinates are one array."""
 _TRACE = 1e-30
 
 
 def ended(q: Array, dq: Array, work: Array) -> tuple[Array, Array, Array, Any]:
-    """A state, and its peak: the square of all velocities, with a trace of all else, so that it is no number if any is none."""
+    """State and its peak: squared velocities with a trace of all else, which is NaN if any entry is."""
     return q, dq, work, dq @ dq + _TRACE * (q @ q + work @ work)
 
 
 @dataclass(frozen=True)
 class SimulatedStep(Plan):
-    """What a step of a simulation is made of; its torques and wrenches are constant."""
+    """Step of a simulation under constant torques and wrenches, without its numbers."""
 
     contacts: tuple[RobotContact, ...] = ()
-    """What the robot runs into."""
+    """Contacts of the robot."""
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -247,7 +247,7 @@ class SimulatedStep(Plan):
         return len(TABLEAUS[self.method].b) if self.method in TABLEAUS else 1
 
     def recurrence(self) -> Scan:
-        """The program, and where its inputs come from: the state is q, dq, W and a peak, of a step its accelerations are said.
+        """Loop and sources of its inputs: the state is q, dq, W and a peak; each step returns its accelerations.
 
         The peak is that of :func:`ended`. Nothing takes it; it goes in as any number.
         """
@@ -259,14 +259,14 @@ class SimulatedStep(Plan):
         return Scan(program, fed, visible=4, hidden=3, table=stages(TABLEAUS[self.method]))
 
     def one_stage(self) -> Scan:
-        """The same for each stage of a Runge-Kutta method: sums are states, the beginning of the step and the row are given."""
+        """Loop over Runge-Kutta stages: sums are states; start of the step and row of the tableau are inputs."""
         program, fed = self._staged()
         sources = [source if source.kind == "state" else Source("given") for source in fed]
         return Scan(program, tuple(sources), visible=7)
 
     @property
     def _gaps(self) -> list[str]:
-        """What is said of contacts as a step begins: how far each is from touching."""
+        """Names of the gaps of contacts as a step begins."""
         return ["gaps"] * bool(self.contacts)
 
     def _state(self) -> Ports:
@@ -292,7 +292,7 @@ class SimulatedStep(Plan):
     def _semi_implicit_step(
         self, angles: Array, q: Array, dq: Array, work: Array, h: Any, *given: Array
     ) -> tuple[Array, ...]:
-        """As :class:`~twistwrench.simulation.schemes.SemiImplicit`; with friction, works are by the mean velocities."""
+        """Semi-implicit step; with friction, works use mean velocities."""
         _, plant, rest = self._models(given)
         tau, (push, gaps) = rest["tau"], self._touched(plant, angles, dq, rest)
         if not self.friction:
@@ -324,13 +324,13 @@ class SimulatedStep(Plan):
         return *ended(integration.normalised(self.model, ends_at[0], ends), *ends_at[1:]), *sums, rates[1], *gaps
 
     def rates(self, angles: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Of coordinates, velocities and works, dry friction eased off; ``given`` is what a step is given but its length."""
+        """Rates of coordinates, velocities and works with smoothed dry friction."""
         return self._rates(angles, dq, given)[0]
 
     def _rates(
         self, angles: Array, dq: Array, given: Sequence[Array]
     ) -> tuple[tuple[Array, Array, Array], tuple[Array, ...]]:
-        """The same, and the gaps of contacts, if there are any."""
+        """Rates, and the gaps of contacts, if there are any."""
         _, plant, rest = self._models(given)
         tau, (push, gaps) = rest["tau"], self._touched(plant, angles, dq, rest)
         force = tau
@@ -344,7 +344,7 @@ class SimulatedStep(Plan):
     def _touched(
         self, plant: Model, angles: Array, dq: Array, rest: dict[str, Array]
     ) -> tuple[Array | None, tuple[Array, ...]]:
-        """What all contacts do to the joints, (nv,), and how far each is from touching; nothing without contacts."""
+        """Contact torques (nv,) and the gap of each contact; empty without contacts."""
         if not self.contacts:
             return None, ()
         push, gaps = zeros(plant.nv), zeros(len(self.contacts))
@@ -363,7 +363,7 @@ class SimulatedStep(Plan):
         rest: dict[str, Array],
         push: Array | None = None,
     ) -> Array:
-        """Of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
+        """Powers of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
         pushes: Sequence[Array] = [wrench_torques(plant, at, rest[f"wrench at {f}"], f) for f in self.frames]
         found = zeros(len(WORKS))
         found[0], found[1] = tau @ dq, lost @ dq
@@ -385,19 +385,19 @@ _NUMBERS = 2_000_000
 
 
 def acts_by_itself(system: System) -> bool:
-    """Whether what acts on a robot follows from its state by laws of its own but for functions, and steps can be compiled."""
+    """True if the forces on a robot depend on its state only, apart from functions, and steps can be compiled."""
     gained = system.dry_friction is not None and system.dry_friction.gained
     touching = sum(contact.size for contact in system.contacts)
     return not gained and touching <= _TOUCHING and compiles()
 
 
 def rubs(system: System) -> bool:
-    """Whether there is friction."""
+    """True if there is friction."""
     return system.friction is not None or (system.dry_friction is not None and system.dry_friction.friction)
 
 
 def constants(system: System, plan: SimulatedStep) -> dict[str, Array]:
-    """What a step is given but its length and functions, by the names of the plan."""
+    """Constant inputs of a step, by the names of the plan."""
     nothing = np.zeros(0)
     given = {
         f"wrench at {frame}": law(0.0, nothing, nothing) for frame, law in system.wrenches.items() if not law.varies
@@ -421,7 +421,7 @@ class CompiledSteps:
         self.most = max(1, int(min(_IN_ONE_CALL / (effort * self.stages), _NUMBERS / (system.size + system.nv))))
         """Steps to take in one call."""
         self.names = [name for name, _ in plan.given[1:]]
-        """Of what a step is given but its length."""
+        """Names of the inputs of a step but its length."""
         self.constants = constants(system, plan)
         self.cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, system.size)
         """The parts of a state."""
@@ -444,7 +444,7 @@ class CompiledSteps:
     def _with_kernel(
         cls, system: System, plan: SimulatedStep, order: int, h: float, *, scalar: bool
     ) -> CompiledSteps | None:
-        """The same, for one state at a time or for many side by side."""
+        """Return compiled steps for one state at a time, or for a batch."""
         robot = system.robot
 
         def made() -> Any:
@@ -457,29 +457,29 @@ class CompiledSteps:
         return None if owner is None else cls(system, plan, order, h, kernel, owner.cost)
 
     def side_by_side(self) -> CompiledSteps:
-        """The same steps compiled for many states at once: the numbers of a state do not depend on its neighbours."""
+        """Return these steps compiled for a batch: the numbers of a state do not depend on its neighbours."""
         return self._with_kernel(self.system, self.plan, self.order, self.h, scalar=False) or self
 
     @staticmethod
     def recurrence(plan: SimulatedStep) -> Scan:
-        """What is compiled: whole steps."""
+        """Return the compiled loop: whole steps."""
         return plan.recurrence()
 
     def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
-        """States before and after each step, (..., steps + 1, size), and what is said of each as it begins.
+        """States before and after each step, (..., steps + 1, size), with accelerations and gaps as each step begins.
 
         That is the accelerations (..., steps, nv), and how far each contact is from touching, (..., steps, contacts).
         ``y`` (..., size) is the first of these states.
         """
-        return self.taken(y, steps, self.h if h is None else h, self.told())
+        return self.advance_with(y, steps, self.h if h is None else h, self.inputs())
 
-    def told(self) -> list[Array]:
-        """What a step is given but its length, where nothing of it is a function."""
+    def inputs(self) -> list[Array]:
+        """Inputs of a step but its length, if none is a function."""
         given = {"tau": self.system.held, **self.constants}
         return [given[name] for name in self.names]
 
-    def taken(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """The same, where ``given`` (..., n) are told for all of the steps but their length."""
+    def advance_with(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Take steps with inputs ``given`` (..., n) that hold for all of them."""
         s = self.system
         Y, ddq = np.empty((*y.shape[:-1], steps + 1, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
         Y[..., 0, :] = y
@@ -499,14 +499,14 @@ class CompiledSteps:
         return self.take(y, 1, h)[0][..., 1, :]
 
     def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
-        """The same, and the accelerations (..., nv) at these states."""
+        """Return the states a time h later and the accelerations (..., nv) at the given states."""
         if self.system.dry_friction is not None:  # whose accelerations are those of a step of the usual length
             return self.after(t, y, h), self.accelerations(t, y)
         Y, ddq, _ = self.take(y, 1, h)
         return Y[..., 1, :], ddq[..., 0, :]
 
     def accelerations(self, _t: Any, y: Array) -> Array:
-        """Of states (..., size), (..., nv), those that a step begins with."""
+        """Accelerations (..., nv) at the beginning of steps from states (..., size)."""
         found = self.take(y, 1, self.h)[1][..., 0, :]
         self.system.evaluations += 1 - self.stages  # of the step only what it begins with was asked for
         return found

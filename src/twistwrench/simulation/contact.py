@@ -141,7 +141,7 @@ class ContactDurations:
         self._worked = False
         self._steps = 0
         self.short = 0
-        """How many contacts began and ended within three steps."""
+        """Number of contacts that began and ended within three steps."""
         self.first = ""
         """The first of them, and when."""
 
@@ -150,7 +150,7 @@ class ContactDurations:
         return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
 
     def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The same of m steps that end at times (m,), with gaps (m, contacts); (m,)."""
+        """Record m steps that end at times (m,) with gaps (m, contacts); True if a contact changes, (m,)."""
         if not self.names:
             return np.zeros(len(times), bool)
         closed = np.concatenate([self._closed[None], gaps < 0.0])
@@ -169,7 +169,7 @@ class ContactDurations:
         return np.asarray(changed)
 
     def remark(self, h: float) -> str:
-        """What to know of contacts that steps of h were too long for; empty if there are none."""
+        """Remark on contacts for which steps of h are too long; empty if there are none."""
         if not self.short:
             return ""
         times = "once" if self.short == 1 else f"{self.short} times"
@@ -186,9 +186,9 @@ class ContactDurations:
 # ── Contacts of a robot: traced law and its parameters
 
 _PRESSED = 3.0
-"""Times the robot's weight that presses a point in: more at the start is no robot that stands or lands there."""
+"""Multiple of the robot's weight on a point at the start from which the point counts as buried."""
 _NOTHING = 1e-9
-"""N: what is no force, for robots without weight."""
+"""Force that counts as zero, for robots without weight [N]."""
 
 
 class RobotContact(ABC):
@@ -196,7 +196,7 @@ class RobotContact(ABC):
 
     robot: Robot
     name: str
-    """Of the event with which it begins."""
+    """Name of the event with which the contact begins."""
 
     @property
     @abstractmethod
@@ -206,7 +206,7 @@ class RobotContact(ABC):
     @cached_property
     @abstractmethod
     def numbers(self) -> dict[str, Array]:
-        """What its program is given besides the state, by name, (...) each."""
+        """Inputs of its program besides the state, by name, (...) each."""
 
     @property
     @abstractmethod
@@ -219,11 +219,11 @@ class RobotContact(ABC):
 
     @cached_property
     def parts(self) -> dict[str, Array]:
-        """The same in parts (m, ...) that are looked at side by side, and whose torques add up."""
+        """Inputs in parts (m, ...) that are evaluated as a batch, and whose torques add up."""
         return self.numbers
 
     def touched(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """What it does to the joints, (..., nv), and how deep each of its points or joints is inside, (..., m)."""
+        """Torques on the joints (..., nv), and penetration of each point or joint (..., m)."""
         if all(x.ndim == 1 for x in self.parts.values()):
             tau, depths = self._kernel(q, dq, *self.parts.values())
             return tau, depths
@@ -231,15 +231,15 @@ class RobotContact(ABC):
         return tau.sum(axis=-2), depths[..., 0]
 
     def gap(self, q: Array) -> float:
-        """How far the nearest point or joint is from touching, negative inside [m or rad]."""
+        """Gap of the nearest point or joint, negative inside [m or rad]."""
         return float(self.gaps(q))
 
     def gaps(self, q: Array) -> Array:
-        """The same of configurations (..., nq), (...)."""
+        """Gaps (...) of configurations (..., nq)."""
         return np.asarray(-self.touched(q, np.zeros(self.robot.nv))[1].max(axis=-1))
 
     def torques(self, q: Array, dq: Array) -> Array | None:
-        """What it does to the joints, (..., nv); None where nothing touches."""
+        """Torques on the joints, (..., nv); None without contact."""
         tau, depths = self.touched(q, dq)
         return tau if (depths > 0.0).any() else None
 
@@ -299,7 +299,7 @@ class PlaneContact(RobotContact):
         return plane_contact(model, q, dq, self.plane.frame, self.plane.exponent, points.reshape(-1, 3), normal, law)
 
     def buried(self, q: Array) -> str:
-        """What to say of a start with a point deeper inside than the robot's weight presses it; empty where none is."""
+        """Remark on a start with a point deeper inside than the robot's weight presses it; empty if there is none."""
         plane, model = self.plane, self.robot.model
         depths = self.touched(q, np.zeros(self.robot.nv))[1]
         worst, weight = int(depths.argmax()), sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)

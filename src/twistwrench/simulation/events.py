@@ -48,7 +48,7 @@ class PositionLimits:
 
     @classmethod
     def of(cls, robot: Robot) -> PositionLimits:
-        """Those of a robot; ValueRangeError where it has none."""
+        """Return the limits of a robot; ValueRangeError if it has none."""
         given, tolerance = robot.limits, robot.limits.tolerance
         rows = [
             (
@@ -71,7 +71,7 @@ class PositionLimits:
         return cls(names, units, *map(np.array, numbers))
 
     def margins(self, q: Array) -> Array:
-        """How far each joint is inside each of its limits, (..., nq) → (..., m), negative beyond it [rad or m]."""
+        """Distance of each joint to each of its limits, (..., nq) → (..., m), negative beyond it [rad or m]."""
         return np.asarray(self.sides * (self.limits - q[..., self.coordinates]))
 
     def outside(self, q: Array) -> str:
@@ -92,12 +92,12 @@ class PositionLimits:
         return 0.0 if before > self.tolerances[k] else -float(self.tolerances[k])
 
     def passed(self, before: Array, after: Array) -> NDArray[np.bool_]:
-        """Whether joints reach their limits, or leave through them, by the margins (..., m) before and after."""
+        """True if joints reach their limits, or leave through them, by the margins (..., m) before and after."""
         leaves = (after < -self.tolerances) & (-self.tolerances <= before)
         return np.where(before > self.tolerances, after <= 0.0, leaves)
 
     def words(self, k: int, before: float) -> str:
-        """What happened at limit k."""
+        """Return the event text of limit k."""
         return f"joint {self.names[k]!r} {'reaches' if before > self.tolerances[k] else 'moves beyond'} {self.limit(k)}"
 
     def leaving(self, q: Array, dq: Array, later: Array, h: float) -> int | None:
@@ -148,7 +148,7 @@ class Event:
     direction: str = "both"
     """"up", "down" or "both", the way g passes zero."""
     terminal: bool = False
-    """Whether the simulation ends there."""
+    """True if the simulation ends there."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -195,7 +195,7 @@ class EventDetector:
         self.before: list[float] = []
         """g of each event, when last looked at."""
         self.margins: Array = np.zeros(0)
-        """Of the limits of position, when last looked at."""
+        """Margins of the limits of position at the last check."""
         self.state: Array | None = None
         """When last looked at."""
         self.several: dict[str, str] = {}
@@ -209,12 +209,12 @@ class EventDetector:
 
     @property
     def gaps(self) -> list[float]:
-        """Of the contacts, when last looked at [m or rad]."""
+        """Gaps of the contacts at the last check [m or rad]."""
         return self.before[self.asked :]
 
     @property
     def asks_nobody(self) -> bool:
-        """Whether there is nothing but contacts and limits of position."""
+        """True if there are only contacts and limits of position."""
         return not self.asked
 
     def passings(self, states: Array, gaps: Array) -> Iterator[int]:
@@ -231,7 +231,7 @@ class EventDetector:
                 yield k
 
     def passed(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-        """Whether a contact begins or a joint passes a limit before each of m states after what was looked at last, (m,).
+        """True if a contact begins or a joint passes a limit before each of m states after the last check, (m,).
 
         And the gaps and margins (m + 1, ...) from then on, for :meth:`stand`. Where nothing else is looked for.
         """
@@ -246,11 +246,11 @@ class EventDetector:
         self.before, self.margins = gaps.tolist(), margins.copy()
 
     def _margins(self, states: Array) -> Array:
-        """Of the limits of position, (m, limits)."""
+        """Margins of the limits of position, (m, limits)."""
         return np.zeros((len(states), 0)) if self.limits is None else self.limits.margins(self.split(states.T)[0].T)
 
     def _passing(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
-        """Whether a contact begins or a joint passes a limit between states (m + 1), (m,)."""
+        """True if a contact begins or a joint passes a limit between states (m + 1), (m,)."""
         found = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
         if self.limits is not None:
             found |= self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
@@ -270,7 +270,7 @@ class EventDetector:
         return None if k is None else Happening(self.limits.words(k, 0.0), 0.0, q.copy(), dq.copy())
 
     def look(self, t: float, points: Sequence[tuple[float, Array]], at: Step) -> tuple[list[Happening], float | None]:
-        """What happened in a step from t whose states at some times after t are ``points``; and when it ended all, if so."""
+        """Events in a step from t through ``points``, and the time of the one that ends the run."""
         happened, s0 = [], 0.0
         for s1, y1 in points:
             after, margins = self.values(t + s1, y1)

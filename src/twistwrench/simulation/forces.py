@@ -44,7 +44,7 @@ class Manifold:
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, robot.model
         self.flat = all(body.joint.plain_rates for body in self.model.leaders)
-        """Whether the rates of all coordinates are the velocities themselves."""
+        """True if the rates of all coordinates are the velocities."""
 
     @cached_property
     def _rates(self) -> Any:
@@ -95,19 +95,19 @@ class Manifold:
 # ── Validation of numbers and callbacks (t, q, dq)
 
 Function = Callable[[float, Array, Array], Any]
-"""Of the time [s], q (nq) and dq (nv)."""
+"""Function of the time [s], q (nq) and dq (nv)."""
 
 
 @dataclass(frozen=True)
 class ControlLaw:
-    """A function (t, q, dq) whose results are finite arrays of one shape; anything else is a SimulationError that says when."""
+    """Function (t, q, dq) whose results must be finite arrays of one shape; else SimulationError with the time."""
 
     function: Function
     what: str
     shape: tuple[int, ...]
     meaning: str = ""
     varies: bool = True
-    """Whether it is the caller's function, and not a constant."""
+    """True for a function of the caller, False for a constant."""
 
     @classmethod
     def of(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> ControlLaw:
@@ -116,7 +116,7 @@ class ControlLaw:
         return cls(function, what, shape, meaning)
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
-        """What the function gives."""
+        """Return the checked value of the function."""
         try:
             found = self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
         except Exception as problem:
@@ -124,7 +124,7 @@ class ControlLaw:
         return self.checked(t, found)
 
     def number(self, t: float, q: Array, dq: Array) -> float:
-        """The same of a function of one number."""
+        """Return the value of a function of one number."""
         try:
             found = self.function(t, q.copy(), dq.copy())
         except Exception as problem:
@@ -132,11 +132,11 @@ class ControlLaw:
         return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
 
     def failure(self, t: float, problem: Exception) -> SimulationError:
-        """What to say where the function raised an exception."""
+        """Return the error for an exception of the function."""
         return SimulationError(f"{self.what} failed at t = {printed(t, 9)} s with {type(problem).__name__}: {problem}")
 
     def checked(self, t: float, given: Any) -> Array:
-        """What the function gave, as floats of its own; SimulationError where it is something else."""
+        """Return the value as a new array of floats; SimulationError if it is not valid."""
         try:
             found = arguments.plain(given, self.what)  # a table would be read by position
         except Exception as problem:
@@ -162,7 +162,7 @@ class ControlLaw:
         return found.astype(float)
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
-        """What the function gives at times (m,) and states (m, nq), (m, nv), held to their shape together."""
+        """Values of the function at times (m,) and states (m, nq), (m, nv), with their shape checked together."""
         rows = list(zip(t.tolist(), q, dq, strict=True))
         try:
             found = np.array([self.function(*row) for row in rows], float)
@@ -174,12 +174,12 @@ class ControlLaw:
 
 
 def require_three(function: Any, what: str) -> None:
-    """Refuse what is no function of (t, q, dq)."""
+    """Require a function of (t, q, dq)."""
     require_arguments(function, what, ("the time [s]", "q (nq)", "dq (nv)"), "t, q, dq")
 
 
 def require_arguments(function: Any, what: str, taken: Sequence[str], names: str = "share") -> None:
-    """Refuse what is no function of so many arguments, which are ``taken`` in words. Raises ValueRangeError."""
+    """Require a function of that many arguments, named by ``taken``. Raises ValueRangeError."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
     code = function.__code__ if isinstance(function, FunctionType) else None
@@ -258,7 +258,7 @@ class EasedFriction:
         return self.robot.engine.cached("eased friction", lambda: _eased(self.robot))
 
     def left(self, dq: Array, tau: Array) -> Array:
-        """What friction leaves of the torques tau, (nv)."""
+        """Torques tau after friction, (nv)."""
         return np.asarray(self._kernel(dq, tau, eased(dq, self.creep)))
 
 
@@ -271,12 +271,12 @@ def _eased(robot: Robot) -> Any:
 
 
 def rubs_dry(model: Model) -> Array:
-    """Whether each joint has dry friction, (nv,)."""
+    """True for joints with dry friction, (nv,)."""
     return np.asarray((model.friction.static > 0) | (model.friction.coulomb > 0) | (model.friction.load > 0))
 
 
 def easing_remark(model: Model, creep: Array) -> str | None:
-    """What the easing does to a motion, in words; None without dry friction."""
+    """Remark on the effect of smoothed friction on a motion; None without dry friction."""
     dry = rubs_dry(model)
     if not dry.any():
         return None
@@ -297,7 +297,7 @@ class DryFrictionStep:
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
         self.usual, self.friction, self.gained = usual, friction, gains is not None
-        """The length of a step [s], unless said otherwise; whether there is friction; whether there are gains."""
+        """Default length of a step [s]; True with friction; True with velocity gains."""
         self.dry = rubs_dry(robot.model) & friction
         """Joints with dry friction, (nv,)."""
         self.gains = np.zeros(robot.nv) if gains is None else gains
@@ -316,11 +316,11 @@ class DryFrictionStep:
         return robot.engine.cached(("braked step", self.friction, self.gained), made)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
-        """Where the velocities change, (nq,): halfway with friction, at the beginning without."""
+        """Coordinates at which velocities change, (nq,): halfway with friction, at the beginning without."""
         return manifold.move(q, 0.5 * h * dq) if self.friction else q
 
     def end(self, manifold: Manifold, middle: Array, v: Array, h: float) -> Array:
-        """Where the step ends, (nq,)."""
+        """Coordinates at the end of the step, (nq,)."""
         return manifold.move(middle, (0.5 * h if self.friction else h) * v)
 
     def __call__(self, q: Array, dq: Array, h: float, tau: Array, push: Array) -> tuple[Array, Array, Array]:
@@ -349,14 +349,14 @@ def _program(robot: Robot, friction: bool, gained: bool) -> Program:
 # is the method's own error and nothing else.
 
 WORKS = ("torques", "friction", "wrenches", "contacts")
-"""What does work, in the order of the last entries of a state."""
+"""Sources of work, in the order of the last entries of a state."""
 
 
 class System:
     """A robot and what acts on it: y' = f(t, y)."""
 
     takes_many = True
-    """Whether :meth:`of_many` serves."""
+    """True if :meth:`of_many` is available."""
 
     def __init__(
         self,
@@ -373,14 +373,14 @@ class System:
         self.size = robot.nq + robot.nv + len(WORKS)
         self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
         self.functions = self._functions()
-        """What is given as a function: its name, and its generalised forces (m, nv) at times (m,) and states (m, size)."""
+        """Functions: name, and generalised forces (m, nv) at times (m,) and states (m, size)."""
         self.dry_friction: DryFrictionStep | None = None
         """Steps that take friction and gains of the rates at their end; rates are then those of such a step."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
         self.held = np.zeros(robot.nv)
-        """What the controller said last, (nv)."""
+        """Last output of the controller, (nv)."""
         self.applied = self.held
-        """The torques at the joints when forces were last asked for, (nv)."""
+        """Joint torques at the last evaluation of forces, (nv)."""
         self.evaluations = 0
 
     def split(self, y: Array) -> tuple[Array, Array]:
@@ -437,11 +437,11 @@ class System:
         return found
 
     def _torques(self, t: float, q: Array, dq: Array) -> Array:
-        """Those of the controller and of ``tau``, (nv,)."""
+        """Torques of the controller and of ``tau``, (nv,)."""
         return self.held if self.tau is None else self.held + self.tau(t, q, dq)
 
     def _pushes(self, t: float, q: Array, dq: Array, at: Array) -> Iterator[tuple[int, Array]]:
-        """What each wrench, at the place ``at`` (nq,), and each contact does to the joints, (nv,), and where its power goes."""
+        """Joint torques (nv,) of each wrench, at the configuration ``at`` (nq,), and contact; index of its work."""
         for frame, law in self.wrenches.items():
             yield 2, self.robot.wrench_torques(at, law(t, q, dq), frame)
         for contact in self.contacts:
@@ -481,7 +481,7 @@ class System:
         return np.asarray(self.robot.forward_dynamics(q, dq, total)), tau
 
     def accelerations(self, t: float, y: Array) -> Array:
-        """Of a state, (nv,)."""
+        """Accelerations (nv,) of a state."""
         rate = np.zeros(self.size)
         self.rates(t, y, rate)
         return rate[self.moving]

@@ -149,7 +149,7 @@ def build_run(
 
 
 def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
-    """How many steps, and how long all of them."""
+    """Number of steps and the duration."""
     length, h = positive(duration, "duration", "s"), positive(dt, "dt", "s")
     if not length / h < _MOST * every:
         raise ValueRangeError(
@@ -191,7 +191,7 @@ def _ragged(given: Any) -> bool:
 
 
 def _rate_gains(robot: Robot, tau: Any) -> Array | None:
-    """-∂τ/∂dq of a law that tells it, (nv,)."""
+    """Velocity gains -∂τ/∂dq of a law that provides them, (nv,)."""
     told = getattr(tau, "rate_gains", None) if callable(tau) else None
     if told is None:
         return None
@@ -275,12 +275,12 @@ def run_to_end(run: Run) -> SimulationResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationBatch:
-    """Simulations from a batch of states, each of its own length. Printing it says how many came to the end."""
+    """Simulations from a batch of states, each of its own length. Printing it shows how many reached the end."""
 
     results: tuple[SimulationResult, ...]
     """One for each state, in the order of the flattened batch."""
     shape: tuple[int, ...]
-    """Of the batch."""
+    """Shape of the batch."""
 
     def __getitem__(self, index: int | tuple[int, ...]) -> SimulationResult:
         places = index if isinstance(index, tuple) else (index,)
@@ -296,7 +296,7 @@ class SimulationBatch:
 
     @property
     def completed(self) -> Array:
-        """Which came to the end of their duration, (...) bool."""
+        """True for simulations that reached the end of their duration, (...) bool."""
         return np.array([found.completed for found in self.results]).reshape(self.shape)
 
     @property
@@ -373,8 +373,8 @@ def _advance(runs: list[Run]) -> None:
     wide = going[0][1].side_by_side() if going else None
     while wide is not None and going and (left := first.n - going[0][0].steps):
         counted = first.system.evaluations
-        given = [np.array(told) for told in zip(*(steps.told() for _, steps in going), strict=True)]
+        given = [np.array(told) for told in zip(*(steps.inputs() for _, steps in going), strict=True)]
         states = np.array([run.last[1] for run, _ in going])
-        found = wide.taken(states, min(max(1, wide.most // len(going)), left), first.h, given)
+        found = wide.advance_with(states, min(max(1, wide.most // len(going)), left), first.h, given)
         first.system.evaluations = counted
         going = [both for both, *mine in zip(going, *found, strict=True) if use_block(*both, *mine)]

@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _ROUNDING = 1e-9
-"""Share of all energy that may be said to have moved where hardly any has: rounding of the whole is no drift of it."""
+"""Share of the energy below which drift counts as rounding."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationResult:
-    """A simulated motion: n states, the first at time 0. Printing it says how far it came, and what drifted."""
+    """Simulated motion of n states, the first at time 0. Printing it shows its end and the drift."""
 
     robot: str
     """The robot's name."""
     coordinate_names: tuple[str, ...]
-    """Of the entries of q."""
+    """Names of the entries of q."""
     velocity_names: tuple[str, ...]
-    """Of the entries of dq, ddq and tau."""
+    """Names of the entries of dq, ddq and tau."""
     times: Array
     """(n,) s."""
     q: Array
@@ -55,19 +55,19 @@ class SimulationResult:
     stopped: str
     """Why the simulation ended there, in words."""
     completed: bool = True
-    """Whether it came to the end of its duration."""
+    """True if the run reached the end of its duration."""
     events: tuple[Happening, ...] = ()
-    """What happened, in order."""
+    """Events in order."""
     method: str = ""
     """The integrator."""
     dt: float = np.nan
     """s, between the states of a record of which every one is kept; the step, unless the method adapts it."""
     steps: int = 0
-    """How many were taken."""
+    """Number of steps."""
     rejected: int = 0
     """Steps that an adaptive method took again, shorter."""
     evaluations: int = 0
-    """How often forward dynamics was computed."""
+    """Number of evaluations of forward dynamics."""
     error_estimate: Array = field(default_factory=lambda: np.zeros(0))
     """(nv,) rad or m, about how far off each coordinate may be: the errors of all steps added up, which would be the error of
     the motion if they neither grew nor faded nor cancelled. Of fixed steps some are taken again in two halves, forces and
@@ -75,9 +75,9 @@ class SimulationResult:
     relative_error: float = np.nan
     """The largest of them, over the largest travel of the joints that turn, or of those that slide."""
     remarks: tuple[str, ...] = ()
-    """What to know before the result is used, in words; empty if nothing."""
+    """Remarks to read before use; empty if there are none."""
     coordinate_units: tuple[str, ...] = ()
-    """Of the entries of q: ``"rad"``, ``"m"``, and ``""`` for those of a quaternion."""
+    """Units of the entries of q: ``"rad"``, ``"m"``, and ``""`` for those of a quaternion."""
     simulated: Robot | None = None
     """The robot; None where the result was read from a file."""
     energy: Array = field(init=False)
@@ -129,7 +129,7 @@ class SimulationResult:
 
     @property
     def motion(self) -> Motion:
-        """Its states as a :class:`twistwrench.Motion`, whose ``tau`` are the torques applied.
+        """States as a :class:`twistwrench.Motion`, whose ``tau`` are the applied torques.
 
         Raises ValueRangeError for a result from a file, which has no robot: give one to :meth:`of`.
         """
@@ -142,7 +142,7 @@ class SimulationResult:
         return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated, in_seconds=True)
 
     def of(self, robot: Robot) -> SimulationResult:
-        """The same with the robot that was simulated, for a result from a file.
+        """Return the result with the robot that was simulated, for a result from a file.
 
         Returns
         -------
@@ -301,7 +301,7 @@ class Record:
 
     def __init__(self, rows: int, size: int, nv: int) -> None:
         self.count = 0
-        """How many states are kept."""
+        """Number of stored states."""
         self.events: list[Happening] = []
         rows = min(rows, _AT_FIRST)
         self._parts = np.empty(rows), np.empty((rows, size)), np.empty((rows, nv)), np.empty((rows, nv))
@@ -335,7 +335,7 @@ class Record:
         self.count = end
 
     def result(self, robot: Robot, works: tuple[str, ...], **said: Any) -> SimulationResult:
-        """All that was kept, with energies and momentum."""
+        """Return the stored states, with energies and momentum."""
         times, Y, accelerations, torques = (x[: self.count] for x in self._parts)
         if self.count < len(self._parts[0]) - 2:  # room that an early end left unused is given back
             times, accelerations, torques = times.copy(), accelerations.copy(), torques.copy()

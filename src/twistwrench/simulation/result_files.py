@@ -41,13 +41,13 @@ _SAID = {
     "relative_error": float,
     "coordinate_units": list,
 }
-"""What is said in words, and of which kind it is; lists are of text. Events stand beside it."""
+"""Text fields and their types; lists are of text. Events are stored separately."""
 _ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
-"""What files from before lack: nothing is known of it."""
+"""Fields that older files lack: unknown."""
 
 
 def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = False) -> Path:
-    """Comments with what is said in words, a header, and a row for each state."""
+    """Write comments with the text fields, a header, and a row for each state."""
     header = _header(result.coordinate_names, result.velocity_names)
     factors: dict[str, Array] = {}
     if degrees:
@@ -72,7 +72,7 @@ def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = Fal
 
 
 def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str], dict[str, Array]]:
-    """The header that says so, and what takes coordinates and velocities there."""
+    """Header in degrees, and the factors of coordinates and velocities."""
     if result.simulated is None:
         raise ValueRangeError(
             "degrees: this result was read from a file, and has no robot that says what turns: result.of(robot).to_csv(…)."
@@ -85,7 +85,7 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
 
 
 def _to_radians(header: list[str], expected: list[str]) -> Array | None:
-    """What takes each column to SI units, (n,); None where the columns are others than expected."""
+    """Factors of each column to SI units, (n,); None if the columns are not the expected ones."""
     degree, units = np.radians(1.0), tuple(f" [{unit}]" for unit in DEGREES.values())
     if len(header) != len(expected):
         return None
@@ -117,7 +117,7 @@ def write_npz(result: SimulationResult, path: str | Path) -> Path:
 
 
 def read(path: str | Path) -> SimulationResult:
-    """What one of the two wrote; NotFoundError and TrajectoryError for anything else."""
+    """Read a file that one of the writers wrote; NotFoundError and TrajectoryError for anything else."""
     path = as_path(path)
     advice = "Give a .npz or .csv that SimulationResult wrote, whole."
     try:
@@ -180,7 +180,7 @@ def _said(result: SimulationResult) -> str:
 
 
 def _words(said: Any) -> dict[str, Any]:
-    """What the file says in words, each of the kind that was written."""
+    """Text fields of the file, each of its type."""
     if not isinstance(said, dict):
         raise _other_kind("what it says in words")
     said = {**_ADDED, **said}

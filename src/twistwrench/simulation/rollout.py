@@ -33,9 +33,9 @@ class Rollout:
     robot: str
     """The robot's name."""
     coordinate_names: tuple[str, ...]
-    """Of the entries of q."""
+    """Names of the entries of q."""
     velocity_names: tuple[str, ...]
-    """Of the entries of dq and tau."""
+    """Names of the entries of dq and tau."""
     times: Array
     """(n,) s."""
     q: Array
@@ -43,19 +43,19 @@ class Rollout:
     dq: Array
     """(..., n, nv)."""
     tau: Array | None
-    """(..., n - 1, nv), the torques of the step that begins at each time but the last; None unless asked for."""
+    """Torques (..., n - 1, nv) of the step that begins at each time but the last; None unless requested."""
     dt: float
     """s, of one step."""
     steps: int
-    """How many were taken."""
+    """Number of steps."""
     method: str
     """The integrator, "semi_implicit" or "rk4"."""
     remarks: tuple[str, ...] = ()
-    """What to know before the result is used, in words; empty if nothing."""
+    """Remarks to read before use; empty if there are none."""
     simulated: Robot | None = None
     """The robot."""
     given: Inputs | None = None
-    """What went in, for gradients; None unless asked for."""
+    """Inputs, for gradients; None unless requested."""
 
     def motion(self, *index: int) -> Motion:
         """States of one motion of the batch as a :class:`twistwrench.Motion`; accelerations by a spline of the velocities.
@@ -94,7 +94,7 @@ class Rollout:
         return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot(), in_seconds=True)
 
     def to_xarray(self) -> Any:
-        """Dataset of q, dq, and tau where it was asked for, whose axes are named: samples, time, coordinate, joint.
+        """Dataset of q, dq, and tau if requested, with named axes: samples, time, coordinate, joint.
 
         Returns
         -------
@@ -214,7 +214,7 @@ class Rollout:
 
     @cached_property
     def unstable(self) -> Array:
-        """Which motions end in numbers that mean nothing, (...) bool: not finite, or faster than 1e6 rad/s or m/s."""
+        """True for motions that end not finite or faster than 1e6 rad/s or m/s, (...) bool."""
         return _meaningless(self.q[..., -1, :], self.dq[..., -1, :])
 
     @cached_property

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 IN_ONE_CALL = 5e9
 """Operations between two looks at whether the user wants to stop: some 0.3 s."""
 ALONE = 3
-"""So many times slower are the operations of a few samples, which leave most lanes idle."""
+"""Slowdown of the operations of a few samples, which leave most vector lanes idle."""
 LANES = 16
 """Samples are shared out in multiples of this: whole blocks on every processor."""
 
@@ -67,7 +67,7 @@ def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tu
 def _slices(
     kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
 ) -> Iterator[tuple[Sequence[Array], tuple[Array, ...], int]]:
-    """Of the steps: so that Ctrl-C is heard between two. Each begins with the states that the one before it ended with."""
+    """Slices of the steps, between which Ctrl-C is handled; each begins where the one before it ended."""
     owner = owner_of(kernel)
     made = owner.given if owner is not None else None
     samples, kept = outputs[0].shape[:2]
@@ -97,7 +97,7 @@ def _slices(
 def _parts(
     kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
 ) -> Iterator[Part]:
-    """Of the batch: for as many threads as there are, and so that Ctrl-C is heard between two."""
+    """Parts of the batch, one for each thread, short enough for Ctrl-C to be handled between two."""
     samples, owner = len(outputs[0]), owner_of(kernel)
     rows = max(samples, 1)
     if owner is not None:
@@ -186,7 +186,7 @@ class StepAdjoint:
 
     @property
     def by(self) -> Ports:
-        """What is given for each step and has slopes, with the shapes of these: all but dt and limits."""
+        """Differentiable inputs of each step and the shapes of their slopes: all but dt and limits."""
         known = {"dt", "torque limits"}
         return [
             (name, (self.plan.model.nv,) if name == "q_des" else shape)
@@ -196,7 +196,7 @@ class StepAdjoint:
 
     @property
     def recurrence(self) -> Scan:
-        """(1) and (2), from the last step to the first: the states are λ, by q and by dq, and (2) is said of each step.
+        """Adjoint loop of (1) and (2), from the last step to the first.
 
         Given for each step: q twice (as angles and as coordinates), dq, all that the step was given, l by q and by dq, and
         m where torques are said.
@@ -263,7 +263,7 @@ class RolloutGradient:
     parameters: Mapping[str, Array] = field(default_factory=dict)
     """By the parameters, by their names."""
     remarks: tuple[str, ...] = ()
-    """What to know before the slopes are used, in words; empty if nothing."""
+    """Remarks to read before the slopes are used; empty if there are none."""
 
     def __repr__(self) -> str:
         tau = {} if self.tau is None else {"tau": self.tau}
@@ -337,7 +337,7 @@ def linearized(robot: Robot, given: Inputs, q: Array, dq: Array) -> tuple[Array,
 
 
 def remarks_of(robot: Robot, plan: Plan) -> tuple[str, ...]:
-    """What to know of slopes where motions have corners."""
+    """Remarks on slopes at corners of the motions."""
     laws = (".coulomb", ".static", ".load")
     dry = rubbing(robot.model) or any(name.endswith(laws) for name in plan.parameters)
     return (*[DRY] * bool(plan.friction and dry), *[LIMITED] * plan.limited)

@@ -43,7 +43,7 @@ def torque_limits_of(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
 
 
 def law_of(tau: Any) -> TorqueLaw:
-    """What gives the torques: a law as it is, or torques that are given."""
+    """Return the law of the torques, or a law of given torques."""
     if isinstance(tau, type):
         raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, with a reference and gains.")
     if hasattr(tau, "torques") and hasattr(tau, "names"):
@@ -65,7 +65,7 @@ def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
 
 
 def leaves_single(x: Array) -> bool:
-    """Whether an array leaves the result in float32; single numbers do."""
+    """True if an array leaves the result in float32; single numbers do."""
     return x.dtype == np.float32 or x.ndim == 0
 
 
@@ -84,7 +84,7 @@ def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
 
 
 def given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
-    """What a law is given, by name, with the length of the last axis."""
+    """Inputs of a law by name, with the length of the last axis."""
     found = []
     for name in law.names:
         size = robot.nq if name == "q_des" else robot.nv
@@ -138,13 +138,13 @@ LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a kernel is called with."""
+    """Arguments of a kernel call."""
 
     plan: Plan
     arrays: list[Array]
     """States, dt, and all else that is given for each step, with an axis of steps; the batch is one axis, or none."""
     ranks: list[int]
-    """How many axes of each array are not the batch's."""
+    """Number of axes of each array that do not belong to the batch."""
     batch: tuple[int, ...]
     dtype: Any
     steps: int
@@ -152,18 +152,18 @@ class Inputs:
     kept: int
     """States that are kept after the first."""
     remarks: tuple[str, ...] = ()
-    """What to know of the motions before any is computed."""
+    """Remarks on the motions before any is computed."""
     own: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
     """Shapes of what the caller gave, by name; None of torques that are not given."""
 
     @property
     def times(self) -> Array:
-        """Of the states that are kept, (kept + 1,) s."""
+        """Times of the stored states, (kept + 1,) s."""
         return np.arange(self.kept + 1) * (self.dt * (self.steps // self.kept))
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
-        """Of the results: q, dq, what else is passed on, and the torques if they are asked for."""
+        """Shapes of the results: q, dq, the rest passed from step to step, and the torques if requested."""
         rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
         states = [(*rows, size) for size in self.plan.state_sizes]
         return [*states, *[(*begun, self.plan.model.nv)] * self.plan.says_torques]
@@ -241,7 +241,7 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
 def _counted_steps(
     dt: Any, steps: Any, duration: Any, every: Any, given: list[tuple[str, Array, int]]
 ) -> tuple[int, float, int]:
-    """How many steps, how long each, and how many states are kept after the first."""
+    """Number of steps, their length, and the number of states stored after the first."""
     h, each = positive(dt, "dt", "s"), whole(every, "every")
     if steps is not None and duration is not None:
         raise ValueRangeError("both steps and duration are given: leave one out.")

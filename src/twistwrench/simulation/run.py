@@ -76,7 +76,7 @@ class Run:
         self.constant = system.held
         self.tick: Callable[[float], None] | None = None
         self.compiled: CompiledSteps | None = None
-        """Its steps in machine code, where nothing asks Python for a force or looks at a step."""
+        """Compiled steps, if no Python function gives a force or observes a step."""
         self.go: Callable[[], None] = self.fixed
         """Takes all of its steps."""
         self.stopped = ""
@@ -122,7 +122,7 @@ class Run:
         self.keep(self.end, y)
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
-        """All up to here, the last good state included."""
+        """Return all up to here, the last good state included."""
         if self.last[0] > self.record.last:
             self._keep_rough(*self.last)
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
@@ -155,7 +155,7 @@ class Run:
 
     @property
     def asks_nobody(self) -> bool:
-        """Whether no function in Python gives torques or looks at steps; contacts and limits of position may be looked at."""
+        """True if no Python function gives torques or observes steps; contacts and limits of position may be watched."""
         looks = self.detector is not None and not self.detector.asks_nobody
         return not looks and self.controller is None and not self.system.functions
 
@@ -176,7 +176,7 @@ class Run:
         return y
 
     def leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
-        """Whether a joint begins at a limit and moves beyond it; the first state is kept already, and is the last one too."""
+        """True if a joint begins at a limit and moves beyond it; the stored first state is then the last."""
         happened = None if self.detector is None else self.detector.leaves_at_once(y, y1, h)
         if happened is None:
             return False
@@ -190,13 +190,13 @@ class Run:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
 
     def _touched(self, t: float, y: Array, y1: Array) -> bool:
-        """Whether a contact begins or ends in the step to y1 at t."""
+        """True if a contact begins or ends in the step to y1 at t."""
         if self.detector is None or not self.contact_durations.names:
             return False
         return self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
 
     def _stuck_or_slid(self, y: Array, y1: Array) -> bool:
-        """Whether dry friction stops a joint, lets one go, or changes sides in the step."""
+        """True if dry friction stops a joint, lets one go, or changes sides in the step."""
         braked, moving = self.system.dry_friction, self.system.moving
         return braked is not None and bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
 

@@ -30,7 +30,7 @@ Row = tuple[Fraction, ...]
 
 @cache
 def trees(nodes: int) -> tuple[Tree, ...]:
-    """All rooted trees of that many nodes: there are 1, 1, 2, 4, 9, 20, 48 and so on.
+    """Rooted trees with that many nodes: 1, 1, 2, 4, 9, 20, 48 and so on.
 
     >>> [len(trees(n)) for n in range(1, 7)]
     [1, 1, 2, 4, 9, 20]
@@ -97,7 +97,7 @@ class Tableau:
     """
 
     name: str
-    """Of the method."""
+    """Name of the method."""
     order: int
     """Order of consistency."""
     a: tuple[Row, ...]
@@ -133,17 +133,17 @@ class Tableau:
 
     @property
     def explicit(self) -> bool:
-        """Whether each stage needs only earlier ones."""
+        """True if each stage needs only earlier ones."""
         return not any(x for i, row in enumerate(self.a) for x in row[i:])
 
     @property
     def first_same_as_last(self) -> bool:
-        """Whether the last stage is taken at the end of the step, and so is the first of the next one."""
+        """True if the last stage of a step is the first of the next."""
         return self.explicit and len(self.b) > 1 and self.a[-1] == self.b
 
     @property
     def symplectic(self) -> bool:
-        """Whether b_i a_ij + b_j a_ji = b_i b_j: quadratic invariants are kept, and volumes with them."""
+        """True if b_i a_ij + b_j a_ji = b_i b_j: quadratic invariants and volumes are preserved."""
         return _keeps(self.b, self.a, self.b, self.a)
 
     @cached_property
@@ -197,7 +197,7 @@ class Partitioned:
     """
 
     name: str
-    """Of the method."""
+    """Name of the method."""
     order: int
     """Order of consistency."""
     velocities: Tableau
@@ -216,7 +216,7 @@ class Partitioned:
 
     @property
     def symplectic(self) -> bool:
-        """Whether b_i â_ij + b̂_j a_ji = b_i b̂_j: the map keeps the symplectic form of H(q, p)."""
+        """True if b_i â_ij + b̂_j a_ji = b_i b̂_j: the map preserves the symplectic form of H(q, p)."""
         return _keeps(self.velocities.b, self.velocities.a, self.positions.b, self.positions.a)
 
 
@@ -363,7 +363,7 @@ class _Secant:
         self.inverse, self.asked, self.made = np.eye(len(change)), change, change
 
     def changed(self, asked: Array) -> Array:
-        """The change to make where the plain iteration would make the one that is asked for."""
+        """Return Broyden's change for the change of the plain iteration."""
         less = self.inverse @ (self.asked - asked)  # what the change would have been by the inverse so far
         along = float(self.made @ less)
         if along:
@@ -464,11 +464,11 @@ class Scheme(Protocol):
 
     order: int
     asked: tuple[Array, Array]
-    """The times of a step at which forces are asked, as shares of it, and their weights in the impulse: c and b."""
+    """Times of a step at which forces are evaluated, as shares of it, and their weights in the impulse: c and b."""
 
     @property
     def lagging(self) -> bool:
-        """Whether the velocities of a state are those of half a step before its coordinates."""
+        """True if the velocities of a state lag half a step behind its coordinates."""
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
         """The state a time ``h`` later, where ``rate`` is f(t, y)."""
@@ -542,7 +542,7 @@ class OneByOne:
         return self.begun(t, y, h)[0]
 
     def begun(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
-        """The same, and the accelerations (nv,) at the state."""
+        """Return the state a time h later and the accelerations (nv,) at the given state."""
         rate = np.zeros(self.system.size)
         self.system.rates(t, y, rate)
         y = self.scheme.step(t, y, h, rate)

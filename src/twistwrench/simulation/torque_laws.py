@@ -18,10 +18,10 @@ from ..typing import Array
 
 
 class TorqueLaw(Protocol):
-    """What a rollout asks of a law."""
+    """Control law of a rollout."""
 
     names: ClassVar[tuple[str, ...]]
-    """Of what is given for every step; each is an attribute, (nv,) or a number for all, but ``q_des`` is (nq,)."""
+    """Names of the inputs of every step; each is an attribute, (nv,) or a number for all, but ``q_des`` is (nq,)."""
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -78,7 +78,7 @@ class GivenTorque(TorqueLaw):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """That of all given torques."""
+        """Key of all given torques."""
         return ("given",)
 
     def check(self, model: Model) -> None:
@@ -118,7 +118,7 @@ class BatchPD(TorqueLaw):
     dq_des: ArrayLike = 0.0
     """Wanted velocities (nv,) or one number for all, rad/s or m/s."""
     gravity: bool = True
-    """Whether g(q) is added."""
+    """True if g(q) is added."""
     names: ClassVar[tuple[str, ...]] = ("q_des", "dq_des", "kp", "kd")
 
     @property
@@ -187,7 +187,7 @@ class BatchComputedTorque(TorqueLaw):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """That of all of them."""
+        """Key of the sum."""
         return ("computed torque",)
 
     def check(self, model: Model) -> None:

@@ -29,7 +29,7 @@ STAGES = len(DORMAND_PRINCE.b)
 
 @dataclass(frozen=True)
 class TrialStep(SimulatedStep):
-    """What a step of Dormand and Prince's method is made of, quaternions as they come."""
+    """Trial step of Dormand and Prince's method, quaternions not normalised."""
 
     @property
     def stages(self) -> int:
@@ -75,7 +75,7 @@ class TrialStep(SimulatedStep):
 
 
 def _rows() -> tuple[tuple[float, ...], ...]:
-    """Which rate each stage is, and the weights of all that lead to the next one, from the last to the end."""
+    """Index of the rate of each stage, and the weights that lead to the next one, from the last to the end."""
     a, b, *_ = DORMAND_PRINCE.numbers
     rows = []
     for i in range(STAGES):
@@ -90,7 +90,7 @@ def _rows() -> tuple[tuple[float, ...], ...]:
 
 
 def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any) -> tuple[Array, Array]:
-    """What a step from y to y1 is judged by: its error (size,), and size, steepness, distance and speed (4,), squared."""
+    """Error (size,) of a step from y to y1, and squared size, steepness, distance and speed (4,)."""
     mine = slice(0, moving.stop)
     a, _, _, weights, _ = DORMAND_PRINCE.numbers
     error = h * (weights @ K)
@@ -181,7 +181,7 @@ class TrialSteps:
 
     @property
     def total(self) -> Array:
-        """What all steps accepted were judged to be off by, added up, (size,)."""
+        """Estimated errors of all accepted steps, added up, (size,)."""
         return np.asarray(self._total + np.abs(self.errors[: self.count]).sum(axis=0))
 
 

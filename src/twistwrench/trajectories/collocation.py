@@ -22,7 +22,7 @@ STAGES = 5
 TOLERANCE = 2e-8
 """Part of a limit by which a piece may be off it, over or under."""
 AT_REST = 4e-7
-"""The same for the first piece from rest with viscous friction, whose √x is no polynomial: some 1e-5 s."""
+"""Tolerance of the first piece from rest with viscous friction, whose √x is not a polynomial: some 1e-5 s."""
 _RATIO = 4.0
 """x may grow or shrink by no more within a piece, or the time along it would be hard to integrate."""
 
@@ -163,7 +163,7 @@ def _solved(matrix: Array, right: Array) -> Array:
 
 
 def _mirrored(cell: Cell) -> Cell:
-    """The same curve with ζ counted from the other end."""
+    """Return the curve with ζ counted from the other end."""
     return Cell(cell.low, cell.high, _FLIP @ cell.x, cell.active, cell.side)
 
 
@@ -177,7 +177,7 @@ _AT_ONCE = 2048
 
 @dataclass(frozen=True, eq=False)
 class FastestScaling:
-    """s(t) with ds² the pieces' x(s); rate and acceleration are x's own, so limits hold wherever it is asked."""
+    """Path scaling s(t) with ds² = x(s) by pieces; rate and acceleration come from x, so limits hold at any time."""
 
     cells: tuple[Cell, ...]
     name: str = "fastest"
@@ -196,7 +196,7 @@ class FastestScaling:
 
     @cached_property
     def _flipped(self) -> Array:
-        """Whether a piece slows down: then its time is counted from its end."""
+        """True if a piece slows down: then its time is counted from its end."""
         return np.array([c.x.sum() < c.x[0] for c in self.cells])
 
     @cached_property

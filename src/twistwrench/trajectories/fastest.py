@@ -40,7 +40,7 @@ _MOST = 20_000
 _FEW = 20
 """Pieces of such a step."""
 _BESIDE = 1e-5
-"""How near to breaks, on both sides, the limit curve is looked at for leaving it."""
+"""Distance from breaks, on both sides, at which the limit curve is checked for leaving it."""
 _STEP = 1e-7
 """The step [of s] over which slopes of the limit curve are compared with accelerations."""
 _SCAN = 1e-3
@@ -55,12 +55,12 @@ class Arc:
 
     @property
     def low(self) -> float:
-        """Where it begins."""
+        """Start of the arc."""
         return self.cells[0].low
 
     @property
     def high(self) -> float:
-        """Where it ends."""
+        """End of the arc."""
         return self.cells[-1].high
 
     def at(self, s: Array) -> Array:
@@ -147,7 +147,7 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
 
 
 def _falls_away(rows: PathRows, s: Array) -> Array:
-    """Whether, just before s (m,), the limit curve is steeper than the least acceleration there; not at breaks."""
+    """True if, just before s (m,), the limit curve is steeper than the least acceleration there; not at breaks."""
     early = rows.at(s - _STEP)
     x = np.stack([rows.cap_of(rows.at(s)).x, rows.cap_of(early).x])
     low = rows.accelerations(early, np.where(np.isfinite(x[1]), x[1], 0.0))[0]
@@ -156,7 +156,7 @@ def _falls_away(rows: PathRows, s: Array) -> Array:
 
 
 def _leaves(rows: PathRows, s: float) -> bool:
-    """Whether the least acceleration leads, backward, from the limit curve at s to below it, for a step that shows it."""
+    """True if the least acceleration leads, backward, from the limit curve at s to below it, by a detectable step."""
     x = float(rows.cap(np.array([s])).x[0])
     if not np.isfinite(x):
         return False
@@ -250,12 +250,12 @@ class LimitContact:
     side: int
     """+1 if at the upper limit, -1 at the lower."""
     s: float
-    """Where on the path it begins."""
+    """Path position of its start."""
 
 
 @dataclass(frozen=True, eq=False)
 class LimitCurves:
-    """What bounds the rate ds/dt along the path: nothing admissible is above these."""
+    """Bounds of the rate ds/dt along the path: no admissible motion lies above them."""
 
     s: Array
     """(n,)."""
@@ -282,7 +282,7 @@ class Fastest(Trajectory):
 
     @property
     def limit_contacts(self) -> tuple[LimitContact, ...]:
-        """What limits the motion, part by part; together they are all of it."""
+        """Limits that are active along the motion, in order; together they cover all of it."""
         names = self.robot.model.velocity_names
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
         found: list[LimitContact] = []

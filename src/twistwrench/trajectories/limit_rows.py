@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _FLAT = 1e-11
 """A row whose a is this part of the largest bounds x alone: what is left is round-off."""
 _NUDGE = 1e-13
-"""How far into a piece its ends are moved, where the sides of an end differ."""
+"""Distance by which the ends of a piece are moved inside, if the sides of an end differ."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Rows:
     c: Array
     d: Array
     cap: Array
-    """(m, l): x may be no more, by each of the caps; inf where one says nothing."""
+    """Upper bounds of x (m, l) by each of the caps; inf for a cap that does not apply."""
 
     def values(self, u: Array, x: Array) -> Array:
         """a u + b x + d √x + c; (..., m), (..., m) → (..., m, k)."""
@@ -68,7 +68,7 @@ class Cap:
 
 
 class PathRows:
-    """The rows of one robot, one path, one set of limits, evaluated wherever they are asked for."""
+    """Limit rows of one robot, path and set of limits, at any path position."""
 
     def __init__(self, robot: Robot, path: JointPath, bounds: Bounds, *, friction: bool = False) -> None:
         self.robot, self.path, self.friction = robot, path, friction
@@ -123,7 +123,7 @@ class PathRows:
 
     @cached_property
     def breaks(self) -> Array:
-        """Where pieces end: knots, and the zeros of each a and, with friction, of each q'; from 0 to 1."""
+        """Ends of pieces: knots, and the zeros of each a and, with friction, of each q'; from 0 to 1."""
         places = [np.array([0.0, 1.0]), self.path.knots]
         rows = self.at(self.grid)
         places += [self._zeros(rows.a[:, k], lambda s, k=k: self.at(s).a[:, k]) for k in np.flatnonzero(~self.flat)]
@@ -136,7 +136,7 @@ class PathRows:
         return found[keep]
 
     def _zeros(self, values: Array, f: Any) -> Array:
-        """Where f changes sign between the places of the grid, by bisection of all at once."""
+        """Sign changes of f between the points of the grid, by simultaneous bisection."""
         scale = np.abs(values).max(initial=0.0)
         sign = np.sign(np.where(np.abs(values) <= 1e-13 * scale, 0.0, values))
         exact = self.grid[(sign == 0) & (scale > 0)] if np.count_nonzero(sign == 0) < 20 else np.zeros(0)
@@ -157,7 +157,7 @@ class PathRows:
         return Cap(*(np.minimum(getattr(below, f), getattr(above, f)) for f in ("x", "velocity", "torque")))
 
     def cap_of(self, rows: Rows) -> Cap:
-        """The same at places whose rows are known."""
+        """Return the cap at points with known rows."""
         v = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
         start = rows.cap.min(axis=1, initial=np.inf)
         tau = self._meeting(rows, np.minimum(rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf), _HUGE))

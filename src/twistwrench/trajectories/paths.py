@@ -30,9 +30,9 @@ class JointPath:
     coordinates: Callable[[Array], tuple[Array, Array, Array]]
     """Gives q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
-    """Where pieces meet, 0 and 1 among them."""
+    """Ends of pieces, 0 and 1 included."""
     deviation: float = 0.0
-    """How far a path of poses is missed between the places where it was solved [m or rad]."""
+    """Largest deviation from a path of poses between the points where it was solved [m or rad]."""
 
     def __call__(self, s: ArrayLike) -> tuple[Array, Array, Array]:
         """q (..., nq), dq/ds and d²q/ds² (..., nv) at s (...) from 0 to 1."""

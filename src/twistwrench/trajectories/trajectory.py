@@ -89,15 +89,15 @@ def positions_passed(robot: Robot, s: Array, q: Array, bounds: Bounds) -> tuple[
 _FIT = 2001
 """Instants at which a motion is looked at; then between those that bind."""
 _CLOSER, _PEAKS, _SPLIT = 3, 8, 20
-"""How often that is, next to how many of them, and in how many parts."""
+"""Refinement factor around a peak, number of peaks, and number of parts."""
 
 
 class Scaling(Protocol):
-    """How the time goes along a path: s(t) from 0 to 1, its rate and acceleration."""
+    """Time scaling of a path: s(t) from 0 to 1, its rate and acceleration."""
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name in reports."""
 
     @property
     def duration(self) -> float:

@@ -27,7 +27,7 @@ SHARES = (
     (1.0, (0.84, 0.37, 0.0)),
     (1.001, (0.75, 0.12, 0.16)),
 )
-"""(share of the limit, colour): told apart by colour-blind readers too, and with a step where the limit is passed."""
+"""(share of the limit, colour): distinguishable by colour-blind readers, with a step at the limit."""
 COLOURS: MappingProxyType[str, Any] = MappingProxyType(
     {
         "unlimited": (0.45, 0.52, 0.62),
@@ -56,10 +56,10 @@ _POSES = 16
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """Where the arrow of a joint's torque stands: its axis is z of a pose in the body's frame."""
+    """Pose of the arrow of a joint's torque in the body's frame: its axis is z."""
 
     torque: int
-    """Which of the torques."""
+    """Index of the torque."""
     body: int
     pose: Array
     turns: bool

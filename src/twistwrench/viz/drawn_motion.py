@@ -50,11 +50,11 @@ class DrawnMotion:
     ddq: Array
     """Accelerations (n, nv), rad/s² or m/s²."""
     torques: Array
-    """(n, nv), everything included that ``load`` says; N m or N."""
+    """Torques (n, nv) with everything that ``load`` includes; N m or N."""
     peaks: Array
     """(nv,) the largest magnitude of each torque over every row."""
     rows: int
-    """Of the whole motion."""
+    """Limits passed in the whole motion."""
     warnings: tuple[str, ...]
     """A sentence for each limit that is passed, and for what in the input contradicts itself."""
     still: Array
@@ -64,7 +64,7 @@ class DrawnMotion:
 
     @property
     def states(self) -> MotionSamples:
-        """The same as the functions of :class:`~twistwrench.reports.load_case.LoadCase` take it."""
+        """States as the functions of :class:`~twistwrench.reports.load_case.LoadCase` take them."""
         none = np.zeros((len(self.time), 0))
         return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
 
@@ -247,7 +247,7 @@ _WORDS = {"velocity": "velocity limit", "torque": "torque limit"}
 
 
 def _sentence(v: Violation) -> str:
-    """What a limit is passed by, and when."""
+    """Sentence for a limit that is passed: by how much, and when."""
     words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
     by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
     return f"{v.joint} passes its {words} by {by} at t = {seconds(v.time)} s"

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
 _SHADOW = (0.80, 0.82, 0.85)
 FAR = 2.6
-"""How far off cameras stand, in sizes of what they look at."""
+"""Distance of cameras, as a multiple of the size of the scene."""
 _SHADOWS = 1500
 """Triangles whose shadow is drawn."""
 _ALPHA = {"looks": 1.0, "inertia": 0.3}
@@ -260,7 +260,7 @@ def movie(
     speed: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Film a motion to a .gif or .mp4; what is derived of it, :func:`motion_of` says.
+    """Film a motion to a .gif or .mp4; :func:`motion_of` lists the derived quantities.
 
     Parameters
     ----------

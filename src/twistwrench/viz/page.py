@@ -63,7 +63,7 @@ _SCRIPTS = (
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 )
-"""Of the page, before the digests of its own scripts: it asks for nothing, and runs nothing else."""
+"""Content-Security-Policy of the page, before the digests of its own scripts: no requests, no other scripts."""
 _KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
@@ -171,7 +171,7 @@ def page_text(
 
 
 def _digest(script: str) -> str:
-    """What names a script in a Content-Security-Policy."""
+    """Digest of a script for a Content-Security-Policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
 
 
@@ -197,14 +197,14 @@ def read_page(path: str | Path) -> tuple[dict[str, Any], dict[str, Array]]:
 
 
 class _Box:
-    """Arrays put one after another, each told by where it begins."""
+    """Arrays one after another, each found by its offset."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
         self.size = 0
 
     def put(self, values: ArrayLike, kind: str) -> dict[str, Any]:
-        """Add an array; what the header says of it."""
+        """Add an array; returns its entry of the header."""
         array = np.ascontiguousarray(values, dtype=_KINDS[kind]).ravel()
         spec = {"at": self.size, "count": int(array.size), "kind": kind}
         raw = array.tobytes()
@@ -293,7 +293,7 @@ def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
 def _switches(
     data: Mapping[str, Any], scene: Scene, book: SectionPanel | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
-    """What is on at first, and the buttons: only those that have something to show."""
+    """Initial switches, and the buttons: only those with an effect."""
     has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0
     layers = {shape.layer for shape in scene.shapes}
     known = (

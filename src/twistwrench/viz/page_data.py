@@ -37,7 +37,8 @@ LARGEST = 10_000
 Browsers do not optimise much longer programs. The others are there for every robot: they are shorter, and grow with the number
 of bodies."""
 STEP = 1 / 8000
-"""Of a fall [s]. By the fourth-order method the bundled arms keep their energy to a millionth of a joule over seconds."""
+"""Time step of a fall [s]. With the fourth-order method the bundled arms keep their energy to a microjoule over
+seconds."""
 
 
 class PagePrograms:
@@ -62,7 +63,7 @@ class PagePrograms:
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
 
     def data(self) -> dict[str, Any]:
-        """What the page's header says of them: their names, and what else the page needs to run them."""
+        """Entry of the page's header: names of the programs, and the data that running them needs."""
         robot, why = self.robot, self._why_it_stays
         mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
         weight = mass * float(np.linalg.norm(robot.model.gravity))
@@ -134,7 +135,7 @@ class PagePrograms:
 
     @cached_property
     def _has_inverse(self) -> bool:
-        """Whether the mass matrix has one."""
+        """True if the mass matrix has an inverse."""
         try:
             self.robot.engine.require_invertible()
         except SingularMassMatrixError:
@@ -203,7 +204,7 @@ def _of(model: Model, body: Body, slider: Slider) -> dict[str, Any]:
 # ── The robot in the page's header
 
 _LONGEST_ARROW = 0.35
-"""Of the largest force, as a share of the robot's size."""
+"""Length of the largest force, as a share of the robot's size."""
 
 
 def robot_data(robot: Robot, start: Array) -> dict[str, Any]:

@@ -107,7 +107,7 @@ def _ball(mass: float) -> float:
 
 
 def _points(model: Model) -> dict[int, Array]:
-    """Of each body: its joint, frames and mass, in the base frame with all joints at zero; (k, 3)."""
+    """Points of each body, its joint, frames and mass, in the base frame with all joints at zero; (k, 3)."""
     poses: dict[int, Array] = {BASE: np.eye(4)}
     found: dict[int, list[Array]] = {BASE: []}
     q = model.neutral
@@ -131,7 +131,7 @@ def _axis_point(joint: Joint) -> Array:
 
 
 def _far_ends(model: Model, k: int, start: Array) -> list[Array]:
-    """Where the tube of a last body ends: at its farthest frame, else at its mass."""
+    """Ends of the tube of a last body: at its farthest frame, else at its mass."""
     frames = [f.pose[:3, 3] for f in model.frames.values() if f.body == k]
     G = model.bodies[k].inertia
     places = frames + ([np.array(G.com, float)] if G.mass > 0 else [])
@@ -149,7 +149,7 @@ def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
 
 
 def _rail(model: Model, body: Body, size: float, r: float) -> list[Surface]:
-    """What a sliding body slides on, in its parent's frame: from one limit to the other, or half the robot's size."""
+    """Rail of a sliding body in its parent's frame: from one limit to the other, or half the robot's size."""
     axis = body.joint.axes[0]
     if body.joint.nv != 1 or axis[:3].any():
         return []
@@ -205,13 +205,13 @@ class Scene:
     robot: Robot
     """The robot."""
     shapes: tuple[Shape, ...]
-    """What is drawn of it."""
+    """Drawn shapes."""
     remarks: tuple[str, ...]
-    """What could not be drawn as the file says."""
+    """Remarks on shapes that could not be drawn as in the file."""
     size: float
     """The length that marks and cameras go by [m]: the diagonal of the neutral robot's box."""
     dressed: bool
-    """Whether the file's looks were found for any body."""
+    """True if the file has visuals of any body."""
 
     @property
     def doubtful(self) -> tuple[str, ...]:
@@ -234,7 +234,7 @@ class Scene:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a viewer should be told: the remarks, and the ellipsoids that look impossible."""
+        """Notes for a viewer: the remarks, and the ellipsoids that look impossible."""
         if not self.doubtful or len(self.robot.model.bodies) < 2:
             return self.remarks
         few = ", ".join(self.doubtful[:4]) + (", …" if len(self.doubtful) > 4 else "")

@@ -30,26 +30,26 @@ MOST_JOINTS = 9
 
 @dataclass(frozen=True)
 class SectionPanel:
-    """What one page shows; its readout is the function of the same number in ``player/*readouts.js``."""
+    """Contents of one page; its readout is the function of the same number in ``player/*readouts.js``."""
 
     number: str
     title: str
     idea: str
     formulas: tuple[tuple[str, str], ...]
-    """As :func:`~twistwrench.viz.section_pages.formula_html` takes them, and where the book has them."""
+    """Formulas for :func:`~twistwrench.viz.section_pages.formula_html`, with their numbers in the book."""
     inputs: tuple[str, ...]
     """Sliders besides the joints': dq, ddq, tau, wrench, dV, motor."""
     programs: Callable[[PagePrograms], Asked]
     chooses: str = ""
-    """What is picked from a list: a joint or a link."""
+    """List to pick from: joints or links."""
     load: str = ""
     """Sliders of what the tip carries: payload, all (with push and the button that lets the robot go), or none."""
     shown: tuple[str, ...] = ("looks", "torques")
-    """What is switched on at first."""
+    """Initial switches."""
     at_rest: bool = False
-    """Whether the velocities are zero at first."""
+    """True if the velocities are zero at first."""
     presses: bool = False
-    """Whether the torques at first press the tip along the first axis along which it can be moved."""
+    """True if the initial torques press the tip along the first axis along which it can be moved."""
 
     def require(self, robot: Robot) -> None:
         """Raise ValueRangeError unless the page can show this robot."""
@@ -169,7 +169,7 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
 
 
 def _ranks(robot: Robot) -> dict[str, int]:
-    """Of the Jacobian of the tip at most configurations: all of it, its angular and its linear rows."""
+    """Rank of the Jacobian of the tip at most configurations: whole, angular and linear rows."""
     J = np.asarray(robot.jacobian(robot.random_configuration(0, 16), kind="world_aligned"))
     rows = {"all": slice(6), "angular": slice(3), "linear": slice(3, 6)}
     return {key: int(np.linalg.matrix_rank(J[:, mine], tol=1e-9).max()) for key, mine in rows.items()}
@@ -236,12 +236,12 @@ def of_links(programs: PagePrograms) -> Asked:
 
 
 def jacobian(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
-    """That of the tip."""
+    """Jacobian of the tip."""
     return "jacobian", {"frame": programs.tip, "kind": kind}
 
 
 def twist(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
-    """That of the tip."""
+    """Twist of the tip."""
     return "frame_velocity", {"frame": programs.tip, "kind": kind}
 
 
@@ -277,7 +277,7 @@ def with_friction(programs: PagePrograms) -> Asked:
 
 
 def _rows(programs: PagePrograms) -> tuple[str, ...]:
-    """Those in which the tip can be moved; raises ValueRangeError where there are none."""
+    """Rows in which the tip can be moved; raises ValueRangeError if there are none."""
     found = ik_rows(programs.robot, programs.tip)
     if not found or programs.tip is None:
         raise ValueRangeError(

@@ -42,7 +42,7 @@ class Surface:
         return Surface(self.vertices * scale, self.faces if np.prod(scale) > 0 else self.faces[:, ::-1])
 
     def decimated(self, most: int) -> Surface:
-        """The same shape with at most about ``most`` triangles, vertices within a cell of a grid being merged."""
+        """Return the shape with at most about ``most`` triangles, with vertices merged within the cells of a grid."""
         if len(self.faces) <= most:
             return self
         found = self
@@ -61,7 +61,7 @@ class Surface:
         return _without_slivers(Surface(middle, group[self.faces]))
 
     def creased(self) -> Surface:
-        """The same triangles with vertices doubled along sharp edges, so that shading by mean normals keeps these sharp."""
+        """Return the triangles with vertices doubled along sharp edges, which shading keeps sharp."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -112,7 +112,7 @@ def joined(surfaces: list[Surface]) -> Surface:
 
 
 def revolved(profile: ArrayLike) -> Surface:
-    """What (radius, z) pairs (n, 2), from bottom to top, sweep about the z axis."""
+    """Surface that (radius, z) pairs (n, 2), from bottom to top, sweep about the z axis."""
     profile = np.asarray(profile, float)
     turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
     r, z = profile[:, :1], profile[:, 1:]
@@ -128,7 +128,7 @@ def revolved(profile: ArrayLike) -> Surface:
 
 
 def sphere(radius: float) -> Surface:
-    """Of that radius, about the origin."""
+    """Sphere about the origin."""
     return ellipsoid((radius, radius, radius))
 
 
@@ -182,7 +182,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
 
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
-    """What the file says, if it says anything: of meshes without colours trimesh tells a grey of its own."""
+    """Colour in the file, if any: for meshes without colours trimesh supplies a grey of its own."""
     if mesh.visual.kind == "texture":
         r, g, b = (np.asarray(mesh.visual.material.main_color[:3], float) / 255).tolist()
     elif mesh.visual.kind in ("face", "vertex"):

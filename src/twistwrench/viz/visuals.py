@@ -79,7 +79,7 @@ def _known_folders() -> Iterator[Path]:
 Colour = tuple[float, float, float]
 
 GREY: Colour = (0.72, 0.75, 0.78)
-"""What has no colour of its own."""
+"""Colour of shapes without their own."""
 
 
 @dataclass(frozen=True, eq=False)
