@@ -140,7 +140,7 @@ def test_mimic_joints_of_pinocchio_follow(pinocchio, tmp_path):
 
 
 def test_what_is_no_model_of_pinocchios_is_refused():
-    with pytest.raises(tw.ModelError, match="no model of Pinocchio's: object"):
+    with pytest.raises(tw.ModelError, match="not a model of Pinocchio's: object"):
         tw.from_pinocchio(object())
 
 

@@ -280,5 +280,5 @@ def test_forces_and_constraints_of_a_compiled_model_are_those_of_its_file(mimic)
 
 
 def test_what_is_no_compiled_model_is_refused():
-    with pytest.raises(tw.ModelError, match=r"no model of MuJoCo's: object"):
+    with pytest.raises(tw.ModelError, match=r"not a model of MuJoCo's: object"):
         tw.from_mujoco(object())

@@ -120,7 +120,7 @@ REFUSED = {
     "too many numbers": ("<geom size='1 2 3 4'/>", ["line 4", "4 numbers", "at most 3"]),
     "not a number": ("<geom size='nan'/>", ["line 4", "finite"]),
     "no rotation": ("<body quat='0 0 0 0'/>", ["line 4", "1 0 0 0"]),
-    "no axis": ("<body><joint axis='0 0 0'/></body>", ["line 4", "no direction"]),
+    "no axis": ("<body><joint axis='0 0 0'/></body>", ["line 4", "not a direction"]),
     "two orientations": ("<body euler='0 0 0' zaxis='1 0 0'/>", ["line 4", "zaxis, euler", "Keep one"]),
     "free inside": ("<body name='y'><freejoint/></body>", ["<freejoint>", "'y'", "does not stand in the worldbody"]),
     "two inertials": ("<inertial mass='1' pos='0 0 0'/><inertial mass='1' pos='0 0 0'/>", ["line 4", "second"]),

@@ -278,7 +278,7 @@ def doctor(
     only : str or sequence of str, optional, names of the checks to run; None: all
     meshes : bool or sequence of folders, whether mesh files are opened, and where they may be besides
     metric : "frobenius" or "entropic", in which the nearest tensor is looked for where no one slip explains the numbers
-    mirror_from : "left" or "right", optional, the side that is copied, mirrored, where two sides are no mirror images
+    mirror_from : "left" or "right", optional, the side that is copied, mirrored, if two sides are not mirror images
     floating_base : bool, optional, let the root link float, so that its own inertia counts; None: as the file says
     model : str, optional, look at one model of an SDF world
     max_bodies : int, more are refused

@@ -188,7 +188,7 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     for i, body in enumerate(model.bodies):
         if body.parent != i - 1 or body.joint.nv != 1 or body.follows:
             raise ModelError(
-                f"robot {model.name!r} is no serial chain of one-degree joints (see joint {body.joint.name!r}), so it has "
+                f"robot {model.name!r} is not a serial chain of one-degree joints (see joint {body.joint.name!r}), so it has "
                 "no Slist. Lock joints (robot.lock) until one chain is left."
             )
     end = model.frame(None)

@@ -198,7 +198,7 @@ def read_mujoco_model(model: Any) -> ModelBuilder:
         return _filled(model)
     except AttributeError as problem:
         raise ModelError(
-            f"this is no model of MuJoCo's: {type(model).__name__} has not what one has ({problem})."
+            f"this is not a model of MuJoCo's: {type(model).__name__} lacks an attribute ({problem})."
         ) from None
 
 

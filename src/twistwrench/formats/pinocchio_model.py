@@ -47,7 +47,7 @@ def read_pinocchio_model(model: Any) -> ModelBuilder:
         return _filled(model)
     except AttributeError as problem:
         raise ModelError(
-            f"this is no model of Pinocchio's: {type(model).__name__} has not what one has ({problem})."
+            f"this is not a model of Pinocchio's: {type(model).__name__} lacks an attribute ({problem})."
         ) from None
 
 

@@ -85,7 +85,7 @@ def pose(element: Element | None) -> Array:
     T[:3, 3] = values[:3]
     if form == "quat_xyzw":
         if not values[3:].any():
-            raise RobotFileError(f"{element} has a quaternion of zeros, which is no rotation.")
+            raise RobotFileError(f"{element} has a quaternion of zeros, which is not a rotation.")
         T[:3, :3] = quaternion.rotation(np.roll(values[3:], 1))
     else:
         degrees = element.attributes.get("degrees", "false").strip() in ("true", "1")
@@ -163,7 +163,7 @@ class SdfModel:
         if name not in self.frames:
             known = ", ".join(repr(one) for one in list(self.frames)[:12])
             raise RobotFileError(
-                f"{asked} names {name!r}, which is no link, joint, frame or model there. Known: {known}."
+                f"{asked} names {name!r}, which is not a link, joint, frame or model there. Known: {known}."
             )
         return self.frames[name]
 
@@ -391,7 +391,7 @@ class _SdfReader:
         w = self._direction(axis, T_cj, scope, link)
         length = float(np.linalg.norm(w))
         if not length:
-            raise RobotFileError(f"{axis} has a zero <xyz>, which is no direction. Give one such as 0 0 1.")
+            raise RobotFileError(f"{axis} has a zero <xyz>, which is not a direction. Give one such as 0 0 1.")
         w = w / length
         S = (
             np.concatenate([np.zeros(3), w])

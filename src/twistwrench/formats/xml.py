@@ -47,7 +47,7 @@ class _Watcher:
     def __init__(self, skipped: int, file: str, most: int) -> None:
         from xml.parsers import expat
 
-        # Without namespaces: an undeclared prefix somewhere inside a plugin's settings is no reason to refuse a robot.
+        # Without namespaces: an undeclared prefix somewhere inside a plugin's settings does not refuse a robot.
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self._start
         # Entities are how XML exhausts memory and reads other files; expat fetches nothing unless told how.

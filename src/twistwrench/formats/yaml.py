@@ -69,7 +69,7 @@ def in_si(value: object, kind: str, where: str) -> float:
         raise ModelError(f"{where} is {value!r}, with {given}. Known here: {_listed(known)}.")
     number = float(found[1]) * factors[unit]
     if not math.isfinite(number):
-        raise ModelError(f"{where} is {value!r}, which is no finite number.")
+        raise ModelError(f"{where} is {value!r}, which is not a finite number.")
     return float(f"{number:.15g}")  # 33.3 g cm² is 3.33e-6 kg m², whatever 1e-7 is in binary
 
 

@@ -343,7 +343,7 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     >>> import twistwrench as tw
     >>> tw.from_mujoco("scene.xml")
     Traceback (most recent call last):
-    twistwrench.errors.ModelError: this is no model of MuJoCo's: str has not what one has ...
+    twistwrench.errors.ModelError: this is not a model of MuJoCo's: str lacks an attribute ...
     """
     from ..formats.mujoco_model import read_mujoco_model
 
@@ -381,7 +381,7 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     >>> import twistwrench as tw
     >>> tw.from_pinocchio("arm.urdf")
     Traceback (most recent call last):
-    twistwrench.errors.ModelError: this is no model of Pinocchio's: str has not what one has ...
+    twistwrench.errors.ModelError: this is not a model of Pinocchio's: str lacks an attribute ...
     """
     from ..formats.pinocchio_model import read_pinocchio_model
 

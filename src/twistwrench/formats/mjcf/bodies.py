@@ -75,7 +75,7 @@ def direction(element: Element, attribute: str, vector: object) -> Array:
     length = float(np.linalg.norm(found))
     if not length > 1e-14:
         raise RobotFileError(
-            f"{element} has {attribute}={element.attributes.get(attribute, '')!r}, which is no direction."
+            f"{element} has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction."
         )
     return found / length
 
@@ -83,7 +83,7 @@ def direction(element: Element, attribute: str, vector: object) -> Array:
 def _by_quaternion(element: Element) -> Array:
     values = element.floats("quat", (1.0, 0.0, 0.0, 0.0))
     if not any(values):
-        raise RobotFileError(f"{element} has a quaternion of zeros, which is no rotation. The identity is 1 0 0 0.")
+        raise RobotFileError(f"{element} has a quaternion of zeros, which is not a rotation. The identity is 1 0 0 0.")
     return quaternion.rotation(values)
 
 

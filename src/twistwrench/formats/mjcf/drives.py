@@ -182,7 +182,7 @@ def mimics(
         follower, leader = one.text("joint1"), one.attributes.get("joint2", "").strip()
         for name in (follower, leader):
             if name and (name not in joints or not joints[name].single):
-                raise RobotFileError(f"{one} names {name!r}, which is no hinge or slide.")
+                raise RobotFileError(f"{one} names {name!r}, which is not a hinge or slide.")
         if not {follower, leader or follower} <= kept:
             continue
         c0, c1, *more = one.floats("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
@@ -297,7 +297,7 @@ def _add_fixed(builder: ModelBuilder, one: Element, joints: Mapping[str, MjcfJoi
     for child in one.all("joint"):
         name = child.text("joint")
         if name not in joints or not joints[name].single:
-            raise RobotFileError(f"{child} in {one} names {name!r}, which is no hinge or slide.")
+            raise RobotFileError(f"{child} in {one} names {name!r}, which is not a hinge or slide.")
         terms[name] = terms.get(name, 0.0) + child.number("coef")
     for what in _LOSSES:
         if any(one.floats(what, (0.0, 0.0, 0.0))):

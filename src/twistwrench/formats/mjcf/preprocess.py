@@ -395,7 +395,7 @@ class Meshes:
 def _triples(element: Element, attribute: str) -> Array:
     count = len(element.text(attribute).split())
     if count % 3:
-        raise RobotFileError(f"{element} has {count} numbers in {attribute}, which is no multiple of three.")
+        raise RobotFileError(f"{element} has {count} numbers in {attribute}, which is not a multiple of three.")
     return element.numbers(attribute, count).reshape(-1, 3)
 
 
@@ -408,7 +408,7 @@ def _msh(path: Path) -> tuple[Array, Array]:
     size = 16 + 4 * (3 * vertices + 3 * normals + 2 * textures + 3 * faces)
     if counts.size != 4 or counts.min() < 0 or not vertices or not faces or size != len(data):
         raise RobotFileError(
-            f"{path.name} is no mesh of MuJoCo's: its counts and its size, {len(data)} bytes, do not agree."
+            f"{path.name} is not a mesh of MuJoCo's: its counts and its size, {len(data)} bytes, do not agree."
         )
     places = np.frombuffer(data, "<f4", 3 * vertices, 16).astype(float)
     if not np.isfinite(places).all():

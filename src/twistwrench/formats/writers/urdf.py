@@ -178,7 +178,7 @@ class _UrdfWriter:
             self.losses.say(f"the spring of {joints} is left out: the format has none")
         if not np.array_equal(found.gravity, GRAVITY):
             self.losses.say(
-                f"gravity {found.gravity.tolist()} is left out, which is no part of the format: load with gravity=…"
+                f"gravity {found.gravity.tolist()} is left out, which is not part of the format: load with gravity=…"
             )
         for what, names in (("configuration", configurations_of(found)), ("closure", more.closures)):
             self.losses.found.extend(
