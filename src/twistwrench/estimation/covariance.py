@@ -33,7 +33,7 @@ def plug_in(Q: Array, freedom: Array, groups: Array) -> Array:
     With N_c = Σ_g q_gc q_gc' the share of the channels c of one variance, and ν_c its degrees of freedom,
     Σ_c (4 / (ν_c - 2)) (N_c - N_c N_c). Source: Kenward and Roger, "Small sample inference for fixed effects from
     restricted maximum likelihood", Biometrics 53, 1997, eq. 3 with one variance for each channel, and ν - 2 for ν since
-    few degrees of freedom make weights vary more than the first order says.
+    few degrees of freedom make weights vary more than to first order.
     """
     freedom = as_weights(freedom)
     added = np.zeros((Q.shape[-1], Q.shape[-1]))
@@ -63,7 +63,7 @@ def of_block(freedom: Array) -> float:
 
     With E = Σ ν_k / (ν_k - 2), ν = 2 E / (E - k). Source: Fai and Cornelius, "Approximate F-tests of multiple degree of
     freedom hypotheses in generalized least squares analyses of unbalanced split-plot experiments", J. Statistical
-    Computation and Simulation 54, 1996, with the unknowns in place of axes of their ellipsoid, which tells less.
+    Computation and Simulation 54, 1996, with the unknowns in place of axes of their ellipsoid, which is less exact.
     """
     more = float((2.0 / (np.maximum(freedom, _LEAST_FREEDOM) - 2.0)).sum())  # E - k
     return 2.0 * (len(freedom) + more) / more if more else np.inf
@@ -103,10 +103,10 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
 
 
 def by_clusters(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
-    """Covariance (k, k) by the sandwich CR2 and degrees of freedom (k,); None where one cluster alone tells something.
+    """Covariance (k, k) by the sandwich CR2 and degrees of freedom (k,); None if one cluster alone determines an unknown.
 
     Q (n, 6, p) are the orthonormal columns of the whitened design, ``left`` (n, 6) the whitened residuals e, half (k, p)
-    takes whitened unknowns to k unknowns or sums of them, label (n,) says to which cluster a row belongs. With
+    takes whitened unknowns to k unknowns or sums of them, label (n,) is the cluster of each row. With
     M_g = Q_g' Q_g:
 
     s_g = (1 - M_g)^(-1/2) Q_g' e_g,   C = half Σ_g s_g s_g' half',   ν_k = (tr Ω)² / tr Ω²,
@@ -162,7 +162,7 @@ _MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
 _SECONDS = 1.0
 """s, that a block lasts at least, where the logs have enough of them."""
 _LENGTHS = 10.0
-"""Times the length over which residuals hang together that a block lasts."""
+"""Length of a block, in autocorrelation lengths of the residuals."""
 _PORTION = 1000
 """Rows that are factored at a time."""
 
@@ -223,8 +223,8 @@ def group_covariance(
 ) -> GroupCovariance:
     """Covariance of a fit: W (n, nv, r), τ (n, nv), at x (r,), with its residuals' sizes (nv,) and weights (n, nv).
 
-    ``time`` and ``log`` (n,) say when each row is, and of which log. ``chosen`` (n, nv, k) is what the predicted torques change
-    by with each setting that was chosen on the same rows, such as the offset of the clock: the fit is no surer than they are.
+    ``time`` and ``log`` (n,) are those of each row. ``chosen`` (n, nv, k) are the changes of the predicted torques with each
+    setting that was chosen on the same rows, such as the offset of the clock: the fit is not surer than they are.
     """
     groups = W.shape[2]
     left = tau - W @ x
@@ -309,7 +309,7 @@ def _covariance(rows: _WhitenedRows, left: Array, prior: Prior, time: Array, log
 
 
 def autocorrelation_length(left: Array) -> float:
-    """Rows that residuals (n, nv) hang together over: 1 + 2 Σ ρ up to where ρ is lost in noise, the most of the joints."""
+    """Integrated autocorrelation time of residuals (n, nv) in rows: 1 + 2 Σ ρ until ρ is lost in noise; the largest joint's."""
     n = len(left)
     lags = min(n // 4, 400)
     longest = 1.0

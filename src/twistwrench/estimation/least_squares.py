@@ -4,7 +4,7 @@ For joint j, W_j (n, r) and τ_j (n): N_j = W_j' W_j, c_j = W_j' τ_j, y_j = |τ
 
     (Σ_j N_j / σ_j² + D^-2) (x - x_0) = Σ_j (c_j - N_j x_0) / σ_j²,      σ_j² = |τ_j - W_j x|² / n
 
-with a weak prior: D the size that each group could have at most, x_0 what the file says. Directions that a log does not tell
+with a weak prior: D the largest plausible size of each group, x_0 the file's values. Directions that a log does not determine
 keep the file's values.
 """
 
@@ -100,7 +100,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class FeltEquations:
-    """Normal equations without the entries that are zero: of each joint those of the columns that it feels.
+    """Normal equations without zero entries: for each joint those of the columns that affect it.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class FeltEquations:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Weak prior: values that groups have where the rows say nothing, and the size that they could have at most.
+    """Weak prior: values of groups that the rows do not determine, and their largest plausible size.
 
     Attributes
     ----------
@@ -182,8 +182,8 @@ def weighted_fit(
 ) -> tuple[Array, Array, Array]:
     """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
 
-    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) says which columns are not zero for each joint, ``rows`` (n,) bool
-    which rows count: weights of the others say nothing.
+    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) marks the columns that are not zero, ``rows`` (n,) bool
+    the rows that count: weights of the others are meaningless.
     """
     mine = slice(None) if rows is None else rows
     plain = NormalEquations.of(W, tau, felt, rows=mine)

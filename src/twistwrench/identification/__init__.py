@@ -1,4 +1,4 @@
-"""Identification: numbers of a robot from logs of its motion, with honest intervals, and motions whose logs tell most."""
+"""Identification: parameters of a robot from logs of its motion, with intervals that hold, and motions that excite them."""
 
 from __future__ import annotations
 

@@ -293,7 +293,7 @@ class CapsuleDistances:
     def of(cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool) -> CapsuleDistances:
         """The pairs that can touch: of links that no joint connects, and that are not always near each other.
 
-        The capsules of a link whose origin stays at one height, and that are always near the floor, are left out likewise.
+        The capsules of a link whose origin stays at one height, and that are always near the floor, are left out too.
         """
         names = robot.link_names
         bodies = np.array([robot.model.frames[names[k]].body for k in capsules.links], int)

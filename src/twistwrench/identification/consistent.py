@@ -414,7 +414,7 @@ class ConsistentRobot:
 
     @property
     def robot(self) -> Robot:
-        """The robot with these bodies, and with friction and motor inertias as its joints feel them."""
+        """The robot with these bodies, and with friction and motor inertias at its joints."""
         model = self.base.unknown.model
         bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, self.inertias, strict=True))
         laws: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}

@@ -33,7 +33,7 @@ NAMES = {"itself": "itself", "floor": "the floor"}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExcitingMotion:
-    """Exciting motion of one robot, at rest at both ends, and what its log will tell.
+    """Exciting motion of one robot, at rest at both ends, with the expected accuracy of an identification.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class ExcitingMotion:
 
     @cached_property
     def predicted_deviations(self) -> Array:
-        """(r,) deviations of the base parameters to expect at the torque noise that was told, with 25 rows a second."""
+        """(r,) deviations of the base parameters to expect at the given torque noise, with 25 rows a second."""
         return self.information.deviations(self._rows)
 
     @cached_property
@@ -189,7 +189,7 @@ class ExcitingMotion:
 # ── Exciting trajectories: the motion from whose log :func:`identify` can tell base parameters best, within all limits
 
 _NOISE = 0.01
-"""Share of a joint's torque limit that its torque's noise is taken for where none is told."""
+"""Noise of a joint's torque as a share of its limit, if none is given."""
 _MOST_HARMONICS = 50
 
 
@@ -215,7 +215,7 @@ def exciting_trajectory(
     step: float = 0.01,
     progress: Callable[[float], None] | None = None,
 ) -> ExcitingMotion:
-    """Exciting motion: a Fourier series at rest at both ends whose log tells most of the base parameters.
+    """Exciting motion: a Fourier series at rest at both ends whose log determines the base parameters best.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def exciting_trajectory(
     floor : float, optional, height in the base frame that no link that rises and falls goes below [m]
     clear_of_itself : bool, whether links that no joint connects are kept apart
     clear : callable, optional
-        Given configurations (n, nq), tells distances (n, ...) [m], below 0 where something touches.
+        Given configurations (n, nq), returns distances (n, ...) [m], below 0 in contact.
     motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
     friction : sequence of str, of ``viscous``, ``coulomb``, ``offset``, that will be identified
     friction_speed : float, speed at which Coulomb friction turns [rad/s, m/s]
@@ -241,7 +241,7 @@ def exciting_trajectory(
     seed : int, of the random motions that the search begins with
     restarts : int, how often it begins anew; the best of all is taken
     step : float, between samples of the motion [s]
-    progress : callable, optional, told the share that is done
+    progress : callable, optional, called with the share that is done
 
     Returns
     -------
@@ -260,7 +260,7 @@ def exciting_trajectory(
     Links are capsules around the shapes of the robot's file, those for contact where there are any, which stay 20 mm away
     from each other and from the floor. Links without shapes have assumed capsules, between the origins of neighbouring joints
     and around centres of mass, of a quarter of the longest distance between joints, at most 0.08 m;
-    :attr:`ExcitingMotion.verdict` is UNSURE then, and where :attr:`ExcitingMotion.unwatched` says that something is not
+    :attr:`ExcitingMotion.verdict` is UNSURE then, and where :attr:`ExcitingMotion.unwatched` lists that something is not
     looked at.
 
     Examples
@@ -347,7 +347,7 @@ def _bounds(
     acceleration: ArrayLike | None,
     effort: ArrayLike | None,
 ) -> Bounds:
-    """The limits to keep, of which each joint has one at least that bounds how far it goes."""
+    """Limits to keep; each joint has at least one that bounds its range."""
     if not arguments.positive(share, "share") <= 1.0:
         raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")
     bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)

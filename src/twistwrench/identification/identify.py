@@ -74,7 +74,7 @@ def identify(
     payload_only : str, optional
         A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
     stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
-    progress : callable, optional, told the share that is done
+    progress : callable, optional, called with the share that is done
 
     Returns
     -------

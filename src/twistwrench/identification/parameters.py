@@ -4,7 +4,7 @@ Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbac
 
     τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + (fc_j + fs_j exp(-(dq_j / v_s)²)) tanh(dq_j / v_0j) + off_j
 
-with fs what static friction is above Coulomb's, and v_s Stribeck's speed, where they are asked for (Armstrong-Hélouvry, Dupont
+with fs what static friction is above Coulomb's, and v_s Stribeck's speed, if requested (Armstrong-Hélouvry, Dupont
 and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
 Automatica 30(7), 1994).
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
 """Parameters of a joint besides those of its bodies, in the order of the columns."""
 FRICTION = ("viscous", "coulomb", "offset")
-"""Laws that are identified unless others are asked for."""
+"""Laws that are identified by default."""
 STRIBECK_SPEED = 0.1
 """rad/s or m/s, unless another is given."""
 _DRY = ("coulomb", "stribeck")
@@ -52,7 +52,7 @@ class UnknownParameters:
     ----------
     robot : Robot
         Every joint has one degree of freedom. Its own friction and armature count as unknown.
-    motor_inertia : bool, a motor inertia for each joint, as the joint feels it
+    motor_inertia : bool, a motor inertia for each joint, seen at the joint
     friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
     motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
     known : mapping, values of parameters that are held, by their names
@@ -65,7 +65,7 @@ class UnknownParameters:
     UnknownNameError
         ``friction`` or ``known`` name something else.
     ValueRangeError
-        A known value is no number, or nothing is left to be found.
+        A known value is not a number, or nothing remains unknown.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class UnknownParameters:
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
-        """Bodies that are links; what only stands between two joints of one link has no mass, and is not asked for."""
+        """Bodies that are links; a body between two joints of one link has no mass and is left out."""
         return tuple(i for i, body in enumerate(self.model.bodies) if body.link in self.model.link_inertias)
 
     @cached_property
@@ -160,7 +160,7 @@ class UnknownParameters:
 
     @cached_property
     def file_values(self) -> Array:
-        """(p,) what the robot's file says, 0 for drives; and what is known."""
+        """(p,) values of the robot's file, 0 for drives; and known values."""
         own = self.robot.parameters
         found = np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
         found[self.held] = [self.known[name] for name in np.array(self.names)[self.held]]
@@ -279,7 +279,7 @@ class UnknownParameters:
         return found
 
     def drive(self, k: int, dq: Array, ddq: Array, friction_speed: Array) -> tuple[Array, Array]:
-        """Column of one parameter of a drive: what it multiplies, and the share of it that each joint feels.
+        """Column of one parameter of a drive: its factor, and the share of it at each joint.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ class MotorSide:
     Parameters
     ----------
     ratios : (nv, nv) array, R; the unit matrix for a log of the joints' side
-    zero : (nv,) array, positions of the joints where the log says 0 [rad or m]
+    zero : (nv,) array, positions of the joints where the log has 0 [rad or m]
     gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
 
     Raises
@@ -137,7 +137,7 @@ def motor_side(model: Model, source: Source) -> MotorSide:
     Parameters
     ----------
     model : Model
-    source : str, Path or mapping, a path, YAML text, or what it says
+    source : str, Path or mapping, a path, YAML text, or its content
 
     Returns
     -------
@@ -230,7 +230,7 @@ class IdentifiedPayload:
     inertia : SpatialInertia, in that frame
     mass_deviation : float [kg]
     com_deviations : (3,) array, along the frame's axes [m]
-    untold : tuple of str, parameters of the body that carries it, about which no torque of this robot tells anything
+    untold : tuple of str, parameters of the body that carries it, that do not change any torque of this robot
     """
 
     frame: str

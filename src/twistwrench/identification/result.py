@@ -35,7 +35,7 @@ _VAGUE = 0.3
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentifiedRobot:
-    """Identified robot: the groups of parameters that the logs tell, and how sure they are.
+    """Identified robot: groups of parameters that the logs determine, with their uncertainty.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class IdentifiedRobot:
 
     @property
     def standard_deviations(self) -> Array:
-        """(r,) of the groups, with residuals that hang together in time."""
+        """(r,) standard deviations of the groups, for residuals autocorrelated in time."""
         return self.covariance.deviations
 
     @cached_property
@@ -147,7 +147,7 @@ class IdentifiedRobot:
 
     @cached_property
     def payload(self) -> IdentifiedPayload | None:
-        """The payload, where ``payload_only`` was asked for."""
+        """Payload, if ``payload_only`` was requested."""
         if self.payload_frame is None:
             return None
         return payload_from(self.original, self.payload_frame, self.base, self.values, self.covariance.matrix)
@@ -223,12 +223,12 @@ class IdentifiedRobot:
         path : str or Path, optional, of the robot file
         actuators : str or Path, optional, of the actuator file
         given : mapping, optional, an actuator file's content that is kept besides
-        logs : sequence of str, names that a comment of the file says it comes from
+        logs : sequence of str, names for a comment on the origin of the file
         force : bool, write in spite of the verdict LOOK AGAIN
 
         Returns
         -------
-        notes : tuple of str, what to know of what was written
+        notes : tuple of str, remarks on the written file
 
         Raises
         ------
@@ -258,7 +258,7 @@ class IdentifiedRobot:
 
         Parameters
         ----------
-        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+        path : str or Path; the suffix determines the format (.png, .pdf, .svg)
 
         Returns
         -------
@@ -267,7 +267,7 @@ class IdentifiedRobot:
         Raises
         ------
         MissingExtraError
-            There is no matplotlib.
+            Matplotlib is missing.
         ValueRangeError
             The file cannot be written.
 
@@ -300,7 +300,7 @@ class IdentifiedRobot:
         Raises
         ------
         MissingExtraError
-            There is no matplotlib.
+            Matplotlib is missing.
         ValueRangeError
             The file cannot be written.
 
@@ -328,7 +328,7 @@ class IdentifiedRobot:
 
         Parameters
         ----------
-        essential : bool, whether the essential groups are told as well
+        essential : bool, whether the essential groups are included
 
         Returns
         -------

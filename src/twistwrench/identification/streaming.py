@@ -197,7 +197,7 @@ def accumulate(
     stribeck_speed : float, as for :func:`identify`
     columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
-    progress : callable, optional, told the share that is done
+    progress : callable, optional, called with the share that is done
 
     Returns
     -------

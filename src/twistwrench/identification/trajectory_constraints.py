@@ -24,7 +24,7 @@ _NEAR = 0.1
 DENSE = 0.01
 """s: the longest step at which clearances are looked at in the end."""
 _STEP = 1e-5
-"""By which configurations are displaced for slopes of what the user tells."""
+"""Displacement of configurations for slopes of the user's distances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class TrajectoryConstraints:
         )
 
     def _margins(self, count: int) -> Array:
-        """Least of each of the clearances (count,) [m]: what the user tells may come to 0."""
+        """Least of each of the clearances (count,) [m]: the user's distances may come to 0."""
         found = np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0)
         if self.capsules.margins is not None:
             found[: len(self.capsules.margins)] = self.capsules.margins

@@ -54,7 +54,7 @@ class Edges:
         return float((forces**2 - multipliers**2).sum()) / (2.0 * self.rho), forces
 
     def followed(self, shares: tuple[Array, ...]) -> Edges:
-        """With the multipliers that a search which came to these shares tells."""
+        """Barrier with the multipliers updated from the shares that a search reached."""
         told = zip(shares, self.multipliers, strict=True)
         return replace(self, multipliers=tuple(self.pushed(s, m)[1] for s, m in told))
 
@@ -160,7 +160,7 @@ class WindowedFourierSeries:
 # log det A does not depend on units but for a constant, the condition number does (Swevers et al., 1997).
 
 ROWS_PER_SECOND = 25.0
-"""Rows that tell something new: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
+"""Independent rows: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
 _ROUNDING = 1e-13
 _DIFFERENCE = 1e-5
 _SMOOTH = 0.7
@@ -227,7 +227,7 @@ class MotionInformation:
         return merit, 2.0 * share * (W @ weighted) / self.noise[:, None] ** 2
 
     def weighing(self, of_rows: Array, times: int) -> Callable[[Array, Array, Array], Array]:
-        """A function of states (times n, nv) that tells (times, n) sums of the bodies' columns with weights (n, nv, r)."""
+        """Function of states (times n, nv) that returns (times, n) sums of the bodies' columns with weights (n, nv, r)."""
         unknown, n = self.base.unknown, len(of_rows)
         places = unknown.of_bodies[self.base.kept]
         weights = np.zeros((*of_rows.shape[:2], len(unknown.robot.parameters)))
@@ -293,7 +293,7 @@ _MARGIN = 1e-4
 """Share of each limit that is left: what may happen between those."""
 _ROUNDS = (Round(5.0, 60), Round(20.0, 50), Round(80.0, 50), Round(320.0, 50), Round(1000.0, 30, 2))
 _REPAIRS = 6
-"""Times that a motion which passes a limit between the instants of the search is asked to stay farther from it."""
+"""Times that a motion which passes a limit between the instants of the search is searched again with a larger margin."""
 _STEP = 1e-5
 """By which states are displaced."""
 _STARTS = 20
@@ -397,7 +397,7 @@ class MotionSearch:
         return self._together(z, finer)
 
     def _together(self, z: Array, finer: int) -> Array | None:
-        """The motion as much narrower about where it rests as all limits ask for; None where it cannot rest there."""
+        """The motion narrowed about its rest position until all limits hold; None if it cannot rest there."""
 
         def narrowed(share: float) -> Array:
             found = z.copy()

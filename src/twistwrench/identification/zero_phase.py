@@ -177,7 +177,7 @@ def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: floa
 def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
     """States that become rows: two and a half a period of the cut-off, without the first and the last, where filters begin.
 
-    Of long logs fewer, ``most``, spread evenly: rows that are near each other hang together anyway. Of a piece that is ``cut``
+    Long logs: at most ``most`` rows, evenly spaced, as near ones are autocorrelated anyway. For a piece that is ``cut``
     from a log with pauses two periods of the cut-off are left out at both ends, however short it is.
     """
     every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(len(states.time) / most))

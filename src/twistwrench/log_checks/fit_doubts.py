@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _UNEXPLAINED = 0.35
 """Share of the torques left in rows held out that refuses the logs."""
 OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
-"""Times what is left of the training logs that is left of other logs, and the least such share, which say that they differ."""
+"""Ratio of the residual of other logs to that of the training logs, and least residual, from which the logs differ."""
 
 
 @dataclass(frozen=True)
@@ -119,14 +119,14 @@ _LEAST_GAIN, _MOST_GAIN, _OF_LIMIT = 0.1, 30.0, 1.0
 makes twenty times what its links do."""
 _STATES = 200
 _TOLD = 0.5
-"""Share of |residual|² that friction alone leaves, which the file's bodies have to take it below for a gain to say anything."""
+"""Share of |residual|² of friction alone, below which the file's bodies must bring it for a gain to be meaningful."""
 _EXCHANGED, _SURELY_EXCHANGED, _GAINED = 0.5, 0.3, 0.7
 """Shares of |residual|² that another column's is below: by the file's bodies, and by any; and log of what all gain."""
 _COARSE = 0.15
 
 
 def column_doubts(seen: FittedLog) -> list[Doubt]:
-    """All of them; gains of columns that are exchanged say nothing."""
+    """Doubts about columns; gains of exchanged columns are meaningless."""
     exchanged = _exchanged(seen)
     return [
         *_dead(seen),
@@ -227,7 +227,7 @@ def _by_file(seen: FittedLog, j: int, k: int) -> float:
 
 
 def least(equations: NormalEquations) -> Array:
-    """Plain least squares in scaled columns; what they cannot tell is zero."""
+    """Plain least squares in scaled columns; undetermined unknowns are zero."""
     N, c = equations.N.sum(axis=0), equations.c.sum(axis=0)
     size = np.sqrt(np.maximum(N.diagonal(), 1e-300))
     scaled = N / size[:, None] / size[None, :]

@@ -73,7 +73,7 @@ def in_a_plane(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
 
 
 def unexplained_turns(log: ReadingLog, found: Fit, kept: Array) -> float | None:
-    """The noise [N] of forces that poses have no part in, if surely less than what is left; None if it cannot be told.
+    """Noise [N] of forces without the poses, if surely less than the residuals; None if it is unknown.
 
     At rest forces lie on a ball about the bias, whatever the poses: |f|² = 2 b·f + r² − |b|² is linear in b and the rest.
     """
@@ -103,8 +103,8 @@ def unexplained_turns(log: ReadingLog, found: Fit, kept: Array) -> float | None:
 def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
     """True if some sign and mounting may explain a log surely better: at rest, if any readings linear in gravity do.
 
-    The bias and the weight of a load are that, in whatever axes and with whatever sign; so where the best of all linear
-    maps is no better, nothing else need be tried.
+    Bias and weight of a load are that, in whatever axes and with whatever sign; so where the best of all linear
+    maps is not better, nothing else need be tried.
     """
     from scipy import special
 

@@ -61,7 +61,7 @@ class Diagnosis:
 
 
 def explain(sign: Sign, problem: Problem) -> Diagnosis | None:
-    """The log explained by that sign, as well as it can be; None if it tells too little for these unknowns."""
+    """Best explanation of the log with that sign; None if it does not determine these unknowns."""
     asked = replace(problem, factor=sign_factor(sign))
     if len(asked.log) < least_rows(asked) or blind_spots(asked.log, asked.unknowns, asked.factor):
         return None
@@ -69,13 +69,13 @@ def explain(sign: Sign, problem: Problem) -> Diagnosis | None:
 
 
 def guessed(problem: Problem) -> Problem:
-    """The problem with a first guess of the mounting, if that is asked for."""
+    """Problem with a first guess of the mounting, if that is an unknown."""
     mounting = first_guess(problem) if problem.unknowns.turn else np.eye(3)
     return replace(problem, state=SensorState(mounting))
 
 
 def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
-    """The explanations that were not asked for and have a mass, the one with least noise first."""
+    """Explanations with other signs and mountings that have a mass, the one with least noise first."""
     found = []
     for turn in (False, True):
         for other in get_args(Sign):

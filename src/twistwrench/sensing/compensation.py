@@ -117,7 +117,7 @@ _NOISY = 5.0  # times its noise, from which what is left counts as more than bef
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation:
-    """Compensated readings with what there is to say of them."""
+    """Compensated readings with their doubts and remarks."""
 
     log: ReadingLog
     sensor: ForceTorqueSensor
@@ -146,7 +146,7 @@ class Compensation:
 
     @property
     def verdict(self) -> Verdict:
-        """LOOK AGAIN with doubts, or with moments that hold an unknown inertia and were asked for; CONTACT; OK."""
+        """LOOK AGAIN with doubts, or with moments that hold an unknown inertia and were requested; CONTACT; OK."""
         if self.doubts:
             return Verdict(Word.LOOK_AGAIN, self.doubts)
         if (hits := int(self.hits.sum())) > 0:
@@ -168,10 +168,10 @@ def compensation(
     false_alarms: float | None = None,
     uncertainty: Uncertainty | None = None,
 ) -> Compensation:
-    """Take the load off a log, judge what is left by what the sensor's file knows, and look for contacts if asked to.
+    """Subtract the load from a log, test the residuals by the sensor's uncertainty, and look for contacts if requested.
 
-    With the file's ``uncertainty`` what is left r has the covariance S = diag σ² + A C A' of a new reading, and a contact is
-    told by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia
+    With the file's ``uncertainty`` what is left r has the covariance S = diag σ² + A C A' of a new reading, and contacts are
+    detected by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia
     leaves only the forces of a log in motion to judge by: it has no part in them.
     """
     missing = sensor.missing_signals(log.V, log.dV)

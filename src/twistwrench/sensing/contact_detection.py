@@ -73,7 +73,7 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
 
     Returns
     -------
-    contact : (..., 3) array [m], NaN where there is no force, or it acts along the plane
+    contact : (..., 3) array [m], NaN without a force, or if it acts along the plane
 
     Notes
     -----
@@ -138,9 +138,9 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
 
 
 def _line(F: ArrayLike) -> tuple[Array, Array]:
-    """The point nearest to the origin and the direction (..., 3) of lines of action; NaN where there is no force.
+    """Point nearest to the origin and direction (..., 3) of lines of action; NaN without a force.
 
-    :func:`twistwrench.lie.axis.line_of_action` for streams: a row of zeros is no error here.
+    :func:`twistwrench.lie.axis.line_of_action` for streams: a row of zeros does not raise here.
     """
     m, f, size = _halves(F)
     return so3.cross(f, m) / size[..., None] ** 2, f / size[..., None]

@@ -133,7 +133,7 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
 
 
 def read_sensor_file(path: str | Path) -> SensorFile:
-    """Read what :func:`write_sensor` wrote, and how well the sensor is known if the file says it.
+    """Read what :func:`write_sensor` wrote, with the uncertainty of the sensor if the file has it.
 
     Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`.
     """
@@ -229,7 +229,7 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     Raises
     ------
     NotFoundError
-        There is no such file.
+        The file does not exist.
     ValueRangeError
         The file cannot be read; line and column are named.
     ShapeError

@@ -60,7 +60,7 @@ class Unknowns:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The groups asked, in the order of their columns."""
+        """Groups of unknowns, in the order of their columns."""
         return tuple(kind for kind in _NAMES if kind == "load" or getattr(self, kind))
 
     @property
@@ -192,10 +192,10 @@ class Problem:
     count: Array
     """(n,) readings in each row."""
     within: Array
-    """(6,) variance of a reading within its dwell; zero where it cannot be told."""
+    """(6,) variance of a reading within its static pose; zero if it is unknown."""
     within_freedom: float
     label: Array
-    """(n,) the witness of each row."""
+    """(n,) the cluster of each row."""
     timed: bool = False
     """True if the log has times, and not only an order."""
     state: SensorState = field(default_factory=SensorState)
@@ -247,7 +247,7 @@ class Fit:
 
     @property
     def load(self) -> Array:
-        """The ten parameters; inertia numbers that were not asked are zero."""
+        """Ten parameters; an inertia that is not an unknown is zero."""
         part = self.estimate[self.unknowns.load]
         return np.concatenate([part, np.zeros(10 - len(part))])
 
@@ -271,7 +271,7 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
 
     def spread(self, rows: Array) -> Array:
-        """Standard deviations (2,) of what is left of moments and forces, given noise or not; never zero."""
+        """Standard deviations (2,) of the residuals of moments and forces; never zero."""
         left = np.sqrt((self.residuals[rows].reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
         return np.maximum(left, 1e-12 * (1e-3 + np.abs(self.residuals).max()))
 

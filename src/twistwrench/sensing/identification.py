@@ -45,7 +45,7 @@ _OPTIONS = {"drift": "drift=True", "delay": "delay=True", "turn": "orientation=T
 
 @dataclass(frozen=True)
 class Offer:
-    """One more unknown that explains what is left surely better."""
+    """Further unknown that explains the residuals surely better."""
 
     kind: str
     """drift, delay, turn, tilt, or gain."""
@@ -85,7 +85,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
     Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
     F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
     Drift and gain have columns of their own for each channel, and F is that of the channel where it is rarest, times six:
-    a channel's variance is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of
+    a channel's variance is estimated, so an error of one channel alone hides in it. Among those rarer than 1e-4 the one of
     fewest columns is taken that explains nearly as much as any.
     """
     scale = fit.deviation[kept]
@@ -147,7 +147,7 @@ def _orthonormal(E: Array, basis: Array) -> Array:
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
-    """Columns (n, 6, k) of each unknown that may be asked for and was not."""
+    """Columns (n, 6, k) of each further unknown that is possible."""
     log, asked = problem.log, fit.unknowns
     state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
     possible = {
@@ -214,7 +214,7 @@ class UsedReadings:
     between: Array
     """(N,) readings between dwells."""
     orientation: Array
-    """(n,) label of the orientation of each row that the fit was asked to explain."""
+    """(n,) label of the orientation of each row of the fit."""
     whiteness: Whiteness | None
     """Whiteness of the residuals; None for too few rows."""
 
@@ -222,7 +222,7 @@ class UsedReadings:
 def acceptance_test(
     found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: UsedReadings
 ) -> Identification:
-    """The result with its remarks and doubts; an error if the mass is negative. ``problem`` is what the fit was asked."""
+    """Result with its remarks and doubts; raises if the mass is negative. ``problem`` is that of the fit."""
     fit, unknowns = found.fit, found.fit.unknowns
     deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
     if found.mass < -2 * deviation or found.mass == 0:
@@ -465,7 +465,7 @@ def identify(
     tilt : bool, also a turn of gravity about two level axes of {w}
     bias : (6,) array_like, optional, known, not looked for [N m, N]
     noise : (moment [N m], force [N]), optional, known standard deviations in place of the fit's own
-    outliers : "trim" leaves out readings that the others contradict and says which, "keep" trusts all
+    outliers : "trim" leaves out and lists readings that the others contradict, "keep" trusts all
     confidence : float, of intervals and regions, 0 to 1
 
     Returns
@@ -476,9 +476,9 @@ def identify(
     Raises
     ------
     ShapeError
-        ``log`` is no log.
+        ``log`` is not a log.
     ValueRangeError
-        The log cannot tell what was asked, naming the combinations of unknowns that no reading changes with, or mass
+        The log does not determine the unknowns, naming the combinations that do not change any reading, or mass
         comes out negative.
 
     Notes

@@ -1,4 +1,4 @@
-"""A log of readings: gravity in the sensor's frame, motion if known, and what the sensor said."""
+"""A log of readings: gravity in the sensor's frame, motion if known, and the readings."""
 
 from __future__ import annotations
 

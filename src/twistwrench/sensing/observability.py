@@ -30,7 +30,7 @@ _UNITS = {
 
 
 def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]:
-    """Each combination of unknowns that no reading of this log changes with, as a sentence; empty if all can be told.
+    """Combinations of unknowns that do not change any reading of this log, as sentences; empty if all are observable.
 
     >>> upright = ReadingLog.of(np.zeros((3, 6)), gravity=[0, 0, -9.81])
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
@@ -129,7 +129,7 @@ class Whiteness:
     chance: float
     """Probability that white noise has as much in any channel."""
     length: int
-    """Rows over which residuals hang together; 1 if they are white."""
+    """Rows over which residuals are correlated; 1 if they are white."""
     test: str
 
     @property

@@ -35,7 +35,7 @@ class StaticPoses:
     within_freedom: float
     """Degrees of freedom of ``within``."""
     label: Array
-    """(n,) the witness that each row belongs to: rows of one orientation are one, however often it was visited."""
+    """(n,) the cluster of each row: rows of one orientation are one, however often it was visited."""
     row: Array
     """(N,) row of each reading of the log as it was read; -1 for readings between dwells, which are not used."""
     moving: Array
@@ -199,10 +199,10 @@ def touched_in_static_poses(log: ReadingLog, found: StaticPoses) -> Array:
 def trimmed(problem: Problem) -> tuple[Fit, Array]:
     """Fit without outliers: the fit and which rows (n,) it kept.
 
-    Huber's fit says which rows are suspect. They are left out, and each that the fit of the others predicts, within a test
+    Huber's fit finds suspect rows. They are left out, and each that the fit of the others predicts, within a test
     whose chance of a false alarm is 1e-3 for the whole log (1e-9 for a dwell), comes back; repeated until none changes.
-    At least as many rows stay as the unknowns need, at most a third goes, and what stays tells each unknown nearly as well
-    as all: where it would not, all stay, and what they contradict is in the noise.
+    At least as many rows stay as the unknowns need, at most a third is dropped, and the rest determines each unknown nearly
+    well as all: where it would not, all stay, and what they contradict is in the noise.
     Sources: Huber, "Robust Statistics", 1981; Cook and Weisberg, "Residuals and Influence in Regression", 1982, § 2.2.
     """
     from scipy import special

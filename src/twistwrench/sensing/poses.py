@@ -34,7 +34,7 @@ class PoseProposal:
     rotations: Array
     """R_wf (count, 3, 3) that bring it there: the least turn from upright. Turns about the vertical are free."""
     mass_deviation: Array
-    """(count,) standard deviation of the mass [kg] after each, for that noise; inf until it can be told."""
+    """(count,) standard deviation of the mass [kg] after each, for that noise; inf until it is observable."""
     first_moment_deviation: Array
     """(count,) the largest of the first moment m c [kg m] after each; divide by the mass for the centre of mass."""
 

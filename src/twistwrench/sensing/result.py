@@ -40,7 +40,7 @@ class Identification:
     remarks: tuple[str, ...]
     """Remarks on the result, in sentences."""
     doubts: tuple[str, ...] = ()
-    """Why the log seems not to mean what it says: its units, sign, mounting or poses, in sentences."""
+    """Doubts about units, sign, mounting or poses, in sentences."""
     verdict: Verdict = _OK
     """OK; UNSURE where the intervals may be too narrow; LOOK AGAIN with doubts, with readings left out, or with a load that
     no body can have or that may be none."""
@@ -74,7 +74,7 @@ class Identification:
         return not self.verdict.ok
 
     def rest(self, log: ReadingLog) -> Array:
-        """Residuals: what is left of the readings of the log it was found from, with its drift, tilt and delay.
+        """Residuals of the readings of its own log, with drift, tilt and delay.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Identification:
 
     @property
     def turn(self) -> Array:
-        """Rotation vector (3,) [rad] of the mounting R_fs; zero if it was not asked for."""
+        """Rotation vector (3,) [rad] of the mounting R_fs; zero if it was not an unknown."""
         return so3.log(self.fit.mounting)
 
     @property

@@ -1,4 +1,4 @@
-"""A six-axis force-torque sensor with a load: its frames, the gravity it feels, and the readings it gives."""
+"""A six-axis force-torque sensor with a load: its frames, gravity in them, and its readings."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ _OFF = 1e-3  # numbers written with four decimals pass; a wrong column does not
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     """The rotations (..., 3, 3) of rotations (..., 3, 3) or poses (..., 4, 4), put exactly onto the group.
 
-    Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` that says how far off a matrix is
+    Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` with the error of a matrix
     when RᵀR differs from the identity by more than 1e-3.
     """
     try:
@@ -228,7 +228,7 @@ class ForceTorqueSensor:
     """The name of {f}, if labelled poses, twists and wrenches are to be checked against it, not only against each other."""
     inertia: Inertia = "given"
     """``given``: the load's rotational inertia is one that a body has, else :class:`~twistwrench.InertiaError`; ``accept``:
-    its numbers are kept as they are; ``unknown``: they stand for nothing, so moments in motion are not told."""
+    its numbers are kept as they are; ``unknown``: they are placeholders, so moments in motion are not predicted."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.load, SpatialInertia):
@@ -388,7 +388,7 @@ class ForceTorqueSensor:
         return _MISSING_INERTIA if self.inertia == "unknown" and turning else None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
-        """Warn of what :meth:`missing_signals` says.
+        """Warn of the text of :meth:`missing_signals`.
 
         Warns
         -----
