@@ -17,7 +17,7 @@ from twistwrench.joints import JOINT_TYPES
 from twistwrench.robot.closed.closed_robot import ClosedRobot
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import METHODS
-from twistwrench.simulation.preparation import prepare
+from twistwrench.simulation.preparation import build_run
 from twistwrench.simulation.rollout_inputs import cleaned
 
 SOURCE = Path(tw.__file__).parent
@@ -116,7 +116,7 @@ def test_options_of_simulations_stand_once():
     assert tw.Robot.rollout is ClosedRobot.rollout
     asked = inspect.signature(tw.Robot.simulate).parameters
     assert inspect.signature(tw.Robot.simulate_batch).parameters == asked
-    taken = inspect.signature(prepare).parameters
+    taken = inspect.signature(build_run).parameters
     assert [*taken] == ["robot", *[*asked][1:], "loops"]
     assert all(p.default is p.empty for p in taken.values())
     rolled = [*inspect.signature(tw.Robot.rollout).parameters][1:]

@@ -32,7 +32,7 @@ class Options:
 
 _POWERS = range(1, 7)
 UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
-"""By the power of ten: the unit that numbers in kg m² are mistaken for."""
+"""Units that are mistaken for kg m², by the power of ten."""
 _PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 _NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
 """Relative distances to the tensor of the shapes: ratio to the second nearest, largest of the nearest, and cut-off."""
@@ -49,9 +49,9 @@ class EntryError:
     sentence: str
     tensor: Array
     certain: bool = False
-    """True if it reproduces the numbers digit for digit, which no chance does."""
+    """True if it reproduces the numbers digit for digit."""
     family: str = ""
-    """The same for slips that are one at different powers of ten."""
+    """Equal for entry errors that differ only by the power of ten."""
 
 
 def possible(tensor: Array) -> bool:
@@ -192,7 +192,7 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[EntryError]:
 
 
 def _round(value: float) -> float:
-    """The number of two digits that it is; 0 where it is none."""
+    """The value as a number of two digits; 0 if it is not one."""
     near = float(f"{residual(value)}")
     return near if abs(value - near) <= _ROUND * near else 0.0
 

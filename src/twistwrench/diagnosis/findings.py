@@ -34,7 +34,7 @@ class Severity(StrEnum):
 
 
 _ALL = 1e8
-"""Per cent of what is left, from which a repair takes all inertia that a joint moves."""
+"""Percentage from which a repair leaves a joint almost without inertia."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class FileRepair:
-    """FileRepair of a finding: what it changes, and why.
+    """Repair of a finding: changes and reason.
 
     Attributes
     ----------
@@ -153,11 +153,11 @@ def _percent(value: float) -> str:
 # ── Effects over random configurations
 
 CONFIGURATIONS = 200
-"""Random configurations that effects are the largest over."""
+"""Number of random configurations of which the largest effect counts."""
 _STEPS = 3_000_000
-"""Bodies times configurations times depth that are walked; with more, there are fewer configurations."""
+"""Largest product of bodies, configurations and depth; beyond it, fewer configurations are used."""
 _TINY = 1e-9
-"""Changes of this share are rounding."""
+"""Relative changes below this are rounding."""
 
 
 class Effects:

@@ -103,7 +103,7 @@ def load_model(
 
 
 def format_of_file(path: Path) -> str:
-    """The format of a robot file, one of :data:`FORMATS` or ``"usd"``; raises as :func:`load_model`."""
+    """Format of a robot file, one of :data:`FORMATS` or ``"usd"``; raises as :func:`load_model`."""
     if usd_path(path) is not None:
         return "usd"
     text = read_robot_text(path)[0]

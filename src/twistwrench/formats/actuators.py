@@ -26,7 +26,7 @@ _PER_METRE: dict[str, Callable[[float], float]] = {
 
 
 def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
-    """A plain number, or ``101:1``; at a sliding joint a plain number of rad/m, or with one of the units of leads."""
+    """Gear ratio from a plain number or ``101:1``; at a sliding joint in rad/m or as a lead with its unit."""
     if sliding and isinstance(value, str):
         for unit, per_metre in _PER_METRE.items():
             if value.rstrip().endswith(unit):
@@ -60,7 +60,7 @@ _SLIDING = {
 
 
 def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model:
-    """The model with the actuators of a YAML file, of YAML text, or of such a mapping; ``stiff`` leaves elasticity out.
+    """Model with the actuators of a YAML file, YAML text or mapping; ``stiff`` ignores elasticity.
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
     """

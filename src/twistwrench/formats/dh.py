@@ -21,11 +21,11 @@ from ..model.model import Model
 from ..typing import Array
 
 COLUMNS = ("theta", "d", "a", "alpha")
-"""About and along z [rad, m], then along and about x [m, rad]."""
+"""Columns of a table: about and along z [rad, m], then along and about x [m, rad]."""
 CONVENTIONS = ("standard", "modified")
 _DH_TYPES = ("revolute", "prismatic")
 TURN = 2 * np.pi + 1e-6
-"""rad; no table goes further, give or take rounding."""
+"""Largest angle of a table [rad], with rounding."""
 
 
 def from_dh(
@@ -141,7 +141,7 @@ def _by_position(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
 def _inertias(
     n: int, masses: ArrayLike | None, coms: ArrayLike | None, moments: ArrayLike | None
 ) -> list[SpatialInertia]:
-    """The inertia of each link in its own frame, zero where nothing is given."""
+    """Inertia of each link in its own frame, zero if not given."""
     m = np.zeros(n) if masses is None else arguments.finite(masses, "masses")
     c = np.zeros((n, 3)) if coms is None else arguments.finite(coms, "coms")
     I = np.zeros((n, 3, 3)) if moments is None else arguments.finite(moments, "moments_about_com")
@@ -162,7 +162,7 @@ def _inertias(
 
 @dataclass(frozen=True, eq=False)
 class ScrewLists:
-    """A serial chain of n one-degree joints at its zero configuration, as the book's functions take it."""
+    """Serial chain of n one-degree joints at its zero configuration, in the form of the book's functions."""
 
     M: Array
     """(4, 4) pose of the end-effector frame."""

@@ -17,7 +17,7 @@ from .xml import BLANK, without_loose_declaration
 
 @dataclass(frozen=True)
 class Edit:
-    """One number of the file, as it will be written.
+    """Edit of one number of a file.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 @dataclass(frozen=True)
 class _Tag:
-    """The start tag of an element in the text: from ``<`` to behind ``>``."""
+    """Start tag of an element in the text: from ``<`` to behind ``>``."""
 
     start: int
     end: int
@@ -202,7 +202,7 @@ def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
 
 
 def _comment(text: str, at: int, said: str) -> str:
-    """A comment on a line of its own, as far in as the element; before it where that does not begin its line."""
+    """Comment on a line of its own with the element's indentation, or before the element if that does not begin its line."""
     said = re.sub(r"-(?=-)", "- ", said).rstrip("-")
     comment = f"<!-- {said} -->"
     line = max(text.rfind("\n", 0, at), text.rfind("\r", 0, at)) + 1
@@ -216,7 +216,7 @@ def _comment(text: str, at: int, said: str) -> str:
 # ── Changes element by element
 
 FOUND, ELSEWHERE = "identified from logs", "in none of the logs, or part of the link that carries it"
-"""Why a number changes."""
+"""Reasons of a change."""
 
 
 class TextChanges:

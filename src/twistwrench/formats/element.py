@@ -17,7 +17,7 @@ _NUMBER = re.compile(_WORD)
 _NUMBERS = re.compile(rf"{_WORD}(?:\s++{_WORD})*+")
 _LARGEST = 1e60  # far above anything meant, and products of five such numbers are still finite
 _SHORT = 60
-"""Texts of fewer characters hold no number that is too large, unless by an exponent."""
+"""Texts of fewer characters without an exponent have no number that is too large."""
 
 
 _NAMES = {"name", "reference"}
@@ -51,9 +51,9 @@ class Element:
     children: Sequence[Element] = ()
     """A list if there are any; a tuple otherwise, to save memory."""
     file: str = ""
-    """The file it is from, where that is one that another includes."""
+    """File name if another file includes it, else empty."""
     content: str = ""
-    """The text in it, as SDF has it."""
+    """Text of the element."""
     index: int = -1
     """Position in the document order of its own file."""
 
@@ -143,7 +143,7 @@ class Element:
         return np.array(self.values(attribute, count))
 
     def values(self, attribute: str, count: int) -> list[float]:
-        """The same as a list."""
+        """An attribute as a list of ``count`` finite numbers."""
         text = self.text(attribute)
         values = self._numbers(attribute, text)
         if len(values) != count:
@@ -163,7 +163,7 @@ class Element:
         return values + list(default[len(values) :])
 
     def word(self, attribute: str, choices: Sequence[str], default: str) -> str:
-        """An attribute that is one of some words."""
+        """An attribute that is one of ``choices``."""
         value = self.attributes.get(attribute, default).strip()
         if value not in choices:
             raise RobotFileError(f'{self} has {attribute}="{clipped(value)}". Allowed: {", ".join(choices)}.')

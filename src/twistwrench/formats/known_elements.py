@@ -23,7 +23,7 @@ NO_MECHANICS = "no mechanics"
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Mechanics that is not read."""
+    """Mechanics that is not read, and its effect."""
 
     change: str
     """Sentence: which numbers it would change."""
@@ -31,7 +31,7 @@ class LeftOut:
     """Values without an effect; none: zeros and ``false``."""
 
     def acts(self, texts: Iterable[str]) -> bool:
-        """True if one of the words in the texts, or there being none, has an effect."""
+        """True if one of the words in the texts has an effect, or if there are none."""
         words = [word for text in texts for word in text.lower().split()]
         return not words or any(word not in self.unless if self.unless else not _is_zero(word) for word in words)
 
@@ -359,17 +359,17 @@ LEFT_OUT: Mapping[str, str] = {
     "tendon/springyield": "has a spring that yields (springyield), which is read as elastic",
     "deformable/flex": "is a deformable body, whose elastic forces are left out",
 }
-"""Remark on what is left out of MJCF and of compiled models of MuJoCo, by element and attribute of the file.
+"""Notes on mechanics of MJCF and of compiled MuJoCo models that is left out, by element and attribute.
 
 Most depends on several attributes, so the readers decide if it acts.
 """
 
 _MOST = 100
-"""Names that are remarked one by one."""
+"""Largest number of names that are noted one by one."""
 
 
 class Unread:
-    """Remarks on what a file has and is not read, once per name with a count.
+    """Notes on elements and attributes that are not read, once per name with a count.
 
     Parameters
     ----------

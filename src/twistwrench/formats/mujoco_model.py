@@ -1,4 +1,4 @@
-"""Models that MuJoCo has compiled, read by their attributes; ``mujoco`` is not imported."""
+"""Reader of models compiled by MuJoCo, by their attributes; ``mujoco`` is not imported."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _forces(model: Any, k: int) -> Array:
 
 
 def mimics_of(model: Any, names: Sequence[str]) -> tuple[dict[str, Mimic], list[str]]:
-    """Joints that an equality makes follow another by a straight line; and remarks on the others."""
+    """Joints that an equality makes follow another by a constant ratio, and notes on the others."""
     found: dict[str, Mimic] = {}
     remarks: list[str] = []
     for k in _active(model):
@@ -241,7 +241,7 @@ def _filled(model: Any) -> ModelBuilder:
 
 
 def _left_out(model: Any, names: list[str]) -> Iterator[ModelNote]:
-    """Mechanics of bodies and of the whole that a robot leaves out."""
+    """Notes on mechanics of the bodies and the model that a robot leaves out."""
     if model.opt.density or model.opt.viscosity:
         yield ModelNote("<option> of MuJoCo's model", LEFT_OUT["option/density"])
     for i in range(1, model.nbody):
@@ -314,7 +314,7 @@ def _add_configurations(builder: ModelBuilder, model: Any, names: list[str]) -> 
 
 
 def _disabled(model: Any) -> set[str]:
-    """The forces that are turned off, whose bits moved between versions: as the library whose model this is has them."""
+    """Disabled forces; their bits are those of the imported version of MuJoCo."""
     bits = getattr(sys.modules.get("mujoco"), "mjtDisableBit", None)
     flags = int(model.opt.disableflags)
     found = {x for x in _FORCES if bits is not None and flags & int(getattr(bits, f"mjDSBL_{x.upper()}", 0))}

@@ -1,4 +1,4 @@
-"""Models that Pinocchio holds, read by their attributes; ``pinocchio`` is not imported."""
+"""Reader of Pinocchio models, by their attributes; ``pinocchio`` is not imported."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from .urdf import ENDLESS
 UNIVERSE = "universe"
 _PREFIX = "JointModel"
 _WHOLE = {"FreeFlyer": "floating", "Spherical": "ball", "Planar": "planar"}
-"""Joints of several velocities that are one joint here too."""
+"""Joints of several velocities that become one joint."""
 _ROWS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
-"""Joints that are several of one degree here."""
+"""Joints that become several joints of one degree."""
 _SITES = ("OP_FRAME", "SENSOR")
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One joint of ours: a part of one of theirs, at a placement in the part before."""
+    """One joint of the model: a part of a Pinocchio joint, at a placement in the part before."""
 
     kind: str
     axis: Array | None

@@ -99,7 +99,7 @@ class WrittenInertia:
 
 
 def plain(values: Sequence[float] | Array) -> str:
-    """Numbers as they come back to the last digit."""
+    """Text of numbers, exact to the last digit."""
     return " ".join(repr(float(x)) for x in values)
 
 
@@ -333,7 +333,7 @@ class MjcfText(RobotText):
                 self._write(changes, body.name, was, _COMPILER)
 
     def _undone(self, wanted: Mapping[str, SpatialInertia]) -> dict[str, tuple[str, Any, str]]:
-        """Attributes of ``<compiler>`` that would change what is written: the setting, its value without, and that in text."""
+        """Attributes of ``<compiler>`` that would change written inertias: setting, neutral value, and its text."""
         settings, found = self.settings, dict[str, tuple[str, Any, str]]()
         moments = np.array([np.linalg.eigvalsh(G.moment_about_com) for G in wanted.values()]).reshape(-1, 3)
         if settings.from_geoms == "true":

@@ -32,7 +32,7 @@ def with_text(element: Element) -> Element:
 
 
 def number(parent: Element | None, tag: str, default: float) -> float:
-    """The number in a child, the default where there is none."""
+    """Number in a child, by default ``default``."""
     child = parent.child(tag) if parent is not None else None
     return default if child is None else with_text(child).number("text")
 
@@ -111,7 +111,7 @@ class SdfFrame:
     """(4, 4) in the frame that ``relative_to`` names."""
     relative_to: str
     attached_to: str
-    """The frame it is fixed to; its own name of a link."""
+    """Name of the frame it is fixed to; a link's own name."""
 
 
 @dataclass(eq=False)
@@ -125,10 +125,10 @@ class SdfModel:
     """The elements ``<frame>``."""
     _poses: dict[str, Array] = field(default_factory=dict)
     _carriers: dict[str, str] = field(default_factory=dict)
-    """Links of the frames that were followed to them."""
+    """Links of frames that are known already."""
 
     def pose(self, name: str, asked: Element) -> Array:
-        """The pose (4, 4) of a frame in the model's own; raises for frames that are not there, and that refer to themselves."""
+        """Pose (4, 4) of a frame in the model's frame; raises for missing frames and circular references."""
         path: dict[str, None] = {}
         at = name
         while at not in self._poses and at != MODEL:
@@ -247,7 +247,7 @@ def read_sdf(
 
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
-    """The model of a file that is read, by its name or the one that can move, and the world it stands in."""
+    """Model of a file by its name, by default the one that can move, and its world."""
     worlds = root.all("world")
     models = [(one, None) for one in root.all("model")] + [(one, w) for w in worlds for one in w.all("model")]
     if name is not None:
@@ -341,7 +341,7 @@ class _SdfReader:
         return SpatialInertia.from_com(mass, T[:3, 3], R @ I @ R.T)
 
     def _add_joint(self, name: str, joint: Element) -> str:
-        """Add a joint; the link it carries."""
+        """Add a joint and return its child link."""
         said_kind = joint.text("type")
         if said_kind == "gearbox":
             raise RobotFileError(

@@ -57,11 +57,11 @@ def entries_of(I: Array) -> dict[str, float]:
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
 ENDLESS = 1e15
-"""Limits beyond this mean that there is none: files write ±1e16, where the format wants a number."""
+"""Limits beyond this stand for none: files write ±1e16, as the format requires a number."""
 
 _NOTHING = [0.0, 0.0, 0.0]
 _UNIT_LENGTH = 1e-3
-"""Rounding of a quaternion's length that is divided out; more than that is a mistake."""
+"""Error of a quaternion's length that is normalised; a larger one is refused."""
 
 
 def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> ModelBuilder:
@@ -148,7 +148,7 @@ def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
 
 
 def rpy_of_rotation(R: Array) -> Array:
-    """Roll, pitch and yaw (3,) of a rotation: the way back, to the last digits at any pitch, ±90° too, where yaw is 0."""
+    """Roll, pitch and yaw (3,) of a rotation, accurate at any pitch; yaw is 0 at ±90°."""
     yaw = np.arctan2(R[1, 0], R[0, 0]) if R[1, 0] or R[0, 0] else 0.0
     s, c = np.sin(yaw), np.cos(yaw)  # roll is what is left once the yaw is taken off
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])

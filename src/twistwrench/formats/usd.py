@@ -47,7 +47,7 @@ _TURNS = (
     np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
     np.eye(3),
 )
-"""From z to x, to y, to z itself: our solids stand along z."""
+"""Rotations from z, the axis of the solids, to x, y and z."""
 
 
 def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
@@ -78,7 +78,7 @@ def _colliders(stage: Stage, body: Any) -> list[Any]:
 
 
 def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
-    """In the frame of the collider."""
+    """Inertia in the frame of the collider."""
     given = _mass_or_density(stage, prim, body)
     kind, metres = str(prim.GetTypeName()), scale * stage.metre
     if kind == "Cube":
@@ -120,7 +120,7 @@ def _material(prim: Any) -> Any:
 # bodies, in their own frames without scale. Looks, contacts and gains of drives are passed over.
 
 WORLD = "world"
-"""The link that stands for the stage."""
+"""Name of the link of the stage."""
 
 _KINDS = {
     "PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsSphericalJoint": "ball",
@@ -246,7 +246,7 @@ class _Reader:
         return {name: x for name, x in given.items() if math.isfinite(x) and abs(x) < 1e30}
 
     def _offer(self, joint: Any) -> None:
-        """The two frames of a joint that the articulation leaves out, and what it holds."""
+        """Offer a joint outside the articulation as a closure of two frames."""
         kind, name = str(joint.GetTypeName()), self._name(joint)
         free = {
             "PhysicsFixedJoint": "",
@@ -287,7 +287,7 @@ class _Reader:
 
 
 def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
-    """Note what is written of a prim and is not read."""
+    """Note attributes and schemas of a prim that are not read."""
     row = unread.row(kind)
     written = {one.GetName(): one for one in prim.GetAuthoredAttributes() if ":" in one.GetName() and one.HasValue()}
     for name, attribute in written.items():

@@ -18,7 +18,7 @@ from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, pose_rows
 from ..typing import Array
 
-"""m/s², where a scene gives no magnitude."""
+"""Default magnitude of gravity [m/s²]."""
 _SINGLE = 1e-5
 """Error of rotations in single precision."""
 
@@ -110,7 +110,7 @@ class Stage:
         return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
 
     def parts(self, body: Any) -> Iterator[Any]:
-        """The prims of a body, itself first; not those of bodies in it."""
+        """Prims of a body, itself first, without those of nested bodies."""
         from pxr import Usd
 
         prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
@@ -165,7 +165,7 @@ def who(prim: Any) -> str:
 
 
 def value_of(prim: Any, name: str, *, default: Any) -> Any:
-    """The value of an attribute, of the schema where none is written; the default where there is neither."""
+    """Value of an attribute, by default the schema's, then ``default``."""
     attribute = prim.GetAttribute(name)
     value = attribute.Get() if attribute else None
     return default if value is None else value
@@ -177,12 +177,12 @@ def number_of(prim: Any, name: str, default: float = 0.0) -> float:
 
 
 def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
-    """The value of an attribute that is a few numbers."""
+    """Value of an attribute with several numbers."""
     return np.array([_decimal(prim, name, x) for x in value_of(prim, name, default=default)])
 
 
 def _decimal(prim: Any, name: str, x: Any) -> float:
-    """A number as it was typed: of those that single precision rounds to one, the decimal of the fewest digits."""
+    """Shortest decimal that rounds to the same single-precision number."""
     x = float(x)
     if math.isnan(x):
         raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
@@ -199,7 +199,7 @@ def quaternion_of(prim: Any, name: str) -> list[float]:
 
 
 def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
-    """0, 1 or 2: the axis of the joint's frames that it moves along or about; of a shape, the one it stands along."""
+    """Axis (0, 1 or 2) of a joint's motion, or of a shape."""
     return "XYZ".index(str(value_of(prim, name, default=default)))
 
 
@@ -221,7 +221,7 @@ HOW_TO_SPLIT = (
 
 @dataclass(frozen=True, eq=False)
 class TreeJoint:
-    """A joint from a link that is placed already to the next one."""
+    """Joint of the tree, from a placed link to the next one."""
 
     joint: Any
     near: End
@@ -286,7 +286,7 @@ class UsdTree:
         )
 
     def _within(self, tied: dict[Any, list[Any]]) -> set[Any]:
-        """The bodies of the articulation: all that hang together with one below its root, or with its joint."""
+        """Bodies of the articulation: all that joints connect with one below its root, or with its joint."""
         paths = [body.GetPath() for body in self.stage.bodies]
         if not paths:
             raise RobotFileError("it has no rigid body (PhysicsRigidBodyAPI). Is it a stage of looks only?")
@@ -307,7 +307,7 @@ class UsdTree:
         return found
 
     def _first(self, within: set[Any]) -> Any:
-        """The body that floats: the articulation's root where that is one, else the first that is nobody's body1."""
+        """Floating body: the articulation's root if it is a body, else the first that is not the body1 of a joint."""
         mine = [body for body in self.stage.bodies if body.GetPath() in within]
         if self.root and self.root.GetPath() in within:
             return self.root

@@ -24,7 +24,7 @@ MOST_BODIES = 20_000
 
 _BODIES = ("link", "body")
 _PARTS = ("frame", "geom", "site")
-"""Counted too, but never against fewer than MOST_BODIES: a body may have many."""
+"""Elements counted against at least MOST_BODIES, as a body may have many."""
 _ELEMENTS = 50
 """Elements that a file may have for each body that it may have."""
 
@@ -34,7 +34,7 @@ _WITH_TEXT = ("gazebo", "gravity", "kinematic")
 """Elements with text in URDF: Gazebo's."""
 
 _LEVELS = 1_000
-"""Elements one inside the other, beside those of bodies in bodies."""
+"""Largest depth of elements, beside nested bodies."""
 
 
 class _Forbidden(Exception):
@@ -142,7 +142,7 @@ class _TreeMaker(_Watcher):
 
 
 def without_loose_declaration(body: str) -> str:
-    """The text with blanks for a declaration that newer versions of expat refuse and older ones take; places stay.
+    """Text with blanks for a declaration that newer versions of expat refuse; positions stay.
 
     >>> without_loose_declaration('<?xml version="1"?><robot/>').strip()
     '<robot/>'
@@ -155,7 +155,7 @@ def without_loose_declaration(body: str) -> str:
 
 
 def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
-    """The root element of an XML text. Blank lines before its declaration are forgiven, as most robot tools do.
+    """The root element of an XML text. Blank lines before its declaration are accepted.
 
     ``file`` is named in messages. More links or bodies than ``max_bodies`` are refused before the tree is built.
 

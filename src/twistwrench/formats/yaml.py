@@ -40,7 +40,7 @@ UNITS: dict[str, dict[str, float]] = {
     "stiffness, sliding": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3},
     "angle": {"rad": 1.0, "deg": _TURN / 360},
 }
-"""The units of each kind of quantity, SI first, and what one of them is in SI."""
+"""Units of each kind of quantity, SI first, with their values in SI."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)", re.DOTALL)
 
@@ -78,7 +78,7 @@ def _listed(known: dict[str, float]) -> str:
 
 
 def _plain(unit: str) -> str:
-    """Without spaces, dots and carets: kg·m², kg m^2 and kgm2 are one unit."""
+    """Unit without spaces, dots and carets: kg·m², kg m^2 and kgm2 are equal."""
     return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")
 
 
@@ -134,12 +134,12 @@ class Section:
         return np.array([items.number(k, kind) for k in "xyz"])
 
     def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
-        """``{key: what get makes of it}``, or nothing where it is absent."""
+        """``{key: get(key)}``, empty if the key is absent."""
         return {key: get(key, *args)} if key in self.content else {}
 
 
 def plain_number(value: object, problem: str) -> float:
-    """A number that is finite, or text of one; booleans and Python's 1_0 are none."""
+    """Finite number, or text of one; booleans and Python's 1_0 are refused."""
     try:
         if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
             raise ValueError  # noqa: TRY301  one sentence answers all of it

@@ -1,4 +1,4 @@
-"""The checks of the doctor: each a name, and a function from the described robot to findings."""
+"""Checks of the doctor: names and functions from the parsed file to findings."""
 
 from __future__ import annotations
 
@@ -54,4 +54,4 @@ CHECKS: Mapping[str, Callable[[ParsedFile, Options], Iterator[Finding]]] = {
     "axis": check_axis,
     "friction": check_friction,
 }
-"""By name, in the order of reports."""
+"""Checks by name, in the order of reports."""

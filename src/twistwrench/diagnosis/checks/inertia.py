@@ -1,4 +1,4 @@
-"""Tensors that no body has, and tensors that no body of the link's shapes has."""
+"""Checks of tensors: physically impossible ones, and those that do not fit the link's shapes."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
-    """The links of a hundredth of the mass, with a possible tensor and shapes that were all read."""
+    """Links with a hundredth of the mass, a possible tensor, and shapes that were all read."""
     for link in robot.links.values():
         written = link.written
         fine = written is not None and robot.heavy(link) and not reasons(written.inertia)

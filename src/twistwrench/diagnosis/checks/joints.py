@@ -1,4 +1,4 @@
-"""Numbers of joints: limits, efforts, velocities, axes, friction."""
+"""Checks of joints: limits, efforts, velocities, axes, friction."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NAMED = 6
 
 
 def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Joints that mimic a joint that is not there: the file is refused on loading, unless ``mimic="independent"``."""
+    """Mimic joints without a leader: loading fails unless ``mimic="independent"``."""
     for problem in robot.load_errors:
         yield Finding("mimic", Severity.ERROR, problem.where, problem.line, problem.sentence)
 
@@ -71,7 +71,7 @@ def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Limits of effort and velocity that are none, and joints whose own weight is more than their effort."""
+    """Missing limits of effort and velocity, and joints whose own weight exceeds their effort."""
     leaders = {body.joint.name for body in robot.model.leaders}
     for what in ("effort", "velocity") if robot.format == "urdf" else ():
         limits = {name: _limit(joint, what) for name, joint in robot.joints.items() if joint.text("type") in _SINGLE}
@@ -89,7 +89,7 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Efforts that are probably no limits of the motors: far above what the robot's weight takes."""
+    """Efforts that are probably placeholders: far above the torques of the robot's weight."""
     said = placeholder_limits(Robot(robot.model))
     if said:
         yield Finding(

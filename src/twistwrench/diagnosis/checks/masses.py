@@ -23,7 +23,7 @@ from ..shapes import hull_solid
 from .inertia import MATTERS, identified, no_tensor, placeholder, shape_repair
 
 _POINT = 10.0
-"""% of M from which a mass without inertia matters: below it is a point mass as models in books have it."""
+"""% of M from which a mass without inertia matters; below, it is a point mass as in textbook models."""
 _LEAST_PER_METRE = 0.01
 """kg of moving links for each metre of reach: a thin carbon rod has twice as much."""
 _NAMED = 6
@@ -35,7 +35,7 @@ _DENSITIES = 50.0, 8000.0
 def _stand_ins(
     robot: ParsedFile, is_one: Callable[[WrittenInertia], bool], least: float
 ) -> Iterator[tuple[ParsedLink, WrittenInertia, FileRepair, Effect, Severity]]:
-    """Links with a mass whose tensor is a stand-in; how to mend it, what that changes, and whether it does by ``least``."""
+    """Links with a mass and a placeholder tensor, with repair, effect, and severity by the threshold ``least``."""
     for link in robot.links.values():
         written = link.written
         if written is None or written.mass <= 0 or not is_one(written):
@@ -58,7 +58,7 @@ def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]
 
 
 def check_no_inertia(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Mass whose tensor is nothing, or rounding."""
+    """Mass with a tensor that is zero or rounding."""
     for link, written, repair, effect, severity in _stand_ins(robot, no_tensor, _POINT):
         largest = float(np.abs(written.tensor).max())
         yield Finding(
@@ -84,7 +84,7 @@ def check_no_mass(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Moving links that stand for something real and have no mass; M is singular where nothing behind has any."""
+    """Moving links without mass; M is singular if nothing behind them has any."""
     diagonal = robot.effects.diagonal
     least = 1e-12 * float(np.abs(diagonal).max(initial=0.0))
     nothing: dict[str, list[str]] = {}
@@ -199,7 +199,7 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
 
 
 def _evidence(pair: SymmetricLinks) -> str:
-    """For which side the shapes speak: where the centre of mass is much nearer to that of the shapes."""
+    """Side whose centre of mass is much nearer to that of its shapes, in words."""
     unknown = "the file does not tell which is meant"
     away = []
     for link in (pair.left, pair.right):
@@ -302,7 +302,7 @@ def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def _fitting(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, high: Array) -> str:
-    """The other link in whose frame, all joints at zero, the same numbers would be inside the shapes."""
+    """Other link in whose frame, all joints at zero, the centre of mass would be inside the shapes."""
     frames, bodies = robot.model.frames, robot.model.bodies
     if link.name not in frames:
         return ""

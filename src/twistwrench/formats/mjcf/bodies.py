@@ -26,7 +26,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def placement(element: Element, settings: Settings) -> Array:
-    """The pose (4, 4) that an element gives by ``pos`` and an orientation, the identity where it gives none."""
+    """Pose (4, 4) of an element by ``pos`` and an orientation, by default the identity."""
     said = element.attributes
     if _PLACED.isdisjoint(said):
         return IDENTITY
@@ -35,7 +35,7 @@ def placement(element: Element, settings: Settings) -> Array:
 
 
 def rotation(element: Element, settings: Settings) -> Array:
-    """The orientation (3, 3) that an element gives by quat, axisangle, xyaxes, zaxis or euler."""
+    """Orientation (3, 3) of an element by quat, axisangle, xyaxes, zaxis or euler."""
     said = element.attributes
     ways = [way for way in ("axisangle", "xyaxes", "zaxis", "euler") if way in said]
     if len(ways) > 1:
@@ -61,7 +61,7 @@ def rotation(element: Element, settings: Settings) -> Array:
 
 
 def onto(z: Array) -> Array:
-    """The smallest rotation that takes the z axis to a unit vector; half a turn about x where they are opposite."""
+    """Smallest rotation from the z axis to a unit vector; half a turn about x if they are opposite."""
     axis = np.array([-z[1], z[0], 0.0])
     sine = float(np.linalg.norm(axis))
     if sine < 1e-10:
@@ -70,7 +70,7 @@ def onto(z: Array) -> Array:
 
 
 def direction(element: Element, attribute: str, vector: object) -> Array:
-    """A vector at unit length; an error where it has none."""
+    """Unit vector of a vector; an error if it is zero."""
     found = np.asarray(vector, float)
     length = float(np.linalg.norm(found))
     if not length > 1e-14:
@@ -88,14 +88,14 @@ def _by_quaternion(element: Element) -> Array:
 
 
 def _turned(axis: Array, angle: float) -> Array:
-    """About a unit vector."""
+    """Rotation about a unit vector."""
     return np.asarray(so3.exp(axis * angle))
 
 
 # ── Bodies of an MJCF file in MuJoCo's order, with frames multiplied out
 
 WORLD = "world"
-"""The link that stands for the worldbody."""
+"""Name of the link of the worldbody."""
 _EXPANDED = (
     "expand it with MuJoCo: model = mujoco.MjSpec.from_file(path).compile(), then twistwrench.from_mujoco(model)"
 )
@@ -196,14 +196,14 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
 
 
 def _name(body: Element, number: int, taken: set[str]) -> str:
-    """Its name, or ``body3`` by its number; with a line at the end where another body is called so."""
+    """Name of a body, or ``body3`` by its number, with ``_`` appended if that is taken."""
     if body.attributes.get("name", "").strip():
         return body.text("name")
     return unused(f"body{number}", taken)
 
 
 def unused(name: str, taken: set[str]) -> str:
-    """The name, with ``_`` appended until nothing else has it; it is taken from then on."""
+    """Unused name: ``_`` is appended until it is not taken, and it is added to ``taken``."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -227,7 +227,7 @@ class MjcfJoint:
     point: Array
     axis: Array
     reference: float
-    """The coordinate at which the body is where the file puts it."""
+    """Coordinate at the pose that the file gives the body."""
     rest: float
     """Rest position of its spring."""
     stiffness: float
@@ -261,7 +261,7 @@ def names_given(bodies: list[MjcfBody]) -> set[str]:
 
 
 def joints_of(body: MjcfBody, settings: Settings, taken: set[str]) -> list[MjcfJoint]:
-    """The joints of a body in the file's order; ``taken`` are names that unnamed ones must not get."""
+    """Joints of a body in the file's order; unnamed ones get names that are not ``taken``."""
     joints = [_joint(body, k, part, settings, taken) for k, part in enumerate(body.joints)]
     free = [joint for joint in joints if joint.kind == "floating"]
     if free and body.parent != 0:
@@ -355,7 +355,7 @@ def weighs(geom: Element, settings: Settings) -> bool:
 
 
 def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> SpatialInertia:
-    """About the body's origin, in its axes."""
+    """Inertia about the body's origin, in its axes."""
     geom = part.element
     kind, given = geom.word("type", _TYPES, "sphere"), _mass_or_density(geom)
     if kind == "sdf":
@@ -469,7 +469,7 @@ def _selected(body: MjcfBody, settings: Settings) -> bool:
 
 
 def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
-    """About the body's origin, in its axes."""
+    """Inertia about the body's origin, in its axes."""
     mass, T, moments = inertial_of(given.element, settings)
     R = T[:3, :3]
     G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)

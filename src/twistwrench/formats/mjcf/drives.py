@@ -27,7 +27,7 @@ class Drives:
     """Effort, armature and damping of actuators at joints of one degree, by joint, and notes."""
 
     efforts: dict[str, float]
-    """N m or N, the most that they can give to either side, where it is known."""
+    """Largest torque or force to either side, if known [N m or N]."""
     armature: dict[str, float]
     """kg m² or kg."""
     damping: dict[str, float]
@@ -165,7 +165,7 @@ ALL = "wx wy wz vx vy vz"
 
 
 def constraints_of(root: Element, defaults: Defaults) -> list[Element]:
-    """The active ones, in the file's order."""
+    """Active equality constraints in the file's order."""
     found = [defaults.apply(one, kind="equality") for section in root.all("equality") for one in section.children]
     return [one for one in found if one.flag("active", default=True)]
 
@@ -173,7 +173,7 @@ def constraints_of(root: Element, defaults: Defaults) -> list[Element]:
 def mimics(
     constraints: Sequence[Element], joints: Mapping[str, MjcfJoint], kept: set[str]
 ) -> tuple[dict[str, Mimic], list[str]]:
-    """Joints that follow another by a constant ratio, q1 - q1_ref = c0 + c1 (q2 - q2_ref); and remarks on the others."""
+    """Joints that follow another by a constant ratio, q1 - q1_ref = c0 + c1 (q2 - q2_ref), and notes on the others."""
     found: dict[str, Mimic] = {}
     remarks: list[str] = []
     for one in constraints:
@@ -204,7 +204,7 @@ def mimics(
 
 
 def leaders_of(name: str, found: Mapping[str, Mimic]) -> set[str]:
-    """The joint itself, and all that it follows."""
+    """Names of the joint and of all that it follows."""
     met = {name}
     while name in found:
         name = found[name][0]
@@ -219,7 +219,7 @@ def add_closures(
     poses: Sequence[Array],
     kept: set[int],
 ) -> None:
-    """Offer each loop as two frames on each other; ``poses`` are those of the bodies where the file puts them."""
+    """Offer each loop as two coincident frames; ``poses`` are those of the bodies in the file."""
     numbers = {body.name: k for k, body in enumerate(bodies)}
     for k, one in enumerate(constraints):
         if one.tag == "joint":
@@ -260,7 +260,7 @@ def _body(one: Element, which: str, numbers: Mapping[str, int]) -> int:
 
 
 def _ends(one: Element, T_1: Array, T_2: Array) -> tuple[Array, Array]:
-    """The frames in the two bodies that are to lie on each other."""
+    """Frames of the two bodies that coincide."""
     between = se3.inverse(T_1) @ T_2
     if one.tag == "connect":
         anchor = se3.pose(np.eye(3), one.numbers("anchor", 3))
@@ -281,7 +281,7 @@ _LOSSES = ("damping", "frictionloss", "armature")
 def add_tendons(
     builder: ModelBuilder, root: Element, joints: Mapping[str, MjcfJoint], kept: set[str], defaults: Defaults
 ) -> None:
-    """Springs of the tendons that have a stiffness, and a remark on whatever acts and is left out."""
+    """Add springs of tendons with a stiffness, and notes on forces that are left out."""
     for section in root.all("tendon"):
         for child in section.children:
             one = defaults.apply(child, kind="tendon")

@@ -36,7 +36,7 @@ class Settings:
     groups: tuple[float, ...] = (0.0, 5.0)
     """The first and last group of geoms that have inertia."""
     total_mass: float = -1.0
-    """kg, that all bodies are scaled to; none below zero."""
+    """Total mass [kg] that all bodies are scaled to; not scaled if negative."""
     least_mass: float = 0.0
     least_moment: float = 0.0
     balanced: bool = False
@@ -83,7 +83,7 @@ class Settings:
 
 
 def disabled_by(root: Element) -> set[str]:
-    """The forces that the flags of ``<option>`` turn off: gravity, spring, damper, equality and others, by their names."""
+    """Forces that the flags of ``<option>`` disable: gravity, spring, damper, equality and others."""
     found: set[str] = set()
     for option in root.all("option"):
         for flag in option.all("flag"):
@@ -93,13 +93,13 @@ def disabled_by(root: Element) -> set[str]:
 
 
 def also_disabled(found: set[str]) -> set[str]:
-    """The forces that flags for several of them turn off."""
+    """Forces disabled by flags for several of them."""
     passive = {"spring", "damper"} if "passive" in found else set()
     return passive | ({"equality", "frictionloss"} if "constraint" in found else set())
 
 
 def gravity_of(root: Element) -> list[float]:
-    """(3,) m/s², zero where a flag turns it off."""
+    """Gravity (3,) [m/s²], zero if a flag disables it."""
     gravity = list(GRAVITY)
     for option in root.all("option"):
         gravity = option.floats("gravity", gravity)
@@ -124,7 +124,7 @@ _ROOTS = ("mujoco", "mujocoinclude")
 
 
 class Folders:
-    """The folders that a robot file may read other files from; none where the robot came as text."""
+    """Folders from which a robot file may read other files; none for a robot given as text."""
 
     def __init__(self, home: Path | None, more: Sequence[Path] = ()) -> None:
         self.allowed = [folder.resolve() for folder in ([home] if home is not None else []) + list(more)]
@@ -162,7 +162,7 @@ class Folders:
 
 
 def expand(root: Element, folders: Folders, max_bodies: int) -> None:
-    """Put the elements of the files that ``<include>`` elements name in their places, in ``root`` itself.
+    """Replace ``<include>`` elements in ``root`` by the elements of the files they name.
 
     Raises :class:`~twistwrench.RobotFileError` for files outside the folders, files included twice, and too many of them.
     """
@@ -253,7 +253,7 @@ class Defaults:
             stack.extend((child, name) for child in reversed(element.all("default")))
 
     def apply(self, element: Element, around: str = "", kind: str = "") -> Element:
-        """The element with the attributes of its class where it has none; ``around`` is the childclass it stands in.
+        """Element completed by the attributes of its class; ``around`` is the childclass it stands in.
 
         ``kind`` is what the defaults are called where that is not the element's own tag.
         """
@@ -275,7 +275,7 @@ class Defaults:
 
 
 def merged(default: dict[str, str] | None, element: Element) -> dict[str, str]:
-    """The attributes of an element over those of a class; of orientations, which are written in five ways, one counts."""
+    """Attributes of an element over those of a class; an orientation, written in five ways, replaces all of them."""
     own = element.attributes
     found = dict(default or {})
     if not own.keys().isdisjoint(_TURNED):
@@ -314,7 +314,7 @@ class Meshes:
                 self._meshes[name] = defaults.apply(mesh)
 
     def half_sizes_of_hfield(self, geom: Element) -> list[float]:
-        """Half sizes of the box about its origin by which MuJoCo weighs a height field, whatever its heights.
+        """Half sizes of the box about its origin that MuJoCo uses for the mass of a height field.
 
         Raises :class:`~twistwrench.RobotFileError` naming the geom if the height field is missing.
         """

@@ -1,4 +1,4 @@
-"""From the elements of an MJCF file to links, joints and keyframes of a robot."""
+"""Reader of MJCF: links, joints and keyframes of a robot."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .preprocess import Defaults, Folders, Meshes, Settings, disabled_by, expand
 
 @dataclass(frozen=True, eq=False)
 class ChainLink:
-    """A joint, or None for one that is fixed, from a link to the next."""
+    """Joint from a link to the next; None if fixed."""
 
     joint: MjcfJoint | None
     parent: str
@@ -288,7 +288,7 @@ class _Reader:
 
 
 def _kept(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
-    """The numbers of the bodies to read in order, the world's apart."""
+    """Numbers of the bodies to read, in order, without the world."""
     if keep is None:
         return dict.fromkeys(range(1, len(bodies)))
     numbers = {body.name: k for k, body in enumerate(bodies) if k}

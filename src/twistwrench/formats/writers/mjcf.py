@@ -25,7 +25,7 @@ from ..xml import figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of
 
 _FAR = 1e10
-"""Stands for no limit on one side, where the format wants two numbers."""
+"""Number for no limit on one side, as the format requires two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class MjcfJoints:
         """By the names of joints."""
         self._names = {joint.name for joint in found.joints} | {ROOT_JOINT}
         self._order: list[tuple[str, JointEntry]] = []
-        """(how its coordinates are written, joint) in the order of MuJoCo's qpos, but for the root's."""
+        """(form of its coordinates, joint) in the order of MuJoCo's qpos, without the root's."""
 
     def add_free(self, body: Element, entry: JointEntry | None = None) -> None:
         """The joint of a floating body: an entry, or the root's."""
@@ -189,10 +189,10 @@ class _MjcfWriter:
         self.named = {*(site.link for site in found.additions.sites.values()), *closed}
         """Links that sites and closures are at."""
         self.standing: set[str] = set()
-        """Links that do not move, each with an inertia of its own: where the base is the world, which has none."""
+        """Links that do not move and keep an inertia of their own, as the world has none."""
 
     def write(self) -> Written:
-        """Bodies in each other, then what holds between them."""
+        """Write nested bodies, then tendons, equalities and keyframes."""
         found = self.found
         if found.floating:
             self.bodies[found.root] = self._body(found.root, self.world, np.eye(4), found.whole[found.root])
@@ -253,7 +253,7 @@ class _MjcfWriter:
         return body
 
     def _add_inertial(self, body: Element, who: str, inertia: SpatialInertia, moves: bool) -> None:
-        """The inertial of a body; a loss where MuJoCo does not compile it."""
+        """Write the inertial of a body; a loss if MuJoCo does not compile it."""
         I = inertia.moment_about_com
         small, middle, large = np.linalg.eigvalsh(I)
         flat = small + middle - large
@@ -364,7 +364,7 @@ class _MjcfWriter:
 
 
 def _pose(T: Array) -> dict[str, str]:
-    """Position and orientation of an element, each where it is not nothing."""
+    """Attributes of position and orientation, without identities."""
     found = {"pos": figures(T[:3, 3])} if T[:3, 3].any() else {}
     if not np.array_equal(T[:3, :3], np.eye(3)):
         found["quat"] = figures(quaternion.from_matrix(T[:3, :3]))

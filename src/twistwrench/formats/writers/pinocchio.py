@@ -73,7 +73,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
 
 
 def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
-    """Theirs, and where its axis is in the frame of ours."""
+    """Pinocchio's joint, and the position of its axis in the frame of the model's joint."""
     joint.require_pinocchio()
     if joint.kind in _WHOLE:
         return getattr(pinocchio, _WHOLE[joint.kind])(), np.zeros(3)

@@ -50,7 +50,7 @@ class _SdfWriter:
         still = not found.floating and found.root == WORLD
         self.called = {name: WORLD if still and name == WORLD else self._name("link", name) for name in found.links}
         self.carriers = {found.root: found.root}
-        """The link that each link is, or that it is a frame of."""
+        """Link that carries each link: itself, or the one it is a frame of."""
 
     def write(self) -> Written:
         """Links with their joints, depth first, then frames."""
@@ -82,7 +82,7 @@ class _SdfWriter:
         return next((joint for joint in self.found.joints if joint.fixed and joint.parent == root), None)
 
     def _name(self, what: str, name: str) -> str:
-        """A name that nothing else has: links, joints and frames share theirs, and ``::`` is between models."""
+        """Unused name: links, joints and frames share one scope, and ``::`` separates models."""
         found = unused(name.replace("::", "."), self.names)
         if found != name:
             self.losses.found.append(

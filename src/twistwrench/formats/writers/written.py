@@ -90,7 +90,7 @@ class AlongJoint:
 
 
 def drive_of(found: ModelParts, joint: str, losses: Losses) -> AlongJoint:
-    """Damping, Coulomb friction and armature of a joint; what they leave out is noted."""
+    """Damping, Coulomb friction and armature of a joint; losses are noted."""
     law = found.friction.get(joint)
     if law is None:  # that of what follows another is with its leader
         return AlongJoint(0.0, 0.0, 0.0)
@@ -125,7 +125,7 @@ def _one(joint: str, what: str, values: Array, losses: Losses) -> float:
 
 
 def configurations_of(found: ModelParts) -> dict[str, dict[str, Array]]:
-    """The named configurations, joint by joint; where nothing is moved, how a file has its bodies needs no name."""
+    """Named configurations by joint, without a neutral ``qpos0``."""
     neutral = {joint.name: joint.joint.neutral for joint in found.joints} | {ROOT_JOINT: np.r_[1.0, np.zeros(6)]}
     given = {
         name: {joint: np.asarray(q, float) for joint, q in positions.items()}
