@@ -57,7 +57,7 @@ def check_names(robot: Robot, theirs: list[str], library: str) -> None:
 
 
 def positions(body: Body, q: Array) -> Array:
-    """The joint's own coordinates, of one that follows another too."""
+    """Coordinates of the joint, also for one that follows another."""
     q = q[..., body.places[0]]
     return body.ratio * q + body.offset if body.follows else q
 
@@ -65,7 +65,7 @@ def positions(body: Body, q: Array) -> Array:
 def rates_to(
     robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
 ) -> Iterator[Array]:
-    """Velocities and accelerations there, where they are given: dq* = P dq."""
+    """Velocities and accelerations in the other library, those that are given: dq* = P dq."""
     if dq is None:
         return
     names = robot.velocity_names
@@ -78,7 +78,7 @@ def rates_to(
 def rates_from(
     robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
 ) -> Iterator[Array]:
-    """Velocities and accelerations here, where they are given there."""
+    """Velocities and accelerations of this library, from those that are given."""
     if dq is None:
         return
     back = np.linalg.pinv(P)

@@ -81,7 +81,7 @@ class ShapeError(TwistWrenchError, ValueError):
 
 
 class ValueRangeError(TwistWrenchError, ValueError):
-    """An argument has a value outside what is allowed."""
+    """An argument has a value outside the allowed range."""
 
 
 class UnknownNameError(TwistWrenchError, KeyError):
@@ -124,7 +124,7 @@ class ConstraintError(TwistWrenchError, ValueError):
 
 
 class PathError(TwistWrenchError, ValueError):
-    """A path that the robot cannot follow; it keeps what was found until there.
+    """A path that the robot cannot follow; it has the part up to there.
 
     Parameters
     ----------
@@ -150,14 +150,14 @@ class TrajectoryError(TwistWrenchError, ValueError):
 
 
 class SimulationError(TwistWrenchError, RuntimeError):
-    """A simulation that could not go on: an unstable step, a controller that failed. ``result`` has all up to there."""
+    """A simulation that stopped: an unstable step, a controller that failed. ``result`` has everything up to there."""
 
     result: object = None
     """The :class:`~twistwrench.simulation.SimulationResult` up to the time of the error."""
 
 
 class NotFoundError(TwistWrenchError, FileNotFoundError):
-    """A file that is not there."""
+    """A file does not exist."""
 
 
 class KernelError(TwistWrenchError, RuntimeError):
@@ -209,7 +209,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
 
 class CacheWarning(UserWarning):
-    """Compiled code cannot be kept for the next time, for a reason that can be put right."""
+    """Compiled code cannot be cached, for a reason that can be removed."""
 
 
 class ConstraintWarning(UserWarning):

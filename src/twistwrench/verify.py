@@ -37,7 +37,7 @@ DIFFERENCES = 1e-9
 
 @dataclass(frozen=True)
 class Check:
-    """Check of a robot's dynamics: what was compared, how far apart it was and might be."""
+    """Check of a robot's dynamics: compared quantities, residual and tolerance."""
 
     name: str
     """Name of the check."""

@@ -37,7 +37,7 @@ class ClosedForm:
     c: Array
     """Coriolis and centripetal torques; (nv,)."""
     g: Array
-    """Gravity torques, with what holds the springs, if there are any; (nv,)."""
+    """Gravity torques, with those that hold the springs, if there are any; (nv,)."""
     wrench_torques: Array
     """J'F, torques of the wrenches that the robot applies; (nv,)."""
     A: Array
@@ -160,7 +160,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
 
 
 def _armature_products(model: Model, dq: Array) -> Array:
-    """-S [V, ·]' S' A u of each joint, with V = S' u its own twist: what an armature adds to c; (nv,)."""
+    """Part of c due to the armature of each joint: -S [V, ·]' S' A u, with V = S' u its own twist; (nv,)."""
     c = np.zeros(model.nv)
     for body in model.leaders:
         mine, S = body.places[1], body.joint.axes

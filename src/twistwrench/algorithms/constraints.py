@@ -75,7 +75,7 @@ Constraint = Closure | Rolling
 
 
 def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
-    """A name for each constraint, its frames; with a number where there are several of one name."""
+    """Name of each constraint, its frames; with a number if several have one name."""
     plain = [c.name for c in constraints]
     before = [plain[:n].count(name) for n, name in enumerate(plain)]
     return tuple(f"{name} #{n + 1}" if n else name for name, n in zip(plain, before, strict=True))
@@ -103,7 +103,7 @@ def independent_constraints(constraints: Sequence[Constraint], independent: Sequ
 
 
 def place_of(model: Model, frame: str) -> Frame:
-    """The frame of that name, or the base's for ``"ground"``."""
+    """Frame of that name, or the base's for ``"ground"``."""
     return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.all_frames else model.frame(frame)
 
 
@@ -132,7 +132,7 @@ def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Ar
 
 
 def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
-    """(body, what its joint adds to the twist of {b} seen from {c}, (k, 6)) in the order of the walk, and p of {b} in {c}."""
+    """(body, contribution of its joint to the twist of {b} in {c}, (k, 6)) in the order of the walk, and p of {b} in {c}."""
     walk, T_cb = _walk(model, q, closure)
     return [(b, sign * b.ratio * (Ad(X) @ b.joint.axes)) for b, X, sign in walk], T_cb[:3, 3]
 
@@ -217,14 +217,14 @@ def constrained_dynamics(
 # ── Constraint forces with zero torques at passive joints, τ = f + A'λ. Floats, batches
 
 SINGULAR = 1e-9
-"""Directions of λ that reach a joint less than this part of what others do, rows of A in their usual sizes, do not."""
+"""Share of the largest effect on a joint, rows of A in their usual sizes, below which a direction of λ has none."""
 UNBALANCED = 1e-6
 """Torques left at joints without motors, as a part of the largest: beyond it no motors make the motion. Configurations and
 velocities may be as far from the constraints as integrators leave them."""
 
 
 def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Array]:
-    """λ (..., k) with least torques f + A'λ at the ``driven`` joints among those with least at the others; what is left there.
+    """λ (..., k) with least torques f + A'λ at the ``driven`` joints among those with least at the others; the remainder there.
 
     f (..., nv) is M q̈ + h, ``driven`` (nv,) true where there is a motor.
     """

@@ -53,7 +53,7 @@ SOFT = 0.01
 """Inertia of a joint that slides the wrong way, as a share of M_ii. With more than the others leave of M_ii, guesses may cycle;
 this small share costs one more guess where a joint turns back within a step."""
 LARGEST = 1e30
-"""N m or N: what stands for no limit, and is finite in float32."""
+"""Stands for no limit [N m or N]; finite in float32."""
 
 
 def velocity_step(
@@ -106,7 +106,7 @@ class _Corners:
         self.back, self.forth = h * back, h * forth
 
     def solved(self) -> tuple[Array, Array, Array]:
-        """v, τ and the torques of friction, by the last guess; torques are within their limits whatever it was."""
+        """v, τ and the torques of friction, by the last guess; torques are within their limits for any guess."""
         s, t = zeros(len(self.dq)) + 1.0, zeros(len(self.dq))
         moving = signs(self.dq)
         for i in self.dry:
@@ -137,7 +137,7 @@ class _Corners:
         return v, taken, self.tau - self.gains * (v - self.dq)  # (2)
 
     def _sliding(self, s: Array, v: Array, taken: Array) -> Array:
-        """A better guess at what slides: what goes against its friction sticks, what friction cannot hold slides."""
+        """Better guess at the sliding joints: a joint against its friction sticks, one beyond its friction slides."""
         s = s.copy()
         for i in self.dry:
             x = self.soft[i] * v[i] + taken[i]
@@ -162,7 +162,7 @@ class _Corners:
         return used
 
     def _dry(self, s: Array) -> Array:
-        """The impulses of dry friction on what slides; 0 for what sticks."""
+        """Impulses of dry friction on sliding joints; 0 for sticking ones."""
         found = zeros(len(s))
         for i in self.dry:
             back, forth = self.back[i], self.forth[i]
@@ -201,7 +201,7 @@ def pushed(depth: Any, sinking: Any, k: Any, n: float, c: Any) -> Any:
 def plane_contact(
     model: Model, q: Array, dq: Array, frame: str, exponent: float, points: Array, normal: Array, law: Array
 ) -> tuple[Array, Array]:
-    """J'F of what a plane does to points (n, 3) of a frame, (nv,), and how deep each is inside, (n,).
+    """Torques J'F of a plane on points (n, 3) of a frame, (nv,), and the depth of each point, (n,).
 
     ``law`` is (height, k, c, μ, slip): along the plane a point at v is held back by μ f v / √(|v|² + slip²).
     """

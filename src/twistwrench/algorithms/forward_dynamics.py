@@ -214,7 +214,7 @@ def constant_mass(model: Model) -> Array:
 def derivative_factors(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, ...]:
-    """S (nv, 6), and by q and by dq what it goes with, (6, nv); (B' S, G S) (nv, 9), and what that goes with, (9, nv)."""
+    """S (nv, 6) and its factors by q and by dq, (6, nv); (B' S, G S) (nv, 9) and its factor, (9, nv)."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     B, F, columns = carried(model, T, V, dq, ddq, wrenches)

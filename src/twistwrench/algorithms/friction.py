@@ -53,7 +53,7 @@ def rubbing(model: Model) -> list[int]:
 
 
 def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
-    """The most that dry friction takes from joints that slide back and that slide forth, at the speeds dq; (nv,) each.
+    """Largest dry friction of joints that slide back and that slide forth, at the speeds dq; (nv,) each.
 
     The two differ where friction grows with the load: what the joint carries of the torque tau is what friction leaves.
     """
@@ -69,7 +69,7 @@ def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
 
 
 def _dry(model: Model, dq: Array) -> Array:
-    """Coulomb friction, and static friction as far as the speed leaves it; (nv,)."""
+    """Coulomb friction, and the static friction that remains at this speed; (nv,)."""
     f = model.friction
     dry = [
         c if _same(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))

@@ -38,7 +38,7 @@ class BodyMotion:
 
     @cached_property
     def U(self) -> Array:
-        """[dw] + [w]², what acts on a place in the body."""
+        """[dw] + [w]², which maps a point of the body to its relative acceleration."""
         W = so3.hat(self.w)
         return so3.hat(self.dw) + W @ W
 
@@ -79,7 +79,7 @@ def joint_wrenches(
 
 
 def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[int, Array]]:
-    """(body, wrench in its frame) of what the robot applies at frames; what the base applies moves nothing."""
+    """(body, wrench in its frame) of the robot's wrenches at frames; those of the base move nothing."""
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
@@ -158,7 +158,7 @@ class MotorLoads(NamedTuple):
     current: Array
     """A."""
     voltage: Array
-    """V, what the windings need; that of a changing current is left out."""
+    """Voltage of the windings [V], without that of a changing current."""
     power: Array
     """W, electrical, into the motor; negative where it feeds back."""
     heat: Array
@@ -219,14 +219,14 @@ def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 class PowerBalance(NamedTuple):
-    """Powers into the mechanism, W; what leaves it is negative, and they add up to zero."""
+    """Powers into the mechanism, W; powers out of it are negative, and all add up to zero."""
 
     joints: Array
     """τ'dq, from the joints."""
     motion: Array
     """Into motion: minus the rate of kinetic and potential energy, springs' included."""
     wrenches: Array
-    """At the wrenches: minus what the robot does to the world there."""
+    """Power at the wrenches: minus that of the robot on the world."""
     friction: Array
     """Lost in the joints."""
 

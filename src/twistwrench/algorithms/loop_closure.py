@@ -172,7 +172,7 @@ class ConstraintProjector:
 
     @property
     def directions(self) -> Array:
-        """Orthonormal columns: first those that span what A reaches, then the rest; (..., k, k)."""
+        """Orthonormal columns: first a basis of the range of A, then the rest; (..., k, k)."""
         basis = self.sizes[:, None] * self.U
         if basis.shape[-1] == 0:
             return np.broadcast_to(np.eye(len(self.sizes)), (*basis.shape[:-1], len(self.sizes)))
@@ -188,7 +188,7 @@ class ConstraintProjector:
 
     @property
     def range(self) -> Array:
-        """The orthogonal projector on what A reaches, in the units of its rows; (..., k, k)."""
+        """Orthogonal projector on the range of A, in the units of its rows; (..., k, k)."""
         Q = self.directions * (np.arange(len(self.sizes)) < self.rank[..., None])[..., None, :]
         return np.asarray(Q @ np.swapaxes(Q, -1, -2))
 
@@ -359,7 +359,7 @@ def settled(
 
 
 def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
-    """The dv, least in the kinetic metric, that closes the gaps as far as damping lets it; (n, nv)."""
+    """Step dv, least in the kinetic metric, that closes the gaps up to damping; (n, nv)."""
     projector = ConstraintProjector.from_rows(A, M, sizes)
     damped = 1.0 / (1.0 + damping[:, None] * projector.inverse_sigma**2)  # σ²/(σ² + damping)
     return projector.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)

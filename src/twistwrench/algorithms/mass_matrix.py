@@ -161,7 +161,7 @@ def _first_moments(model: Model, q: Array) -> tuple[float, Array]:
 
 
 def potential_energy(model: Model, q: Array) -> Any:
-    """- Σ m g·c, zero with every centre of mass at the base origin, and what springs store; J."""
+    """- Σ m g·c, zero with every centre of mass at the base origin, and the energy of springs; J."""
     return -(model.gravity @ _first_moments(model, q)[1]) + spring_energy(model, q)
 
 

@@ -37,7 +37,7 @@ FAR = 1e300
 _POSE = 2e-7
 """Gap of a matrix that is certainly a pose; :mod:`..core.arguments` allows five times as much, and more."""
 _LONGEST_WAY, _STILL = 0.2, 1e-7
-"""rad or m: how far to go towards a posture in a step, and of a step that is none."""
+"""Longest step towards a posture, and the length of a step that counts as none [rad or m]."""
 _HESITATION, _SHORTER = 0.25, 0.9
 """Increase of the divisor of steps towards a posture after a step longer than this share of the one before."""
 _STIFFER = 1e-2
@@ -76,7 +76,7 @@ class NewtonStep:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Numbers of what :meth:`__call__` passes on beside the next q."""
+        """Sizes of the values that :meth:`__call__` passes on beside the next q."""
         return self.model.nq, 2, len(self.scale), self.model.nv, 2
 
     @property
@@ -85,7 +85,7 @@ class NewtonStep:
         return (0.0, FAR, *[0.0] * (len(self.scale) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
-        """The next q, and what is passed on to the next step, of :attr:`sizes`.
+        """Next q, and the values passed to the next step, of :attr:`sizes`.
 
         Passed on: the best q so far; whether it is there (-1 if a T_d is not a pose), and its |V|; the twist it leaves; which
         joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: the
@@ -144,7 +144,7 @@ class NewtonStep:
         return np.concatenate(parts), np.concatenate(ways)
 
     def there(self, e: Array, ways: Array, allowed: Array) -> Any:
-        """1 where what is left is allowed."""
+        """1 if the residual is within the tolerance."""
         turns = np.array([row < 3 for row in self.rows])
         fine: Any = 1.0
         poses, open_by = np.split(e, [len(turns)])

@@ -27,7 +27,7 @@ def inward(model: Model) -> Iterator[tuple[int, int]]:
 
 
 def ancestors(model: Model, i: int) -> Iterator[int]:
-    """The body itself, its parent, and so on to the base, which is left out."""
+    """Body itself, its parent, and so on up to the base, which is left out."""
     while i != BASE:
         yield i
         i = model.bodies[i].parent
@@ -65,7 +65,7 @@ def collect(model: Model, wrenches: Array) -> Array:
 
 
 def add_entry(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    """Add to what the velocities a of one joint and b of another have between them; of followers, by their ratios."""
+    """Add an entry for velocities a of one joint and b of another; for followers, by their ratios."""
     r, c = row.v_index + a, column.v_index + b
     matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
 
@@ -105,7 +105,7 @@ def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
 
 
 def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
-    """A ddq + C dq, what the armature takes; (..., nv)."""
+    """Torques of the armature, A ddq + C dq; (..., nv)."""
     tau = model.armature * ddq
     for mine, L in armature_symbols(model):
         u = dq[..., mine]

@@ -99,7 +99,7 @@ def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
 
 
 def repair(G: SpatialInertia) -> Repair:
-    """Repaired inertia, :meth:`nearest_consistent`, with a report of what moved and why.
+    """Repaired inertia, :meth:`nearest_consistent`, with a report of the changes and reasons.
 
     Returns
     -------

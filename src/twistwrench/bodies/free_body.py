@@ -50,7 +50,7 @@ def constant(wrench: ArrayLike) -> WrenchLaw:
 
 
 def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
-    """The function, once it takes three arguments; what it gives is held to one frame, the first that is named."""
+    """Function checked to take three arguments; its values must be in one frame, the first that is named."""
     from inspect import signature
 
     try:

@@ -128,7 +128,7 @@ def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
 
 
 def _remark_on_size(name: str, extent: float, density: float, mass: float) -> None:
-    """Warn of what is most likely another unit of length."""
+    """Warn of a probable mistake in the unit of length."""
     small, large = _USUAL_SIZE
     light, heavy = _USUAL_DENSITY
     text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"

@@ -27,7 +27,7 @@ _KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench,
 
 
 def common_frame(known: str | None = None, **given: Any) -> str | None:
-    """The body's frame that the labelled ones among ``given`` name, a pose by the frame it is of; None where none does.
+    """Frame of the body named by the labelled values of ``given``, a pose by the frame it is of; None if none has a label.
 
     ``known`` is the frame as far as it is known already. Raises FrameError for two frames, and for one kind in another's
     place. What has no label is passed over.
@@ -312,7 +312,7 @@ class RigidBody:
         tolerance: float | None = None,
         every: int = 1,
     ) -> Flight:
-        """Free motion of a rigid body from a pose and a body twist, with a report of what drifted.
+        """Free motion of a rigid body from a pose and a body twist, with a report of the drift.
 
         Parameters
         ----------

@@ -291,7 +291,7 @@ def cone(
 
 
 def total_mass(shape: str, volume: float, mass: float | None, density: float | None) -> float:
-    """The mass [kg] of ``volume`` [m³], when exactly one of mass and density is given, positive and finite."""
+    """Mass [kg] of ``volume`` [m³] from exactly one of mass and density, positive and finite."""
     if (mass is None) == (density is None):
         given = "neither" if mass is None else "both"
         raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
@@ -331,11 +331,11 @@ def _centred(
 _LOOKED_AT = 64
 """Corners and face centres of a shell that are tested for being inside another."""
 _PAIRS = 1 << 22
-"""Pairs of an edge and a face that are looked at, for each two shells, to find whether they cut each other."""
+"""Largest number of pairs of an edge and a face, for each two shells, in the test for intersections."""
 _AT_ONCE = 1 << 20
 """Number of pairs that are compared at once, by their boxes."""
 _TOUCHING = 1e-9
-"""Points this near to a face, as part of what is compared, lie on it; edges that go this little through one only touch it."""
+"""Relative distance below which points lie on a face, and edges that pass through it only touch it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,9 +343,9 @@ class Nest:
     """Nesting of closed shells."""
 
     depth: Array
-    """(n,): how many shells a shell lies in. Even: it bounds a solid. Odd: a cavity."""
+    """(n,): number of shells around each shell. Even: it bounds a solid. Odd: a cavity."""
     cutting: tuple[tuple[int, int], ...]
-    """The pairs of shells that cut each other or coincide. Neither is taken to lie inside the other."""
+    """Pairs of shells that cut each other or coincide; neither counts as inside the other."""
 
     @property
     def sign(self) -> Array:

@@ -40,7 +40,7 @@ SINGULAR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ContactWrench:
-    """Contact wrench estimate: the wrench at a frame that fits the residual r = J'F best, and what it leaves undetermined."""
+    """Contact wrench estimate: the wrench at a frame that fits the residual r = J'F best, and its undetermined part."""
 
     wrench: Array
     """(6,): (m, f) by the world on the robot; of all that fit equally well the smallest, zero on rows not chosen [N m, N]."""
@@ -251,7 +251,7 @@ class MomentumObserver:
         *,
         residual: ArrayLike | None = None,
     ) -> ContactWrench:
-        """Contact wrench at a frame that explains the residual, by least squares, and what it leaves undetermined.
+        """Contact wrench at a frame that explains the residual, by least squares, with its undetermined part.
 
         Parameters
         ----------

@@ -113,7 +113,7 @@ class TaskLaw:
         return tuple(TWIST[k] for k in self._rows)
 
     def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
-        """Task-space errors, and what the law needs beside them, on the chosen rows.
+        """Task-space errors and the other inputs of the law, on the chosen rows.
 
         Parameters
         ----------

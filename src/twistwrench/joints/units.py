@@ -28,7 +28,7 @@ def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
 
 
 def units_of(part: str, turning: Iterable[bool]) -> tuple[str, ...]:
-    """The units of the entries of q, dq, ddq or tau, of what turns and what slides.
+    """Units of the entries of q, dq, ddq or tau, angular and linear.
 
     >>> units_of("tau", (True, False))
     ('N m', 'N')

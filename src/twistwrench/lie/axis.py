@@ -19,7 +19,7 @@ from .so3 import cross
 
 
 class Axis(NamedTuple):
-    """Screw axis as a line with a pitch, and how much of it there is."""
+    """Screw axis as a line with a pitch, and its magnitude."""
 
     direction: Array
     """Unit vector (..., 3)."""

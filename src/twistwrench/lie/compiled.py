@@ -23,7 +23,7 @@ def _nothing(_name: str) -> Kernel | None:
 
 
 compiler: Callable[[str], Kernel | None] = _nothing
-"""Gives the kernel of a function of ``lie/se3.py`` by its name; None where nothing can be compiled."""
+"""Returns the kernel of a function of ``lie/se3.py`` by its name; None without a compiler."""
 
 
 def exponential(name: str, x: Array, formulas: Callable[[Array], Array]) -> Array:

@@ -1,4 +1,4 @@
-"""The identity pose, one array that cannot be written to, and products that know it: most frames of files are not moved."""
+"""Identity pose, one read-only array, and products that skip it: most frames of files are not moved."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IDENTITY: Array = np.eye(4)
 IDENTITY.setflags(write=False)
 _ROWS = IDENTITY.tolist()
 UPRIGHT: list[list[float]] = np.eye(3).tolist()
-"""The rows of the rotation that turns nothing."""
+"""Rows of the identity rotation."""
 
 
 def is_identity(T: Array) -> bool:
@@ -22,7 +22,7 @@ def is_identity(T: Array) -> bool:
 
 
 def product(A: Array, B: Array) -> Array:
-    """A B for poses (4, 4); the other one itself where one is :data:`IDENTITY`."""
+    """Product A B of poses (4, 4); the other factor itself if one is :data:`IDENTITY`."""
     return B if A is IDENTITY else A if B is IDENTITY else A @ B
 
 

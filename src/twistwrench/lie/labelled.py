@@ -18,7 +18,7 @@ from .adjoint import Ad, ad
 
 
 def frame_name(name: object, role: str) -> str:
-    """The name of a frame, after making sure that it is one."""
+    """Checked name of a frame."""
     if not isinstance(name, str) or not name:
         raise FrameError(f"{role} is {name!r}; a frame's name is a text that is not empty, such as 'b' or 'tool0'.")
     return name
@@ -34,7 +34,7 @@ def symbol(letter: str, *frames: str) -> str:
 
 
 def hash_of(numbers: Array, *names: object) -> int:
-    """The same for numbers that compare equal, whatever their type and the signs of their zeros, and for equal names."""
+    """Hash that is equal for equal numbers, of any type and sign of zero, and equal names."""
     entries = tuple(numbers.flat) if numbers.dtype == object else (numbers.astype(float) + 0.0).tobytes()
     return hash((*names, numbers.shape, entries))
 

@@ -358,14 +358,14 @@ def pose_exp(V: Array) -> tuple[Array, Any]:
 
 
 def rotation_log(R: Array) -> tuple[Array, Any]:
-    """w with exp [w] = R and |w| ≤ π, and how far R is from a rotation. MR section 3.2.3.3, through the quaternion."""
+    """w with exp [w] = R and |w| ≤ π, and the gap of R from a rotation. MR section 3.2.3.3, through the quaternion."""
     Q = _quaternion(R)
     Q = short_way(Q[0]) * Q
     return 2.0 * half_turn(Q[0], Q[1:] @ Q[1:]) * Q[1:], sum(gap * gap for gap in gaps(R))
 
 
 def pose_log(T: Array) -> tuple[Array, Any]:
-    """V with exp [V] = T and |ω| ≤ π, and how far T is from a pose. MR eq. 3.92."""
+    """V with exp [V] = T and |ω| ≤ π, and the gap of T from a pose. MR eq. 3.92."""
     w, off = rotation_log(T[:3, :3])
     last = T[3] - np.eye(4)[3]
     return np.concatenate([w, slide(w, T[:3, 3], -0.5, cotangent_quotient(w @ w))]), off + last @ last

@@ -44,7 +44,7 @@ _COT = cot_coefficients(25)  # the terms fall by 2.5² / (2π)² = 0.16 each at 
 
 
 def _switched(theta: ArrayLike, coefficients: Coefficients, closed: Callable[[Array], Array]) -> Array:
-    """The series below the switch, the closed form above; each is computed only where it is used."""
+    """Series below the switch, closed form above; each is computed only where used."""
     theta = np.asarray(theta)
     small = theta < SWITCH
     if small.all():

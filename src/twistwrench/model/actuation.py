@@ -24,7 +24,7 @@ from .model import BASE, Body, Model, Spring
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
-    """The model with its joints driven so.
+    """Model with its joints driven by these actuators.
 
     Raises :class:`~twistwrench.UnknownNameError` for joints and links that are not there,
     :class:`~twistwrench.ModelError` for a joint that cannot be driven so or is driven already, and

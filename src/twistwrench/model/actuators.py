@@ -41,11 +41,11 @@ class Motor:
     voltage: float = np.inf
     """V, of the supply."""
     current_continuous: float = np.inf
-    """A, what the motor can carry for ever."""
+    """Continuous current [A]."""
     current_peak: float = np.inf
-    """A, what it or its amplifier can carry at all."""
+    """Peak current of the motor or its amplifier [A]."""
     speed: float = np.inf
-    """rad/s, what its bearings and its rotor can stand."""
+    """Largest speed of bearings and rotor [rad/s]."""
 
     def current(self, torque: ArrayLike) -> Array:
         """Current of a torque, i = τ / k_t.
@@ -167,7 +167,7 @@ class Rotor:
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """Actuator: all that drives one joint; the rotor turns ``ratio`` times as fast as the joint."""
+    """Actuator of one joint: motor, rotor, gear and spring; the rotor turns ``ratio`` times as fast as the joint."""
 
     joint: str
     """The joint whose coordinate it moves."""

@@ -202,7 +202,7 @@ MIMIC_POLICIES = ("follow", "independent")
 
 @dataclass(frozen=True)
 class Drive:
-    """A follower's coordinate is ``ratio`` times its leader's, plus ``offset``; the leader follows nobody."""
+    """Coordinate of a follower: ``ratio`` times its leader's, plus ``offset``; the leader does not follow another."""
 
     leader: str
     ratio: float
@@ -386,12 +386,12 @@ def assemble(
 
 
 def _configuration(model: Model, positions: Mapping[str, ArrayLike]) -> Array:
-    """q with the joints that have coordinates of their own as given; what mimics another follows."""
+    """q with the given coordinates; mimic joints follow."""
     return from_names(model, {name: positions[name] for name in model.joint_names if name in positions})
 
 
 def _led(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Column]) -> Spring:
-    """The spring between coordinates: what a follower stretches, its leader does."""
+    """Spring between leading coordinates, which take over the stretch of their followers."""
     terms: dict[str, float] = {}
     rest = spring.rest
     for joint, weight in spring.terms:

@@ -27,7 +27,7 @@ class Friction:
     coulomb: Array
     """N m or N."""
     static: Array
-    """N m or N: what it takes to break away, at least ``coulomb``."""
+    """Breakaway torque, N m or N, at least ``coulomb``."""
     stribeck: Array
     """rad/s or m/s: the speed at which static friction has mostly gone over into Coulomb friction; above 0."""
     load: Array

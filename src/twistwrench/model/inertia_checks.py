@@ -125,7 +125,7 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
 
 
 def massless_links(model: Model) -> tuple[str, ...]:
-    """The moving links without mass that must stand for something real, in document order.
+    """Moving links without mass that must have one, in document order.
 
     A moving body, with all links fixed to it, that has neither mass nor moments is named
 

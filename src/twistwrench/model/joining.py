@@ -169,7 +169,7 @@ def _link_of(found: ModelParts, frame: str) -> str:
 
 
 def _below(found: ModelParts, root: str, tip: str | None, said: str | None) -> set[str]:
-    """The links to keep: all that the root carries, or those on the way to a tip and what is fixed to them."""
+    """Links to keep: all that the root carries, or those between it and a tip with everything fixed to them."""
     carried = {joint.child: joint for joint in found.joints}
     way = {root}
     if tip is not None:

@@ -142,7 +142,7 @@ class OfferedClosure:
 BASE = -1
 """Index that stands for the base, the one body that does not move."""
 _MAPPINGS = ("actuators", "configurations", "closures", "mounts")
-"""Fields that nobody may change."""
+"""Read-only fields."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ class Model:
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
     """Actuators by joint; their rotors are among the bodies, their elasticity among the springs."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
-    """(frame, inertia about it) of what was attached; the bodies and the links that carry it have it in them."""
+    """(frame, inertia about it) of attached payloads; the bodies and the links that carry them include them."""
     shaped: frozenset[str] = frozenset()
     """The links that the file gives a shape, to be seen or to be touched."""
     snap: float = 0.0
@@ -237,7 +237,7 @@ class Model:
     sites: dict[str, Frame] = field(default_factory=dict)
     """Named frames of the file that are not links, in document order; no name is a link's."""
     configurations: Mapping[str, Array] = field(default_factory=dict)
-    """(nq,) each: what the file calls by a name, such as ``home``."""
+    """(nq,) each: named configurations of the file, such as ``home``."""
     closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
     """Loops that the file closes and the tree leaves open."""
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -308,7 +308,7 @@ class Model:
 
     @cached_property
     def moving_mass(self) -> float:
-        """The mass of all moving bodies [kg]; what is fixed to the base is not among it."""
+        """Mass of all moving bodies [kg], without what is fixed to the base."""
         return float(sum(body.inertia.mass for body in self.bodies))
 
     @cached_property

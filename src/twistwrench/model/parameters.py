@@ -63,7 +63,7 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
 
 
 def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
-    """Differences that are round-off of what they came from are zero."""
+    """Parameters with differences that are round-off set to zero."""
     p = G.parameters.copy()
     scale = np.repeat(
         [abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()], [1, 3, 6]

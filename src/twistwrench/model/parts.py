@@ -24,7 +24,7 @@ _ROUNDING = 1e-13
 
 @dataclass(eq=False)
 class ModelParts:
-    """The links of a model with an inertia each, the joints between them, fixed ones too, and what is beside them.
+    """Links of a model with an inertia each, joints between them, fixed ones too, and the entries beside them.
 
     Rotors are not among its bodies: they stay with the actuators.
     """

@@ -94,7 +94,7 @@ def VelQuadraticForces(
 
 
 def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
-    """Gravity forces g(theta), what holds the chain against gravity (MR section 8.3).
+    """Gravity forces g(theta), the torques that hold the chain against gravity (MR section 8.3).
 
     Returns
     -------
@@ -113,7 +113,7 @@ def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: A
 def EndEffectorForces(
     thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> Array:
-    """Joint torques J_b' F_tip of a wrench at the end-effector: what it takes to apply it and nothing else (MR eq. 5.26).
+    """Joint torques J_b' F_tip of a wrench that the end-effector applies, and nothing else (MR eq. 5.26).
 
     Returns
     -------

@@ -510,7 +510,7 @@ def DistanceToSO3(mat: ArrayLike) -> Any:
 
 
 def DistanceToSE3(mat: ArrayLike) -> Any:
-    """Distance of a 4×4 matrix to SE(3): :func:`DistanceToSO3` of the upper left block, with what the last row is off.
+    """Distance of a 4×4 matrix to SE(3): :func:`DistanceToSO3` of the upper left block, with the error of the last row.
 
     Returns
     -------

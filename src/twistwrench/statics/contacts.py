@@ -127,7 +127,7 @@ def _across(n: Array) -> Array:
 # ── Linear programmes: balance within the cones, or an unresisted motion
 
 _TOLERANCE = 1e-7
-"""Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""
+"""Power, as a share of the drive's, above which a motion counts as driven: ten times the solver's tolerance."""
 
 _BALANCED = 1e-6
 """Largest remainder of the load, relative to the forces, that counts as balanced; checked before a positive answer."""

@@ -55,7 +55,7 @@ class Equilibrium:
     velocities: Array | None
     """(contacts, 3) m/s: of the contact points in that motion, in the frame of the normals; None unless it cannot hold."""
     power: float | None
-    """W: what the loads put into that motion beyond all that the motors could take out, with contacts adding at least 0."""
+    """Power of the loads in that motion beyond the most that the motors can take out [W]; contacts add at least 0."""
     edges: int
     """Number of edges of the friction cones."""
     names: tuple[str, ...]
@@ -87,7 +87,7 @@ class Equilibrium:
 
 
 def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, edges: int = 8) -> Equilibrium:
-    """Force closure of one body: whether contacts can balance a wrench on it.
+    """Force closure of one body: decides if contacts can balance a wrench on it.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def robot_equilibrium(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     edges: int = 8,
 ) -> Equilibrium:
-    """Static equilibrium of a robot: whether it holds itself at one pose by contacts and by torques within limits.
+    """Static equilibrium of a robot: decides if it holds itself at one pose by contacts and by torques within limits.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _lever(maps: list[Array], load: Array, turning: Array) -> float:
 
 
 def _of_size_one(no: Equilibrium) -> Equilibrium:
-    """The certificate with its largest entry 1, whatever the units it was found in."""
+    """Certificate scaled to a largest entry of 1."""
     size = float(np.abs(np.asarray(no.motion)).max())
     motion, velocities = (np.asarray(x) / size + 0.0 for x in (no.motion, no.velocities))
     return replace(no, motion=motion, velocities=velocities, power=float(no.power or 0.0) / size)
@@ -265,7 +265,7 @@ RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TorqueWrench:
-    """The wrench a set of torques produces at rest, and the parts of both worlds that the other never sees.
+    """Wrench of a set of torques at rest, with the wrenches and torques that the other side does not determine.
 
     Balance reads τ - g(q) = J' F + ``unbalanced``. Every F = ``wrench`` + ``borne`` @ x, for any x (6 - rank), fits it
     equally: what the structure bears takes no torque, so torques do not determine it. ``print`` it for the whole in words.
@@ -330,7 +330,7 @@ class TorqueWrench:
 def wrench_from_torques(
     robot: Robot, q: ArrayLike, tau: ArrayLike, frame: str | None = None, *, kind: Kind = "body", length: float = 1.0
 ) -> TorqueWrench:
-    r"""Wrench from joint torques: what the robot at rest applies at a frame with torques ``tau``.
+    r"""Wrench from joint torques: the wrench that the robot at rest applies at a frame with torques ``tau``.
 
     Parameters
     ----------
@@ -451,13 +451,13 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
 
 @dataclass(frozen=True)
 class BeyondStop:
-    """A joint that cannot be where the pose puts it."""
+    """Joint outside its position limits."""
 
     joint: str
     value: float
     """rad or m."""
     stop: float
-    """The nearest place it can take [rad or m]."""
+    """Nearest position within the limits [rad or m]."""
     turns: bool
     """True if it turns, False if it slides."""
 

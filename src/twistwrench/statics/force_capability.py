@@ -45,7 +45,7 @@ class WrenchEllipsoid:
     axes: Array
     """(..., n, n): the directions of the semi-axes, as columns, strongest first."""
     semi_axes: Array
-    """(..., n): their lengths, descending; inf along what the structure bears."""
+    """(..., n): their lengths, descending; inf along directions that the structure bears."""
     part: str
     """"force", "moment" or "wrench"."""
     kind: Kind

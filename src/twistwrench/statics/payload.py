@@ -45,11 +45,11 @@ class LargestPayload:
     side: Array
     """(...): +1 if that joint is at its upper limit, -1 at its lower; 0 if none."""
     holds: Array
-    """(...) of bool: whether the robot holds itself, with nothing in its hand."""
+    """(...) of bool: True if the robot holds itself without a payload."""
     unloaded: Array
     """(..., nv): g(q), the torques that hold the robot alone [N m or N]."""
     per_kilogram: Array
-    """(..., nv): what each kilogram adds to them."""
+    """(..., nv): torques of each kilogram."""
     per_joint: Array
     """(..., nv) kg: the mass each joint could hold, were it the only weak one."""
     limits: Array
@@ -316,7 +316,7 @@ class PayloadMap:
     worst: Array
     """(ny, nx) kg: the least of their largest payloads."""
     count: Array
-    """(ny, nx): how many configurations fell in the cell."""
+    """(ny, nx): number of configurations in the cell."""
 
     @property
     def samples(self) -> int:
@@ -408,14 +408,14 @@ def payload_map(
 
 
 def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
-    """Both as they have to be, before anything runs. Raises UnknownNameError, ValueRangeError."""
+    """Checked plane and number of samples. Raises UnknownNameError, ValueRangeError."""
     if not isinstance(plane, str) or plane not in (*SLICES, "rz"):
         raise UnknownNameError.of("slice", plane, (*SLICES, "rz"))
     return plane, arguments.whole(samples, "samples", 1)
 
 
 def _binned(found: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
-    """Rows (x, y, mass) into square cells: borders, largest, least, and how many."""
+    """Rows (x, y, mass) into square cells: borders, largest, least, and number."""
     low, high = found[:, :2].min(axis=0), found[:, :2].max(axis=0)
     size = max(float((high - low).max()), 1e-9) / cells
     nx, ny = (np.maximum(np.ceil((high - low) / size - 1e-9), 1)).astype(int)

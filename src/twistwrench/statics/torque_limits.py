@@ -102,7 +102,7 @@ def floating_entries(robot: Robot) -> Array:
 
 
 def span(values: Array) -> str:
-    """The least and the greatest of many numbers, and how many are unknown."""
+    """Least and greatest of many numbers, and the number of unknown ones."""
     known = values[~np.isnan(values)]
     some = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
     unknown = values.size - known.size
@@ -131,11 +131,11 @@ class Growth:
     most: Array
     """(...): the largest s, inf if the load does not act on any joint."""
     per_joint: Array
-    """(..., nv): the largest s as far as each joint alone is concerned."""
+    """(..., nv): the largest s of each joint alone."""
     joint: Array
     """(...) of int: the joint that bounds ``most``; -1 if none."""
     side: Array
-    """(...) of ±1: whether that joint is then at its upper or lower limit; 0 if none."""
+    """(...): +1 if that joint is then at its upper limit, -1 at its lower; 0 if none."""
 
 
 def growth(start: Array, step: Array, limits: Array) -> Growth:
@@ -165,7 +165,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
 
 
 def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
-    """``q`` (nq,) of finite numbers, for ``what`` takes one pose only, for the reason ``why``.
+    """``q`` (nq,) of finite numbers; an error names ``what`` takes one pose only, and ``why``.
 
     Raises ShapeError, ValueRangeError.
     """
@@ -216,7 +216,7 @@ _FAR = 1.0
 def unit_slips(
     robot: Robot, q: Array, limits: Limits, places: Mapping[str, Array], *, degrees: bool = False
 ) -> Iterator[str]:
-    """Sentences about what is too far off to be meant: ``places`` (3,) [m] by name, and the joints of q (nq,).
+    """Sentences on values that suggest a wrong unit: ``places`` (3,) [m] by name, and the joints of q (nq,).
 
     A place is more than 1 m out; a joint that turns more than a turn beyond its limits, or a turn beyond a whole one where it
     has none, unless angles are in ``degrees`` anyway; a joint that slides more than 1 m beyond.

@@ -54,7 +54,7 @@ mtable.matrix { border: solid currentColor; border-width: 0 1.5px; padding: .1em
 
 
 def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
-    """The page. Sums are cut at their terms, so that browsers break lines there."""
+    """HTML page; sums are split at their terms, so that browsers break lines there."""
     notation = MathML()
     title = f"Equations of motion of {escape(equations.name)}"
     parts = [
@@ -134,7 +134,7 @@ def check_expanded(name: str, products: float, coordinates: int) -> None:
 
 
 def named_lines(robot: Robot) -> int:
-    """About how many lines a derivation with named intermediate results has: columns of Jacobians and their derivatives."""
+    """Approximate number of lines with named intermediate results: columns of Jacobians and their derivatives."""
     model = robot.model
     depth: list[int] = []
     lines = 0
@@ -218,7 +218,7 @@ _STATES, _SEED = 16, 8100
 
 @dataclass(frozen=True)
 class DerivationCheck:
-    """Check of a derivation: how far it is from the compiled kernels, relative to the largest entry of each quantity."""
+    """Check of a derivation: gap to the compiled kernels, relative to the largest entry of each quantity."""
 
     inverse_dynamics: float
     """Residual of τ."""

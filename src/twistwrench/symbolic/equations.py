@@ -25,7 +25,7 @@ class Label:
     variable: str = ""
     rate: bool = False
     time: str = ""
-    """The symbol of time, for what of a rate is due to it alone."""
+    """Symbol of time, for the part of a rate that is due to it alone."""
 
     def write(self, notation: Notation) -> str:
         """Text in one of the notations."""
@@ -361,7 +361,7 @@ class Equations:
 
 
 def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
-    """The function, which first looks whether each constant has a number."""
+    """Function with a check that each constant has a number."""
     wanted = signature(function)
 
     @wraps(function)

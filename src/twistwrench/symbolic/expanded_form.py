@@ -92,7 +92,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One coordinate: its symbol, whether it is an angle, and what it stands for."""
+    """Coordinate: its symbol, its meaning, and True for an angle."""
 
     name: str
     angle: bool

@@ -26,7 +26,7 @@ _MOST_FACTORED, _MOST_NAMES = 28, 7  # terms and symbols of the square of a sum 
 
 
 class EquationWriter:
-    """Makes SymPy expressions of the sums of one ring. ``expressions`` gives what a symbol of the ring stands for."""
+    """Writes sums of one ring as SymPy expressions. ``expressions`` gives the meaning of the ring's symbols."""
 
     def __init__(
         self,

@@ -24,7 +24,7 @@ def exact_number(value: float) -> Any:
 
 
 class Definitions:
-    """Definitions in order, and the derivatives of what they define."""
+    """Definitions in order, with their derivatives."""
 
     def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
         import sympy

@@ -47,7 +47,7 @@ def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
 
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
-    """ValueRangeError for what would be taken for a constant and is none, and for an L without kinetic energy."""
+    """Raise ValueRangeError for a symbol that looks like a constant but is not, and for an L without kinetic energy."""
     import sympy
 
     if found := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
@@ -199,7 +199,7 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
 def _parsed(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]
 ) -> tuple[Terms, Mapping[str, Any]] | None:
-    """L as a sum of products, with what the symbols of its ring stand for; None where it is none."""
+    """L as a sum of products, with the meaning of its ring's symbols; None if it is not one."""
     moving = {*q, *dq}
     atoms: dict[Any, str] = {s: s.name for s in (*q, *dq, *ddq)}
     if not _collect(L, moving, atoms) or len(set(atoms.values())) < len(atoms):

@@ -257,7 +257,7 @@ class Notation:
         return head + "".join(self.between(sign) + term for sign, term in rest)
 
     def between(self, sign: str) -> str:
-        """Plus or minus with what is around it."""
+        """Plus or minus with its spacing."""
         return f" {self.operator(sign)} "
 
     def operator(self, sign: str) -> str:
@@ -275,7 +275,7 @@ class Notation:
         return f"{'d/dt ' if rate else ''}∂{top}/∂{variable}"
 
     def partial(self, variable: str, inner: str) -> str:
-        """∂/∂variable of what follows."""
+        """∂/∂variable of an expression."""
         return f"∂/∂{variable} {inner}"
 
     def other(self, expr: Any) -> str:

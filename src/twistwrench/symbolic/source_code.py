@@ -25,7 +25,7 @@ FUNCTIONS = {
     "coriolis_matrix": (("q", "dq"), "C", 2, "C with C dq = c and dM/dt - 2C skew"),
     "gravity_forces": (("q",), "g", 1, "g, what is left at rest"),
 }
-"""Name of each function → its arrays in, its array out, how many axes that has, and what it is."""
+"""Name of each function → its arrays in, its array out, number of axes, and description."""
 
 _FIELDS = {"inverse_dynamics": "tau", "bias_forces": "tau"}
 _RESERVED = frozenset(
@@ -49,7 +49,7 @@ _MACRO = re.compile(r"(M_\w*[A-Z]|FP_|HUGE_|MATH_|DBL_|FLT_|LDBL_|INT|UINT|SIZE_
 
 @dataclass(frozen=True)
 class Routine:
-    """One function as statements: what it reads, in which names, the lines in order, the results."""
+    """Function as statements: inputs with their names, lines in order, results."""
 
     name: str
     inputs: tuple[tuple[str, int, str], ...]
@@ -91,7 +91,7 @@ def constants(equations: Equations) -> list[Any]:
 
 
 def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
-    """The statements of one function: the definitions it needs, then what its results share."""
+    """Statements of one function: its definitions, then common subexpressions of its results."""
     import sympy
 
     safe = {symbol: sympy.Symbol(text) for symbol, text in names.items()}

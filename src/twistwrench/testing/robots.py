@@ -112,7 +112,7 @@ def random_builder(
 
 
 def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
-    """Axis, limits and losses of a joint. Axes are coordinate axes now and then: those take other paths in the code."""
+    """Axis, limits and losses of a joint. Some axes are coordinate axes, which take other paths in the code."""
     options: dict[str, Any] = {"axis": rng.standard_normal(3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)]}
     joint = _SCREWS.get(kind)
     if joint is not None and joint.has_pitch:
