@@ -18,8 +18,8 @@ import twistwrench as tw
 from twistwrench.lowering.reference_interpreter import NumpyKernel
 from twistwrench.runtime import batch_threads as batch_split
 from twistwrench.runtime import dispatch as fast_call
+from twistwrench.runtime import dispatch_ir, interpreter
 from twistwrench.runtime import gufunc as ufunc
-from twistwrench.runtime import interpreter
 
 WAIT = 120.0
 """Seconds until a test that would hang fails instead."""
@@ -179,10 +179,10 @@ def test_a_free_threaded_python_goes_without_the_builtin(looked_at_again, monkey
     assert ufunc.owner_of(robot.kernel("gravity_forces")) is not None
 
 
-@pytest.mark.parametrize("field", sorted(fast_call.FIELDS))
+@pytest.mark.parametrize("field", sorted(dispatch_ir.FIELDS))
 def test_arrays_that_lie_otherwise_go_without_the_builtin(looked_at_again, monkeypatch, field):
     shifted = {"type": 0, "data": 32, "nd": 28, "dims": 16, "descr": 8, "flags": 24}
-    monkeypatch.setitem(fast_call.FIELDS, field, shifted[field])
+    monkeypatch.setitem(dispatch_ir.FIELDS, field, shifted[field])
     stands_aside(tw.robots.ur5())
 
 

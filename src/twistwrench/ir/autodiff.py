@@ -1,9 +1,9 @@
-"""Derivatives of traced expressions, by forward and by reverse mode. They are expressions of the same trace.
+"""Derivatives of traced expressions by forward and reverse mode, as expressions of the same trace.
 
-A sweep follows the chain rule through what the results are made of, once for each direction (forward) or once for each result
-(reverse). It begins, or ends, at *known* expressions, whose derivatives along the directions are given: inputs as a rule,
-and whatever else one knows a shorter formula for than the chain rule finds. What lies behind a known expression is not
-looked at, so any mixture of inputs and expressions made of them is right.
+A sweep applies the chain rule to everything that the results depend on, once for each direction (forward) or for each result
+(reverse). It begins, or ends, at *known* expressions, whose derivatives along the directions are given: usually inputs, or
+expressions with a shorter formula than the chain rule gives. Expressions behind a known one are not visited, so any mixture of
+inputs and expressions made of them is right.
 
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapters 3 (both modes) and 5 (reverse before forward).
 """
@@ -20,7 +20,7 @@ from .expr import Expr
 from .tracer import operands_of, reached
 
 Known = Mapping[Expr, Mapping[int, Expr]]
-"""The derivative of an expression along each direction, by the direction's number; those not there are zero."""
+"""Derivatives of an expression by the number of the direction; missing ones are zero."""
 
 
 class Work(NamedTuple):
@@ -33,7 +33,7 @@ class Work(NamedTuple):
 def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str = "auto") -> Array:
     """Derivatives of the results along the directions; (len(results), directions).
 
-    ``mode``: ``"forward"``, ``"reverse"``, or ``"auto"``, whichever :func:`work` says takes fewer operations.
+    ``mode``: ``"forward"``, ``"reverse"``, or ``"auto"``, the one with fewer operations by :func:`work`.
     """
     if mode == "auto":
         counted = work(results, known)
@@ -63,7 +63,7 @@ def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> li
 
 
 def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
-    """The derivative of Σ weights · results along every direction, weights held, by reverse mode; (directions,)."""
+    """The derivative of Σ weights · results along every direction at constant weights, by reverse mode; (directions,)."""
     nodes = _active(results, known)
     adjoint: dict[Expr, Any] = {}
     for result, weight in zip(results, weights, strict=True):
@@ -84,9 +84,9 @@ def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, dire
 
 
 def work(results: Sequence[Expr], known: Known) -> Work:
-    """Count both modes: which directions each expression depends on, and which results depend on it.
+    """Operations of both modes, from the directions that each expression depends on and the results that depend on it.
 
-    A product costs a multiplication for each factor that varies and an addition if both do; sums cost what they add.
+    A product costs a multiplication for each factor that varies and an addition if both do; sums cost their additions.
     """
     reach = _active(results, known)
     used = dict.fromkeys(reach, 0)  # results that depend on it, a bit each
@@ -113,7 +113,7 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 
 
 def _taken(node: Expr, a: Any, b: Any) -> Any:
-    """1 where a minimum or maximum is its first operand, 0 where it is the second, and a half of each where they meet."""
+    """1 if a minimum or maximum is its first operand, 0 if it is the second, and ½ if they are equal."""
     apart = b - a if node.op == "min" else a - b
     return 0.5 + 0.5 * apart.sign()
 
@@ -157,7 +157,7 @@ def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
 
 
 def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:
-    """One sweep for each direction: what follows from it in the order it was computed."""
+    """One sweep for each direction, in the order of evaluation."""
     active = _active(results, known)
     steps = [(node, reach, () if node in known else _slopes(node, active)) for node, reach in active.items()]
     found = []
@@ -179,7 +179,7 @@ def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[lis
 
 
 def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
-    """What the results are made of as far back as the known, if it varies: with its directions as bits, operands first."""
+    """Varying expressions between the results and the known, operands first, with their directions as bits."""
     masks: dict[Expr, int] = {}
     for node in sorted(reached(results, lambda x: () if x in known else _made_of(x)), key=lambda x: x.index):
         mask = sum(1 << d for d in known.get(node, ()))

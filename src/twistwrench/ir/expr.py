@@ -1,4 +1,4 @@
-"""Symbols that record the arithmetic done on them.
+"""Symbols that record the arithmetic applied to them.
 
 An :class:`Expr` belongs to one :class:`~twistwrench.ir.tracer.Trace`, which keeps every distinct expression once and
 folds constants as they appear. Expressions live in NumPy object arrays, so algorithms written with NumPy operators run
@@ -77,7 +77,7 @@ class Expr:
         return self * self.sign()
 
     def __pow__(self, power: Any) -> Any:
-        """Whole and half powers by products and a square root, others, of positive numbers, by exp and log."""
+        """Integer and half-integer powers by products and a square root; others, of positive numbers, by exp and log."""
         if isinstance(power, np.ndarray):
             return _elementwise(np.power, self, power)
         if isinstance(power, Expr):
@@ -109,55 +109,55 @@ class Expr:
         raise TypeError("a traced value has no truth: an algorithm must not branch on the robot's state.")
 
     def conjugate(self) -> Expr:
-        """The value itself: everything here is real. NumPy's ``vecdot`` and friends ask for it."""
+        """The value itself, which is real; called by NumPy's ``vecdot`` and others."""
         return self
 
     def sin(self) -> Expr:
-        """Sine; what ``np.sin`` calls."""
+        """Sine; called by ``np.sin``."""
         return self.trace.sin(self)
 
     def cos(self) -> Expr:
-        """Cosine; what ``np.cos`` calls."""
+        """Cosine; called by ``np.cos``."""
         return self.trace.cos(self)
 
     def turned(self, by: Any) -> Expr:
-        """The angle and another, whose sines and cosines are those of the two."""
+        """Sum of two angles, whose sine and cosine are computed from those of the two."""
         return self.trace.turned(self, self.trace.lift(by))
 
     def sqrt(self) -> Expr:
-        """Square root; what ``np.sqrt`` calls."""
+        """Square root; called by ``np.sqrt``."""
         return self.trace.sqrt(self)
 
     def tan(self) -> Any:
-        """Tangent; what ``np.tan`` calls."""
+        """Tangent; called by ``np.tan``."""
         return self.sin() / self.cos()
 
     def exp(self) -> Expr:
-        """e to its power; what ``np.exp`` calls."""
+        """Exponential; called by ``np.exp``."""
         return self.trace.exp(self)
 
     def log(self) -> Expr:
-        """Natural logarithm; what ``np.log`` calls."""
+        """Natural logarithm; called by ``np.log``."""
         return log(self)
 
     def tanh(self) -> Expr:
-        """Hyperbolic tangent; what ``np.tanh`` calls."""
+        """Hyperbolic tangent; called by ``np.tanh``."""
         return tanh(self)
 
     def arctan(self) -> Expr:
-        """Arc tangent; what ``np.arctan`` calls."""
+        """Arc tangent; called by ``np.arctan``."""
         return arctan2(self, self.trace.one)
 
     def arctan2(self, x: Any) -> Expr:
-        """The angle of the point (x, the value); what ``np.arctan2`` calls."""
+        """Angle of the point (x, the value); called by ``np.arctan2``."""
         return arctan2(self, self.trace.lift(x))
 
     def hypot(self, other: Any) -> Any:
-        """Root of the sum of two squares; what ``np.hypot`` calls. It is not differentiable at 0: NaN."""
+        """Root of the sum of two squares; called by ``np.hypot``. It is not differentiable at 0: NaN."""
         return (self * self + other * other).sqrt()
 
     def clip(self, lower: Any, upper: Any) -> Expr:
-        """The value, or the limit it is beyond; NaN stays NaN."""
+        """The value, or the limit that it exceeds; NaN stays NaN."""
         trace = self.trace
         return trace.max(trace.lift(lower), trace.min(trace.lift(upper), self))
 
@@ -170,7 +170,7 @@ _LARGEST_POWER = 128
 
 
 def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:
-    """A symbol with every element of an array; wrapped, for NumPy would hand a bare symbol back to its operators."""
+    """A symbol combined with every element of an array; wrapped, since NumPy would return a bare symbol to its operators."""
     wrapped = np.empty((), object)
     if isinstance(a, Expr):
         wrapped[()] = a

@@ -1,8 +1,8 @@
-"""A program taken again and again: its results are its inputs the next time, for as many steps as are asked for.
+"""Loops around programs: scans over steps, searches, column solves and products of factors.
 
-The loop over the steps is part of the kernel. Its signature has two sizes of its own: ``(k)`` steps are taken, and every
-k/m-th state is kept, in ``(m)`` rows. The states at the beginning go in once; whatever else goes in may differ from step to
-step.
+A scan evaluates a program for a number of steps; its results are its inputs in the next. The loop is part of the kernel. Its
+signature has two sizes of its own: ``(k)`` steps are evaluated, and every k/m-th state is stored, in ``(m)`` rows. The initial
+states are given once; all other inputs may differ from step to step.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from functools import cached_property
 from .program import Program, TensorSpec, signature_of
 
 STEPS, KEPT = "k", "m"
-"""The names of the two sizes in the signature."""
+"""Names of the two sizes in the signature."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where an input of the program comes from.
+    """Source of an input of the program.
 
-    ``"state"``: what result number ``state`` was the last time. ``"start"``: what it was when the step began, for programs that
-    are taken several times a step. ``"stage"``: the row of the table for this time. ``"given"``: an array of the caller's.
+    ``"state"``: the last value of result number ``state``. ``"start"``: its value at the beginning of the step, for programs
+    that are evaluated several times a step. ``"stage"``: the row of the table for this stage. ``"given"``: the caller's array.
     """
 
     kind: str
@@ -31,10 +31,10 @@ class Source:
 
 @dataclass(frozen=True)
 class Scan:
-    """A program, what its inputs are, and how often it is taken in a step.
+    """A program that is evaluated once for each stage of each step, with the sources of its inputs.
 
-    The first ``visible`` results are the state; ``hidden`` ones follow, which are zero at the beginning and nobody sees. What
-    remains is said of a step as it begins: the torques applied, for example.
+    The first ``visible`` results are the state; ``hidden`` ones follow, which begin with zero and are not returned. The other
+    results are reported for each step at its beginning, such as the torques applied.
     """
 
     program: Program
@@ -42,31 +42,31 @@ class Scan:
     visible: int
     hidden: int = 0
     table: tuple[tuple[float, ...], ...] = ((),)
-    """A row for each time that the program is taken in a step."""
+    """Rows by stage: the program is evaluated once for each."""
 
     @property
     def states(self) -> tuple[TensorSpec, ...]:
-        """The results that are fed back, hidden ones last."""
+        """Results that are fed back, hidden ones last."""
         return self.program.outputs[: self.visible + self.hidden]
 
     @property
     def given(self) -> tuple[int, ...]:
-        """The numbers of the inputs that the caller gives for each step."""
+        """Numbers of the inputs that the caller gives for each step."""
         return tuple(k for k, source in enumerate(self.sources) if source.kind == "given")
 
     @property
     def said(self) -> tuple[int, ...]:
-        """The numbers of the results that are said of a step as it begins."""
+        """Numbers of the results that are reported for each step at its beginning."""
         return tuple(range(self.visible + self.hidden, len(self.program.outputs)))
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel takes, one step of it: first states, then what is given for each step."""
+        """Inputs of the kernel for one step: states, then those given for each step."""
         return (*self.program.outputs[: self.visible], *(self.program.inputs[k] for k in self.given))
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel returns, one row of it: states, then what is said of steps."""
+        """One row of the kernel's results: states, then reports of steps."""
         return (*self.program.outputs[: self.visible], *(self.program.outputs[k] for k in self.said))
 
     @cached_property
@@ -85,59 +85,58 @@ class Scan:
 # made side by side.
 
 PLACES = 64
-"""Starts that a table has, beside the first."""
+"""Start configurations of a table, beside the first."""
 
 TIMES, ATTEMPTS, ALLOWED = 0, 1, 2
-"""Where the settings say how often the program is taken in an attempt at most, and how often to start again; what the program
-is given of them begins at the third."""
+"""Positions in the settings: most steps of an attempt, further attempts, and the first number passed to the program."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """A program whose inputs are x, x once more, what is passed on, and what is given: the target and what is allowed of it.
+    """A program with inputs x, the initial x of the step, its memory, and the target with tolerances.
 
-    Its results are the next x, and what is passed on: the best x so far; what is said of it, first whether it is there (1; -1
-    where there is nothing to look for) and what it costs; how long nothing got nearer; and last whether it goes on.
+    Its results are the next x and the memory: the best x so far; its report, which begins with a status (1: found, -1: invalid
+    target) and the error; the number of steps without progress; and last a flag to continue.
     """
 
     program: Program
     target: TensorSpec
-    """What is looked for."""
+    """Target of the search."""
     near: tuple[int, ...]
-    """The entries of the target by which places are near: sums of squares, each with its own weight."""
+    """Entries of the target that measure how near a start configuration is: weighted sums of squares."""
     begins: tuple[float, ...]
-    """What is passed on to the first step, after x."""
+    """Initial memory, after x."""
     least: tuple[float, ...]
-    """What the entries of x are at least, as an attempt begins."""
+    """Lower limits of x at the beginning of an attempt."""
     most: tuple[float, ...]
-    """What they are at most."""
+    """Upper limits of x at the beginning of an attempt."""
 
     @property
     def x(self) -> TensorSpec:
-        """What is moved."""
+        """The variable of the search."""
         return self.program.outputs[0]
 
     @property
     def said(self) -> TensorSpec:
-        """How many starts it took, and what the program says of the best x."""
+        """Number of attempts, and the program's report on the best x."""
         return TensorSpec("said", (self.program.outputs[1].size - self.x.size - 1,))
 
     @property
     def settings(self) -> TensorSpec:
-        """How often, how many, what is allowed, and the weights."""
+        """Most steps, attempts, tolerances and weights."""
         given = self.program.inputs[-1].size - self.target.size
         return TensorSpec("settings", (ALLOWED + given + len(self.near),))
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel takes: the target, the first start, the settings, and the places with the targets they lead to."""
+        """Inputs of the kernel: target, first start, settings, and the table of start configurations with their targets."""
         size, many = self.x.size, len(self.near)
         tables = TensorSpec("places", (PLACES, size)), TensorSpec("reached", (many, PLACES))
         return self.target, TensorSpec("start", (size,)), self.settings, *tables
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel returns."""
+        """Results of the kernel."""
         return self.x, self.said
 
     @cached_property
@@ -154,30 +153,30 @@ class Search:
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns that one program works on. Its inputs are the shared results and a column, its result is the new column."""
+    """Columns solved by one program: its inputs are the shared results and a column, its result is the new column."""
 
     program: Program
     places: tuple[tuple[int, int], ...]
-    """The number of a result, a matrix, and of a column of it."""
+    """Matrix, as the number of a result, and column."""
 
 
 @dataclass(frozen=True)
 class ColumnSolve:
-    """A program, and what becomes of the columns of its results."""
+    """A program, and the solves of columns of its results."""
 
     program: Program
     shared: int
-    """How many of the last results only the groups take."""
+    """Number of last results that only the groups use."""
     groups: tuple[ColumnGroup, ...]
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel takes: what the program does."""
+        """Inputs of the kernel: those of the program."""
         return self.program.inputs
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel returns."""
+        """Results of the kernel."""
         return self.program.outputs[: len(self.program.outputs) - self.shared]
 
     @cached_property
@@ -187,19 +186,19 @@ class ColumnSolve:
 
     @cached_property
     def first_entries(self) -> tuple[int, ...]:
-        """By result, the number of its first entry among those of all."""
+        """Number of each result's first entry among the entries of all."""
         found = [0]
         for port in self.program.outputs:
             found.append(found[-1] + port.size)
         return tuple(found[:-1])
 
     def entry(self, matrix: int, row: int, column: int) -> int:
-        """The number of an entry of a matrix among those of all results."""
+        """Number of an entry of a matrix among the entries of all results."""
         port = self.program.outputs[matrix]
         return self.first_entries[matrix] + row * port.shape[1] + column
 
     def stored_rows(self, group: ColumnGroup) -> list[int]:
-        """The rows that are not zero before and after."""
+        """Rows that are not zero before and after the solve."""
         return [
             row
             for row, nothing in enumerate(group.program.zeros)
@@ -207,7 +206,7 @@ class ColumnSolve:
         ]
 
     def stored_entries(self, group: ColumnGroup) -> dict[int, list[int]]:
-        """The rows that each instruction of the group's program makes, of those that are stored."""
+        """Stored rows by the instruction of the group's program that makes them."""
         entries: dict[int, list[int]] = {}
         for row in self.stored_rows(group):
             entries.setdefault(group.program.results[row], []).append(row)
@@ -215,7 +214,7 @@ class ColumnSolve:
 
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
-        """Of each entry of the program's results whether it is zero in the end, whatever the inputs."""
+        """For each entry of the program's results, True if it is zero in the end for all inputs."""
         zeros = list(self.program.zeros)
         for group in self.groups:
             rows = self.stored_rows(group)
@@ -231,7 +230,7 @@ class ColumnSolve:
 # depends on which of the two carries the other. Unrolled, a chain of n joints has n² of them; as loops they are a few lines.
 
 NEITHER, BEFORE, AFTER = 0, 1, 2
-"""Of an entry: nothing there; its row's joint carries its column's; it is the other way about, or they are the same."""
+"""Kinds of an entry: zero; its row's joint carries its column's; the reverse, or both are the same."""
 
 
 @dataclass(frozen=True)
@@ -242,26 +241,26 @@ class Product:
     before: tuple[int, int]
     after: tuple[int, int]
     added: tuple[tuple[int, int, float], ...] = ()
-    """Row, column and number of what is added."""
+    """Row, column and value of constants to add."""
 
 
 @dataclass(frozen=True)
 class Products:
-    """A program, and what is made of its results."""
+    """A program of factors, and the matrices made of them."""
 
     program: Program
     matrices: tuple[Product, ...]
     relations: tuple[tuple[int, ...], ...]
-    """Row by row, which product an entry is."""
+    """Kind of each entry, row by row."""
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel takes: what the program does."""
+        """Inputs of the kernel: those of the program."""
         return self.program.inputs
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
-        """What the kernel returns: the matrices."""
+        """Results of the kernel: the matrices."""
         n = len(self.relations)
         return tuple(TensorSpec(matrix.name, (n, n)) for matrix in self.matrices)
 

@@ -1,4 +1,4 @@
-"""The arrays that go into a program and come out, and the signature that NumPy reads of them."""
+"""Straight-line programs: named arrays, gufunc signatures, instructions, and functions composed of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class TensorSpec(NamedTuple):
-    """A named array that goes in or comes out."""
+    """Name and shape of an array that is an input or an output."""
 
     name: str
     shape: tuple[int, ...]
@@ -38,7 +38,7 @@ def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequen
 
 @cache
 def axes_of(signature: str) -> list[list[int]]:
-    """By operand, where NumPy puts the size of each axis in a loop's ``dims``: by names and numbers as they first appear.
+    """Position of each axis' size in a loop's ``dims``, by operand: names and numbers in the order of their first appearance.
 
     >>> axes_of("(7),(k,7)->(m,7)")
     [[1], [2, 1], [3, 1]]
@@ -55,15 +55,15 @@ def axes_of(signature: str) -> list[list[int]]:
 # ── A program: straight-line instructions in order, no loops, no branches, every rounding explicit
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
-"""The fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
+"""Fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
 
 ARITY = {
     "const": 0, "input": 0, "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1,
     "sqrt": 1, "sin": 1, "cos": 1, "sign": 1, "exp": 1, "min": 2, "max": 2, **dict.fromkeys(FUSED, 3),
 }  # fmt: skip
-"""Every operation there is, and how many operands it takes.
+"""Number of operands of every operation.
 
-``min`` is a if a < b, else b, and ``max`` a if a > b, else b, as processors have it: the second of two that do not compare.
+``min`` is a if a < b, else b, and ``max`` a if a > b, else b, as in processors: the second of two that do not compare.
 """
 
 
@@ -77,14 +77,14 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Program:
-    """What a kernel computes for one sample.
+    """Computation of a kernel for one sample.
 
-    Input elements are numbered through all input ports in C order; ``results`` gives, for every output element in the same
+    Input elements are numbered through all inputs in C order; ``results`` gives, for every output element in the same
     order, the number of the instruction that makes it.
     """
 
     instructions: tuple[Instruction, ...]
-    """The operations, each of earlier results."""
+    """Operations, each on earlier results."""
     results: tuple[int, ...]
     """Number of the instruction that makes each output element, in C order."""
     inputs: tuple[TensorSpec, ...]
@@ -125,7 +125,7 @@ class Program:
 
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
-        """Of each element of the outputs whether it is zero, whatever the inputs."""
+        """For each element of the outputs, True if it is zero for all inputs."""
         made = (self.instructions[result] for result in self.results)
         return tuple(x.op == "const" and x.value == 0.0 for x in made)
 
@@ -158,12 +158,12 @@ _ROOTS = 10
 
 
 class Composed(NamedTuple):
-    """What an expression computes."""
+    """Function and operands of an expression."""
 
     name: str
-    """The function."""
+    """Name of the function."""
     operands: tuple[Expr, ...]
-    """What it is applied to."""
+    """Its operands."""
 
 
 def tanh(x: Expr) -> Expr:
@@ -213,7 +213,7 @@ def _odd(square: Any, sign: float) -> Any:
 
 
 def _noted(name: str, value: Any, most: float, *operands: Expr) -> Expr:
-    """The value, none above ``most``, as an expression that no folding looks into, with what it is."""
+    """The value, at most ``most``, as an expression that is not folded, with the function it computes."""
     trace = operands[0].trace
     found = trace.min(trace.constant(most), trace.lift(value))  # so that NaN stays NaN
     if found.op != "const":

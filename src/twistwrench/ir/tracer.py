@@ -1,8 +1,8 @@
-"""From expressions to a program: choose an order, fuse products into the sums that use them, number what remains.
+"""Programs from traced functions: order of evaluation, fusion of products into sums, numbering.
 
 The order matters more than anything a compiler does afterwards, because a program has thousands of values and a processor
-a few dozen registers. Programs keep the order in which the algorithm made their values, sines and cosines first: what
-belongs together in time stays together. Depth first from the results spills half as much again (see bench/NOTES.md).
+a few dozen registers. Programs keep the order in which the algorithm made their values, sines and cosines first, so values
+that are used together stay together. Depth first from the results spills half as much again (see bench/NOTES.md).
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tupl
 
 
 def _needed(results: Sequence[Expr]) -> list[Expr]:
-    """Everything the results need, in the order it was made; sines, cosines and what they need come first."""
+    """All expressions that the results need, in the order they were made, but sines, cosines and their operands first."""
     early = reached([node for node in reached(results) if node.op in ("sin", "cos")])
     first = {node.index for node in early}
     return sorted(reached(results), key=lambda node: (node.index not in first, node.index))
 
 
 def operands_of(node: Expr) -> tuple[Expr, ...]:
-    """None, one or two."""
+    """Operands of an expression: none, one or two."""
     return () if node.a is None else (node.a,) if node.b is None else (node.a, node.b)
 
 
 def reached(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
-    """All expressions the results are made of; iterative, for programs may be deep."""
+    """All expressions that the results depend on; iterative, since programs may be deep."""
     seen: dict[int, Expr] = {}
     stack = list(results)
     while stack:
@@ -56,7 +56,7 @@ _FUSED_BY_SIGNS = {signs: op for op, signs in FUSED.items()}
 
 
 def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[str, Expr, Expr]]:
-    """Sums that take in a product nobody else uses: index of the sum → (fused operation, product, other operand)."""
+    """Sums that absorb a product used nowhere else: index of the sum → (fused operation, product, other operand)."""
     uses: dict[int, int] = {}
     for node in nodes:
         for x in operands_of(node):
@@ -99,7 +99,7 @@ def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tu
 # reassociate constants (``2 * (3 * x)`` is ``6 * x``) but never drops a term that is not exactly zero.
 
 LARGEST = 2_000_000
-"""Expressions a trace may have: each takes half a kilobyte until the program is made of them, so a gigabyte is the most."""
+"""Most expressions of a trace: each takes half a kilobyte until the program is built, a gigabyte in all."""
 
 
 class Trace:
@@ -127,7 +127,7 @@ class Trace:
         return found
 
     def forget(self) -> None:
-        """Let go of all expressions: they hold this trace, and a ring of millions waits long for Python's collector."""
+        """Release all expressions: they refer to this trace, and a cycle of millions waits long for the garbage collector."""
         self._table.clear()
         self._turned.clear()
         self.composed.clear()
@@ -247,7 +247,7 @@ class Trace:
     # ── functions ──
 
     def turned(self, a: Expr, b: Expr) -> Expr:
-        """a + b, whose sine and cosine are made of those of a and b: where code looks at the sizes of inputs, not of sums."""
+        """Sum of two angles, whose sine and cosine are computed from those of the two: code checks inputs, not sums."""
         total = self.add(a, b)
         if total is not a and total is not b:
             self._turned[total.index] = a, b
@@ -301,7 +301,7 @@ class Trace:
 def trace(
     function: Callable[..., Any], inputs: Sequence[tuple[str, tuple[int, ...]]], outputs: Sequence[str]
 ) -> Program:
-    """Run ``function`` on symbols and return what it did as a program.
+    """Run ``function`` on symbols and return its operations as a program.
 
     ``inputs`` are (name, shape) pairs, passed in order as object arrays; the function returns one array or a tuple of
     arrays, which ``outputs`` names.
@@ -330,7 +330,7 @@ def trace(
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Without Python's collector of rings: there are none to find yet, and looking takes up to a quarter of the time."""
+    """Disable the cyclic garbage collector, which takes up to a quarter of the time and finds nothing yet."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -1,6 +1,6 @@
-"""Buffers of one block of samples, and what copies samples into them and out of them, whatever their strides.
+"""The batch loop: blocks of samples in place or through buffers, and copies from and to any strides.
 
-Buffers lie on the stack, those of large programs in memory that each call takes and frees: a thread's stack may be small.
+Buffers lie on the stack, those of large programs in memory that each call allocates and frees: a thread's stack may be small.
 """
 
 from __future__ import annotations
@@ -13,32 +13,32 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 Step = tuple[str, list[str]]
-"""The distance between samples, and those within one, axis by axis [bytes]."""
+"""Distance between samples, and distances within one, axis by axis [bytes]."""
 
 RANK = 3
-"""Most axes an array of one sample may have."""
+"""Most axes of an array of one sample."""
 
 ON_STACK = 16_000
-"""Bytes of buffers and frame that a call may have on the stack: threads may have no more than 64 kB of it."""
+"""Most bytes of buffers and frame on the stack: threads may have only 64 kB of it."""
 
 LINE = 64
-"""Bytes of a cache line: buffers start with one."""
+"""Bytes of a cache line, to which buffers are aligned."""
 
 
 def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
-    """Bytes that a block of samples takes."""
+    """Bytes of a block of samples."""
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
 
 def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
-    """Call ``@block``, or another function of places."""
+    """Call ``@block``, or another function of pointers."""
     w.do(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
 
 
 def take(
     w: LlvmWriter, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
 ) -> tuple[str, str, list[str]]:
-    """Memory for buffers of those sizes: what to free, the label control is in, the buffers. Without it, results are NaN."""
+    """Allocate buffers: the pointer to free, the label control is in, the buffers. Without memory, results are NaN."""
     lines = [-(-size // LINE) * LINE for size in sizes]
     taken = w.new(f"call ptr @malloc(i64 {sum(lines) + LINE})")
     none, some = w.label("nomemory"), w.label("memory")
@@ -56,12 +56,12 @@ def take(
 def call_copy(
     w: LlvmWriter, which: str, buffer: str, place: str, count: str, shape: Sequence[int | str], step: Step
 ) -> None:
-    """Call ``@gather`` or ``@scatter`` for so many samples at ``place``."""
+    """Call ``@gather`` or ``@scatter`` for ``count`` samples at ``place``."""
     w.do(f"call void @{which}(ptr {buffer}, ptr {place}, i64 {count}, {_lengths(shape, step)})")
 
 
 def _lengths(shape: Sequence[int | str], step: Step) -> str:
-    """The distance between samples, then length and stride of each axis, as arguments."""
+    """Arguments: the distance between samples, then length and stride of each axis."""
     outer, inner = step
     lengths = [1] * (RANK - len(shape)) + list(shape)
     strides = ["0"] * (RANK - len(shape)) + inner
@@ -99,7 +99,7 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
 
 
 def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
-    """Repeat the last sample in the rows of the block that are left."""
+    """Repeat the last sample in the remaining rows of the block."""
     last = w.at("%buffer", w.new(f"mul i64 {w.new('sub i64 %count, 1')}, {size}"))
     missing = w.new(f"sub i64 {w.lanes}, %count")
     with w.loop(per_sample, w.after) as k:
@@ -111,7 +111,7 @@ def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
 
 
 def streaming(precision: Precision, lanes: int) -> str:
-    """``stream`` copies a packed buffer of so many vectors past the caches, to where a vector may stand."""
+    """``stream`` copies ``count`` vectors of a packed buffer past the caches, to an aligned address."""
     w = LlvmWriter(precision, lanes)
     size = lanes * precision.bytes
     with w.loop("%count", "entry") as k:
@@ -124,7 +124,7 @@ def streaming(precision: Precision, lanes: int) -> str:
 
 
 def nan_filler(precision: Precision, lanes: int) -> str:
-    """Write NaN into every entry of strided samples."""
+    """``fill_nan`` writes NaN into every entry of strided samples."""
     w = LlvmWriter(precision, lanes)
     with w.loop("%count", "entry") as row:
         place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
@@ -148,21 +148,21 @@ def nan_filler(precision: Precision, lanes: int) -> str:
 # Large results go past the caches, from a buffer of one block in whole vectors.
 
 Loop = Callable[[str, Program, Precision, int, int, int], str]
-"""What makes the assembly of a loop around blocks; its arguments are those of :func:`loop`."""
+"""Writer of the loop around blocks; its arguments are those of :func:`loop`."""
 
 BEYOND_CACHES = 1 << 24
-"""Bytes of results that are written past the caches: they would drive out everything, the code of large programs too."""
+"""Bytes of results from which on they are written past the caches, which they would fill, code of large programs included."""
 
 
 SHORTEST_PIECE, SHORTEST_ROW = 16, 256
-"""Bytes that processors write past their caches at once, at least; and of a sample's results, fewer of which gain nothing."""
+"""Least bytes of a store past the caches, and of a sample's results for which such stores pay."""
 
 
 def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1) -> str:
     """Assembly of the loop function and its copying helpers.
 
-    With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call. With a
-    ``group``, so many blocks of rows in place are one call of ``@blocks``.
+    A ``frame`` of that many bytes is one more argument of the block, and ``@prepare`` fills it once a call. ``group`` blocks
+    of rows in place are one call of ``@blocks``.
     """
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
@@ -273,7 +273,7 @@ def _blocks_past_caches(
     buffers: list[str],
     further: list[str],
 ) -> str:
-    """So many blocks of rows in place, results by way of buffers; returns the label control is in afterwards."""
+    """Evaluate ``count`` blocks on rows in place, with results through buffers; returns the label control is in afterwards."""
     inputs = len(ports) - len(buffers)
     with w.loop(count, label) as k:
         places = _moved(w, ports, bases, k, 1)
@@ -286,7 +286,7 @@ def _blocks_past_caches(
 
 
 def _moved(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, group: int) -> list[str]:
-    """Where the arrays go on after so many groups of blocks."""
+    """Addresses of the arrays after ``count`` groups of blocks."""
     rows = group * w.lanes * w.precision.bytes
     return [w.at(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
 
@@ -294,14 +294,14 @@ def _moved(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str,
 def _blocks_in_place(
     w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, label: str, further: list[str], group: int = 1
 ) -> str:
-    """Call so many blocks, or groups of them, on the arrays themselves; returns the label control is in afterwards."""
+    """Call ``count`` blocks, or groups of them, on the arrays themselves; returns the label control is in afterwards."""
     with w.loop(count, label) as k:
         call_block(w, [*_moved(w, ports, bases, k, group), *further], "block" if group == 1 else "blocks")
     return w.after
 
 
 def _is_direct(w: LlvmWriter, port: TensorSpec, outer: str, inner: list[str], size: int) -> str:
-    """Whether samples follow each other as the block wants them: C order without gaps."""
+    """True if samples follow each other in C order without gaps."""
     expected, flag = size, "true"
     for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
         same = w.new(f"icmp eq i64 {stride}, {expected}")

@@ -1,7 +1,7 @@
-"""A program as LLVM assembly: a block of samples side by side in SIMD lanes, and the loop NumPy calls.
+"""Programs as LLVM assembly: a block of samples side by side in SIMD lanes, with the loop around it.
 
-No fast-math flags: what the program fuses is fused, nothing else is, so a sample's bits do not depend on the number of
-lanes, on its place in the batch, or on its neighbours. A processor that cannot fuse rounds products and sums apart.
+No fast-math flags: only the program's own fused products are fused, so a sample's bits do not depend on the number of
+lanes, on its position in the batch, or on its neighbours. A processor without fused products rounds products and sums apart.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ LARGE = 6000
 """Programs beyond this many instructions are cut: LLVM's time grows faster than the length of a block."""
 
 CUT_OUTPUTS = 125
-"""Entries of results handed over in a basic block of a wide program."""
+"""Entries of results stored in a basic block of a wide program."""
 
 WIDE = 500
-"""Programs with more entries of results are cut by these, too: LLVM's schedulers compare every two stores of a block."""
+"""Programs with more entries of results are also cut by these: LLVM's schedulers compare every two stores of a block."""
 
 
 def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
-    """The module: the block, the loop around it, and what they call."""
+    """The module: the block, the loop around it, and the functions they call."""
     lanes = machine.lanes(precision)
     w = LlvmWriter(precision, lanes, fused=machine.fused)
     e = _Whole(w, program)
@@ -57,7 +57,7 @@ _INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
 
 
 def declarations(w: LlvmWriter) -> str:
-    """What a module may call."""
+    """Declarations of the functions that a module may call."""
     v, e, bits = w.vector, w.element, w.precision.bits
     lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
@@ -65,7 +65,7 @@ def declarations(w: LlvmWriter) -> str:
 
 
 class Emitter:
-    """State of one walk through instructions: where each value is, and the label of the current basic block."""
+    """State of one walk through instructions: the value of each, and the label of the current basic block."""
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         self.w, self.program = w, program
@@ -84,24 +84,24 @@ class Emitter:
         return loader.column(column)
 
     def meet(self, number: int) -> None:
-        """Come to an input in the order of the program."""
+        """Visit an input in the order of the program."""
         self.values[number] = self.input(int(self.program.instructions[number].value))
 
     def value(self, number: int) -> str:
-        """The vector of an earlier instruction; constants are named anew at each use."""
+        """The vector of an earlier instruction; constants are written anew at each use."""
         instruction = self.program.instructions[number]
         return self.w.splat(instruction.value) if instruction.op == "const" else self.values[number]
 
     def made(self, number: int, value: str) -> None:
-        """Take the vector of an instruction."""
+        """Record the vector of an instruction."""
         self.values[number] = value
 
     def output(self, number: int, value: str) -> None:
-        """Hand over an entry of the results."""
+        """Store an entry of the results."""
         raise NotImplementedError
 
     def walk(self, first: int, end: int, entries: Mapping[int, Sequence[int]], *, large: bool) -> None:
-        """Emit some instructions and hand over the entries of the results that they make."""
+        """Emit some instructions and store the entries of the results that they make."""
         instructions = self.program.instructions
         self.check(_plain_angles(self.program, first, end))
         for number in range(first, end):
@@ -122,7 +122,7 @@ class Emitter:
                 self.output(k, self.value(number))
 
     def cut(self) -> None:
-        """End the basic block with a branch that is never taken, for a reason LLVM cannot know."""
+        """End the basic block with a branch that is never taken, by a condition that LLVM cannot evaluate."""
         following = self.w.label("cut")
         never = self.w.new("icmp eq ptr %a0, null")
         self.w.do(f"br i1 {never}, label %out{following}, label %{following}")
@@ -132,7 +132,7 @@ class Emitter:
         self.label = following
 
     def check(self, angles: list[int]) -> None:
-        """Load angles that are plain inputs, and bring huge ones into reach."""
+        """Load angles that are inputs, and wrap huge ones."""
         for number in angles:
             self.values[number] = self.input(int(self.program.instructions[number].value))
         if angles:
@@ -140,7 +140,7 @@ class Emitter:
             self.waiting = dict(zip(angles, checked, strict=True))
 
     def sincos(self, angle: int) -> tuple[str, str]:
-        """Sine and cosine of an angle, computed at the first use, in lockstep with those of others that wait."""
+        """Sine and cosine of an angle, computed at the first use in lockstep with those of other pending angles."""
         if angle not in self.pairs:
             if angle in self.waiting:  # some others come along in lockstep
                 group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
@@ -153,7 +153,7 @@ class Emitter:
 
 
 class _Whole(Emitter):
-    """An emitter of a whole program, which stores the results where they go."""
+    """Emitter of a whole program, which stores the results in the arrays."""
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         super().__init__(w, program)
@@ -163,7 +163,7 @@ class _Whole(Emitter):
         self._outputs = [(s, c) for s, port in zip(storers, program.outputs, strict=True) for c in range(port.size)]
 
     def output(self, number: int, value: str) -> None:
-        """Hand over an entry of the results."""
+        """Store an entry of the results."""
         storer, column = self._outputs[number]
         storer.put(column, value)
         self.stored += 1
@@ -172,7 +172,7 @@ class _Whole(Emitter):
 
 
 def _plain_angles(program: Program, first: int, end: int) -> list[int]:
-    """Inputs whose sine or cosine some instructions take: their sizes are checked together, before all else."""
+    """Inputs that are arguments of sines and cosines: their sizes are checked together at the beginning."""
     some = program.instructions[first:end]
     taken = {i.args[0] for i in some if i.op in ("sin", "cos")}
     return sorted(k for k in taken if program.instructions[k].op == "input")

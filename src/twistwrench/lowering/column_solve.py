@@ -1,7 +1,7 @@
-"""The columns of results in a frame, one after the other: a function for each group, and the loop that calls it.
+"""Column solves in a frame: a function for each group of columns, and the loop that calls it.
 
-A column's entries are as far apart as a row of its matrix is long. Its solution takes their places. What a function reads of
-the frame beside its column is not in the matrices, so the two pointers it takes share nothing.
+The entries of a column are one row of its matrix apart, and its solution replaces them. All other values that a function reads
+of the frame lie outside the matrices, so its two pointers share no memory.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def column_programs(columns: ColumnSolve, writer: Callable[[], LlvmWriter]) -> I
 
 
 def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
-    """Call the functions; takes the label control comes from and returns the one it is in afterwards."""
+    """Call the functions; takes and returns the label control is in."""
     for number, group in enumerate(columns.groups):
         for entry, value in _constants(columns, group):  # the columns of the last block are in their places
             store_slot(w, w.splat(value), entry)
@@ -42,7 +42,7 @@ def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
 
 
 def _constants(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, float]]:
-    """The constants among the entries that a group's program takes."""
+    """Constants among the entries that a group's program reads."""
     program = columns.program
     first = sum(port.size for port in group.program.inputs[:-1])
     rows = [int(x.value) - first for x in group.program.instructions if x.op == "input" and x.value >= first]
@@ -55,7 +55,7 @@ def _constants(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, 
 
 
 class _Column(Emitter):
-    """An emitter that finds what columns share in the frame, and a column in its places."""
+    """Emitter that reads shared values and a column from the frame."""
 
     def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup) -> None:
         super().__init__(w, group.program)
@@ -70,7 +70,7 @@ class _Column(Emitter):
         return load_slot(self.w, (number - self.before) * self.row, "%column")
 
     def output(self, number: int, value: str) -> None:
-        """Put an entry of the solution into its place."""
+        """Store an entry of the solution."""
         store_slot(self.w, value, number * self.row, "%column")
 
 
@@ -79,13 +79,13 @@ class _Column(Emitter):
 # Lanes compute what a block of samples computes with one column after the other, so the bits are the same.
 
 WIDTH = 64
-"""Bytes of a vector of columns; processors with shorter ones take two or four in its place."""
+"""Bytes of a vector of columns; processors with shorter vectors use two or four instead."""
 
 
 def lane_column_programs(
     columns: ColumnSolve, places: RowLayout, precision: Precision, *, fused: bool
 ) -> Iterator[str]:
-    """A function for each group: so many columns, from the place of the first row of the first on."""
+    """A function for each group, for ``count`` columns from the first row of the first on."""
     for number, group in enumerate(columns.groups):
         w = LlvmWriter(precision, WIDTH // precision.bytes, fused=fused)
         lanes = ", ".join(f"i64 {k}" for k in range(w.lanes))
@@ -110,7 +110,7 @@ def call_lane_columns(w: LlvmWriter, columns: ColumnSolve, places: RowLayout) ->
 
 
 def _runs(group: ColumnGroup, most: int) -> Iterator[tuple[int, int, int]]:
-    """Columns of a group that follow each other, at most so many: the matrix, the first, and how many."""
+    """Runs of adjacent columns of a group, at most ``most`` long: matrix, first column, length."""
     start, count = group.places[0], 0
     for matrix, column in group.places:
         if count == most or (matrix, column) != (start[0], start[1] + count):
@@ -121,7 +121,7 @@ def _runs(group: ColumnGroup, most: int) -> Iterator[tuple[int, int, int]]:
 
 
 class _Columns(Emitter):
-    """An emitter that finds what columns share in the frame, a number for all lanes, and columns in the rows of a matrix."""
+    """Emitter that reads shared values from the frame, one number for all lanes, and columns from rows of a matrix."""
 
     def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup, places: RowLayout, mask: str) -> None:
         super().__init__(w, group.program)
@@ -155,7 +155,7 @@ class _Columns(Emitter):
         return w.new(f"shufflevector {w.vector} {first}, {w.vector} poison, <{w.lanes} x i32> zeroinitializer")
 
     def output(self, number: int, value: str) -> None:
-        """Put an entry of the solutions into its row."""
+        """Store an entry of the solutions in its row."""
         w, place = self.w, self.w.at("%column", number * self.row)
         w.do(
             f"call void @llvm.masked.store.{w.suffix}.p0({w.vector} {value}, ptr {place}, i32 {w.precision.bytes}, {self.mask})"

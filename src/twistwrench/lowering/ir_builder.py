@@ -9,7 +9,7 @@ from .target_machine import DOUBLE, Precision
 
 
 class LlvmWriter:
-    """Collects the lines of one function whose values are vectors of ``lanes`` elements."""
+    """Lines of one function whose values are vectors of ``lanes`` elements."""
 
     def __init__(self, precision: Precision, lanes: int, *, fused: bool = True) -> None:
         self.precision, self.lanes, self.fused = precision, lanes, fused
@@ -75,11 +75,11 @@ class LlvmWriter:
         return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({arguments})")
 
     def fma(self, a: str, b: str, c: str) -> str:
-        """a b + c, rounded once; twice on a machine that does not fuse, where LLVM would call the C library for each lane."""
+        """a b + c, rounded once; twice on a machine without fused products: LLVM would call the C library for each lane."""
         return self.intrinsic("fma", a, b, c) if self.fused else self.binary("fadd", self.binary("fmul", a, b), c)
 
     def select(self, condition: str, a: str, b: str) -> str:
-        """Lane by lane, a where the condition holds, else b."""
+        """For each lane, a if the condition holds, else b."""
         return self.new(f"select {self.mask} {condition}, {self.vector} {a}, {self.vector} {b}")
 
     def shuffle(self, a: str, b: str, indices: Sequence[int], length: int | None = None) -> str:
@@ -95,11 +95,11 @@ class LlvmWriter:
     # ── samples, ``lanes`` of them side by side ──
 
     def blocks(self, samples: str) -> str:
-        """How many vectors hold that many samples; the last need not be full."""
+        """Number of vectors that hold the samples; the last may be partly filled."""
         return self.new(f"sdiv i64 {self.new(f'add i64 {samples}, {self.lanes - 1}')}, {self.lanes}")
 
     def share(self, samples: str, first: str) -> tuple[str, str]:
-        """In the vector that begins with sample ``first``: how many samples, and whether it is not full (i1)."""
+        """Number of samples in the vector that begins with sample ``first``, and an i1 that is true if it is not full."""
         rest = self.new(f"sub i64 {samples}, {first}")
         short = self.new(f"icmp slt i64 {rest}, {self.lanes}")
         return self.new(f"select i1 {short}, i64 {rest}, i64 {self.lanes}"), short
@@ -108,7 +108,7 @@ class LlvmWriter:
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
-        """What is emitted inside runs where the i1 ``condition`` holds."""
+        """Context whose code runs only if the i1 ``condition`` holds."""
         inside, end = self.label("then"), self.label("done")
         self.do(f"br i1 {condition}, label %{inside}, label %{end}")
         self.begin(inside)
@@ -122,7 +122,7 @@ class LlvmWriter:
     def loop(self, count: str, block: str) -> Iterator[str]:
         """Count an i64 from 0 to ``count``; ``block`` is the label control comes from. Ends in a block named ``.end``.
 
-        Yields the counter; the caller learns the label that follows from :attr:`after`.
+        Yields the counter; :attr:`after` is the label that follows.
         """
         head, body, latch, end = (self.label(stem) for stem in ("head", "body", "latch", "end"))
         counter, following = self.name(), self.name()

@@ -1,6 +1,6 @@
-"""LLVM assembly of a program with its loop: one function, or sections if the program is long.
+"""LLVM assembly of a program with its loop: one function, or partitions if the program is long.
 
-Loops are imported when first needed: the first kernel of an arm needs few modules.
+Loops are imported at their first use: the first kernel of an arm needs few modules.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .block import assembly
 from .target_machine import Machine, Precision
 
 LONG = 2000
-"""Programs beyond this many instructions are emitted in sections; from here on they run faster, too (bench/NOTES.md)."""
+"""Most instructions of one function; longer programs are partitioned, and run faster so (bench/NOTES.md)."""
 
 
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:

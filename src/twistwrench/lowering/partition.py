@@ -1,8 +1,8 @@
-"""A long program as several functions, a section each, in modules of a few: compiled in linear time and memory.
+"""Partition of a long program into several functions, in modules of a few: compiled in linear time and memory.
 
-What crosses from a section to a later one, and all entries of the results, go through a :class:`~.spill_frame.SpillFrame`;
-once the last section is done, rows of the results are made of it, tile by tile, in a loop. In one lane entries go into their
-rows at once. Instructions and their order stay the same, so results keep their bits.
+Values used by a later partition and all entries of the results go through a :class:`~.spill_frame.SpillFrame`; rows of the
+results are made of it at the end, tile by tile, in a loop. With one lane, entries go into their rows at once. Instructions and
+their order stay the same, so results keep their bits.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from .vector_math import wrapper
 from .vector_transpose import RowStorer
 
 SECTION = 400
-"""Instructions in a section, about."""
+"""Approximate number of instructions of a partition."""
 
 EACH = 25
-"""Sections in a module."""
+"""Partitions of a module."""
 
 
 def in_sections(given: Program | ColumnSolve, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
@@ -61,7 +61,7 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
 
 
 def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
-    """The loop, the preparation of the frame, and the block: it calls the sections, works on columns, and makes rows."""
+    """The loop, the preparation of the frame, and the block: it calls the partitions, solves columns, and makes rows."""
     w = _writer(precision, machine)
     declared = _call_sections(w, frame, FrameLayout(columns).pointers)
     tables = []
@@ -88,7 +88,7 @@ def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine
 def _head_of_one_lane(
     columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop
 ) -> str:
-    """The loop, and the block: it puts constant entries into their places, calls the sections, and works on columns."""
+    """The loop, and the block: it stores constant entries, calls the partitions, and solves columns."""
     w, places = _writer(precision, machine), RowLayout(columns)
     for first, count, value in frame.constants:
         places.fill(w, first, count, value)
@@ -107,7 +107,7 @@ def _head_of_one_lane(
 
 
 def _call_sections(w: LlvmWriter, frame: SpillFrame, pointers: Sequence[str]) -> list[str]:
-    """Call all sections in their order; returns their declarations."""
+    """Call all partitions in order; returns their declarations."""
     sections, given = range(len(frame.starts) - 1), ", ".join(f"ptr {pointer}" for pointer in pointers)
     for k in sections:
         w.do(f"call void @section{k}({given})")
@@ -135,17 +135,17 @@ def _section(
 
 
 class _Section(Emitter):
-    """An emitter that finds values of earlier sections in their slots, and leaves there what later ones need."""
+    """Emitter that loads values of earlier partitions from their slots and stores those that later ones need."""
 
     def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FrameLayout) -> None:
         super().__init__(w, frame.program)
         self.frame, self.place, self.stored = frame, places.place, 0
 
     def meet(self, number: int) -> None:
-        """Leave an input until it is used; a later section may be the first to."""
+        """Leave an input until it is used; a later partition may be the first to."""
 
     def value(self, number: int) -> str:
-        """The vector of an instruction, from where it is."""
+        """The vector of an instruction, from a register, an input or the frame."""
         op, _, value = self.program.instructions[number]
         if op != "const" and number not in self.values:
             self.values[number] = (
@@ -154,13 +154,13 @@ class _Section(Emitter):
         return super().value(number)
 
     def made(self, number: int, value: str) -> None:
-        """Take the vector of an instruction; as an entry of the results it comes into its slot anyway."""
+        """Record the vector of an instruction; entries of the results are stored in their slots in any case."""
         super().made(number, value)
         if number in self.frame.slots and number not in self.frame.entries:
             store_slot(self.w, value, *self.place(self.frame.slots[number]))
 
     def output(self, number: int, value: str) -> None:
-        """Put an entry of the results into its slot."""
+        """Store an entry of the results in its slot."""
         store_slot(self.w, value, *self.place(number))
         self.stored += 1
         if self.stored % CUT_OUTPUTS == 0:

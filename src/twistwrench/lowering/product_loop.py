@@ -1,8 +1,8 @@
-"""The loop of products: the program for a block of samples, and then their matrices, sample by sample and tile by tile.
+"""The loop of products: the program for a block of samples, then its matrices, sample by sample and tile by tile.
 
 A tile is some rows by some columns, which lie side by side in vectors; the last ones overlap their neighbours, and
-what is in both is made twice. Tiles of one kind take one product; the others take both, and of each entry the one that counts.
-The order of sums is that of the factors, so an entry's bits depend on no tile.
+overlaps are computed twice. Tiles of one kind need one product; mixed ones compute both and select for each entry.
+Sums have the order of the factors, so an entry's bits do not depend on its tile.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MIXED = 3
 
 
 def products_over(products: Products, *, fused: bool) -> Loop:
-    """What makes the loop of products around their program's blocks; ``fused``: the machine multiplies and adds at once."""
+    """Writer of the loop of products around their program's blocks; ``fused``: the machine has fused products."""
 
     def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame)
@@ -57,7 +57,7 @@ def products_over(products: Products, *, fused: bool) -> Loop:
 
 
 def _starts(n: int, step: int) -> list[int]:
-    """Where tiles begin."""
+    """First rows or columns of tiles."""
     return [*range(0, n - step, step), n - step]
 
 
@@ -72,12 +72,12 @@ class _Matrices:
         self.rows, self.columns = _starts(self.n, self.height), _starts(self.n, self.width)
 
     def declaration(self) -> str:
-        """Of the one intrinsic."""
+        """Declaration of the one intrinsic."""
         w = LlvmWriter(self.w.precision, self.width)
         return f"declare {w.vector} @llvm.fma.{w.suffix}({', '.join([w.vector] * 3)})"
 
     def tables(self) -> str:
-        """Where tiles begin, what they are, and what their entries are."""
+        """Tables of first rows and columns of tiles, and of kinds of tiles and entries."""
         kinds = []
         for i in self.rows:
             for j in self.columns:
@@ -95,7 +95,7 @@ class _Matrices:
     # ── one matrix of one sample ──
 
     def matrix(self, number: int, matrix: Product) -> str:
-        """The function that makes a matrix of the factors of one sample."""
+        """The function that computes a matrix from the factors of one sample."""
         w = LlvmWriter(self.w.precision, self.width, fused=self.w.fused)
         of = self.p.program.outputs
         tile = w.new(f"alloca [{self.height * self.width} x {w.element}], align {LINE}")
@@ -160,7 +160,7 @@ class _Matrices:
             self._store(w, vector, w.at(corner, row * width * self.bytes))
 
     def _choose(self, w: LlvmWriter, entries: str, row: int, before: str, corner: str) -> None:
-        """Of each entry in a row of a tile the product that counts."""
+        """Select the product that each entry in a row of a tile needs."""
         place = w.at(corner, row * self.n * self.bytes)
         kinds = w.new(f"load <{self.width} x i8>, ptr {w.at(entries, row * self.n)}, align 1")
         after = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {AFTER})")
@@ -223,7 +223,7 @@ class _Matrices:
         w.do(f"call void @free(ptr {taken})")
 
     def _may_go_past(self, many: str, place: str) -> str:
-        """Whether a matrix is to be written past the caches, and can be."""
+        """An i1, true if a matrix should be written past the caches, and can be."""
         w, piece = self.w, self.w.lanes * self.bytes
         if piece < SHORTEST_PIECE or self.n * self.n * self.bytes % piece:
             return "false"

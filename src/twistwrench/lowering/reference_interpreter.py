@@ -1,4 +1,4 @@
-"""A program on anything that adds and multiplies: arrays of NumPy, JAX and PyTorch, symbols of CasADi.
+"""Programs evaluated on arrays of NumPy, JAX and PyTorch, and on symbols of CasADi.
 
 Fused products round twice here, so results agree with compiled ones to round-off, not to the bit.
 """
@@ -17,11 +17,11 @@ from ..ir.program import FUSED, Program
 from ..typing import Array
 
 Functions = Mapping[str, Callable[..., Any]]
-"""What computes each operation."""
+"""Functions that compute each operation."""
 
 
 def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Functions:
-    """The operations in the functions of a package: its sqrt, sin, cos, exp and sign; ``where`` picks by a condition."""
+    """Operations as functions of a package, from its sqrt, sin, cos, exp and sign; ``where`` selects by a condition."""
     return {
         "add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": _quotient, "neg": operator.neg,
         **{name: getattr(namespace, name) for name in ("sqrt", "sin", "cos", "exp", "sign")},
@@ -31,7 +31,7 @@ def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Funct
 
 
 def _quotient(a: Any, b: Any) -> Any:
-    """Of two constants too, where Python would raise for a divisor of 0."""
+    """Quotient, of two constants too, where Python would raise for a divisor of 0."""
     return float(np.divide(a, b)) if isinstance(a, float) and isinstance(b, float) else a / b
 
 
@@ -46,7 +46,7 @@ def _fused(product: int, addend: int) -> Callable[..., Any]:
 def evaluated(
     program: Program, elements: Sequence[Any], functions: Functions, spent: Mapping[int, Sequence[int]] | None = None
 ) -> list[Any]:
-    """The elements of all results, in C order, from those of all inputs; values are let go of as ``spent`` says."""
+    """Elements of all results in C order, from all inputs'; ``spent`` lists values to release after each instruction."""
     values: dict[int, Any] = {}
     spent = spent or {}
     for number, (op, args, value) in enumerate(program.instructions):
@@ -62,12 +62,12 @@ def evaluated(
 
 
 def batch_shape(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
-    """The shape that the axes before the program's own broadcast to; raises ValueError where they do not."""
+    """The shape that the batch axes broadcast to. Raises ValueError if they do not."""
     return np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, program.inputs, strict=True)))
 
 
 def last_uses(program: Program) -> dict[int, list[int]]:
-    """After which instruction which values are not needed any more, so that memory stays bounded."""
+    """Values that are used last by each instruction, to be released after it."""
     last = {a: k for k, i in enumerate(program.instructions) for a in i.args}
     kept = set(program.results)
     found: dict[int, list[int]] = {}
@@ -89,7 +89,7 @@ _FUNCTIONS = functions_of(np, np.where)
 
 
 class NumpyKernel:
-    """Callable like the compiled ufunc of the same program."""
+    """Equivalent of the compiled ufunc of a program."""
 
     def __init__(self, program: Program, name: str, doc: str) -> None:
         self.program, self.__name__, self.__doc__ = program, name, doc
@@ -151,7 +151,7 @@ class NumpyKernel:
 
 
 class NumpyColumns:
-    """Callable like the compiled ufunc of the same columns."""
+    """Equivalent of the compiled ufunc of a column solve."""
 
     def __init__(self, columns: ColumnSolve, name: str, doc: str) -> None:
         self.columns, self.__name__, self.__doc__ = columns, name, doc
@@ -182,7 +182,7 @@ class NumpyColumns:
 
 
 class NumpyProducts:
-    """Callable like the compiled ufunc of the same products."""
+    """Equivalent of the compiled ufunc of products."""
 
     def __init__(self, products: Products, name: str, doc: str) -> None:
         self.products, self.__name__, self.__doc__ = products, name, doc
@@ -215,7 +215,7 @@ class NumpyProducts:
 
 
 class NumpySearch:
-    """Callable like the compiled ufunc of the same search; settings and places are those of all samples."""
+    """Equivalent of the compiled ufunc of a search; settings and tables are those of all samples."""
 
     def __init__(self, search: Search, name: str, doc: str) -> None:
         self.search, self.__name__, self.__doc__ = search, name, doc
@@ -266,7 +266,7 @@ class NumpySearch:
         return settings[ALLOWED : ALLOWED + self._count()]
 
     def _attempt(self, given: Array, x: Array, times: int) -> Array:
-        """Steps from starts until there, or until nothing gets nearer: what the last ones pass on."""
+        """Memory after the last step of an attempt, which ends when the target is found or progress stops."""
         passed = np.concatenate([x, np.broadcast_to(self.search.begins, (len(x), len(self.search.begins)))], axis=1)
         rows = np.arange(len(x))
         for _ in range(times):
@@ -279,7 +279,7 @@ class NumpySearch:
 
 
 def _goes_on(there: Array) -> Array:
-    """Where there is more to look for: neither there nor refused."""
+    """Mask of searches to continue: neither found nor invalid."""
     return np.asarray(~((there < 0) | (there > 0)))
 
 
@@ -287,7 +287,7 @@ def _goes_on(there: Array) -> Array:
 
 
 class NumpySteps:
-    """Callable like the compiled ufunc of the same recurrence: arrays of a batch, and ``out=`` for the results."""
+    """Equivalent of the compiled ufunc of a scan: arrays of a batch, and ``out=`` for the results."""
 
     def __init__(self, recurrence: Scan, name: str, doc: str) -> None:
         self.recurrence, self.__name__, self.__doc__ = recurrence, name, doc
@@ -298,7 +298,7 @@ class NumpySteps:
         return f"<NumpySteps {self.__name__!r} {self.signature}>"
 
     def __call__(self, *args: Array, out: tuple[Array, ...]) -> tuple[Array, ...]:
-        """Take all steps; ``args`` are the states at the beginning, then what is given for each step."""
+        """Evaluate all steps; ``args`` are the initial states, then the inputs given for each step."""
         r = self.recurrence
         single = all(np.can_cast(np.asarray(a).dtype, np.float32) for a in args)
         dtype: Any = np.float32 if single else np.float64
@@ -346,7 +346,7 @@ class NumpySteps:
 
 
 def on_numpy(form: Form, name: str, doc: str) -> Any:
-    """What is called like the compiled ufunc."""
+    """Equivalent of the compiled ufunc of a form."""
     if isinstance(form, Program):
         return NumpyKernel(form, name, doc)
     if isinstance(form, Products):

@@ -1,7 +1,7 @@
-"""The loop of a recurrence: block by block of samples, and for each of them all steps, one after the other.
+"""The loop of a scan: for each block of samples all steps, one after the other.
 
-The shape is that of :mod:`.loop`. The state of a block stays in buffers from the first step to the last; what is given for
-every step alike is copied once, and rows of results are written where they belong as steps end.
+The shape is that of :mod:`.batch_loop`. The state of a block stays in buffers from the first step to the last; inputs that are
+the same for every step are copied once, and rows of results are stored as steps end.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 TABLE = "stages"
-"""Name of the constant with the rows of the recurrence's table, each repeated for every lane."""
+"""Name of the constant with the rows of the scan's table, each repeated for every lane."""
 
 
 def loop_over(recurrence: Scan) -> Loop:
-    """What makes the loop of a recurrence around its program's blocks."""
+    """Writer of the loop of a scan around its program's blocks."""
 
     def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
@@ -49,7 +49,7 @@ def _table(recurrence: Scan, w: LlvmWriter) -> str:
 
 
 class _Operand:
-    """One array of the caller's: where it begins, its own shape and strides, and the stride of its axis of steps, if any."""
+    """One array of the caller: its address, shape and strides, and the stride of its axis of steps, if any."""
 
     def __init__(self, port: TensorSpec, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
         self.port, self.base, self.outer = port, base, outer
@@ -132,7 +132,7 @@ class _Steps:
         return self.w.new(f"load i64, ptr {self.w.at('%dims', 8 * place)}, align 8")
 
     def _places(self, samples: str, outputs: Sequence[_Operand], kept: str) -> tuple[str, str]:
-        """Find room for all buffers; returns what is to be freed, and the label control is in."""
+        """Allocate all buffers; returns the pointer to free, and the label control is in."""
         w, taken, label = self.w, "", "entry"
         if self.large:
             sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
@@ -153,7 +153,7 @@ class _Steps:
     # ── what is done ──
 
     def _take_given(self, number: str, places: Sequence[str], operands: Sequence[_Operand]) -> None:
-        """Copy in what is given for this step, if it is not that of the step before."""
+        """Copy the inputs of this step, unless they are those of the step before."""
         w = self.w
         first = w.new(f"icmp eq i64 {number}, 0")
         for buffer, place, operand in zip(self.given.values(), places, operands, strict=True):
@@ -163,7 +163,7 @@ class _Steps:
                 self._copy("gather", buffer, here, operand)
 
     def _step(self, begins: str, rows: Sequence[str], said: Sequence[_Operand]) -> None:
-        """Take the program as often as a step asks for."""
+        """Evaluate the program once for each stage of a step."""
         w, r = self.w, self.r
         for j, start in self.start.items():
             self._move(start, self.state[j], r.states[j])
@@ -187,7 +187,7 @@ class _Steps:
         return self.start[source.state] if source.kind == "start" else self.state[source.state]
 
     def _copy(self, which: str, buffer: str, place: str, operand: _Operand) -> None:
-        """As :func:`.buffers.call_copy`, without a call where rows have no gaps and none is missing."""
+        """:func:`.batch_loop.call_copy` without a call if rows are contiguous and complete."""
         w, size = self.w, self.w.precision.bytes
         plain = self.whole
         for stride in operand.inner:

@@ -1,4 +1,4 @@
-"""What the loop of a search keeps: its operands, its buffers, the integers of each lane, and how they are read and written."""
+"""The loop of a search: its operands, buffers and integers of each lane, and the attempts."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 NONE = 1 << 62
-"""The number of an attempt that there is not."""
+"""Number of an attempt that stands for none."""
 
 OF_SAMPLE, OF_LANE = ("sample", "next", "winner", "flying", "nearest"), ("attempt", "times")
-"""Integers kept for each lane. Those of a sample are its lane's, or the first lane's where all have the same sample."""
+"""Integers of each lane. Those of a sample belong to its lane, or to the first lane if all have the same sample."""
 
 X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, SAID = range(8)
 """Buffers; those of inputs follow."""
 
 
 class SearchState:
-    """Where everything is while a loop runs."""
+    """Addresses of all data while a loop runs."""
 
     def __init__(self, search: Search, w: LlvmWriter, frame: int) -> None:
         self.s, self.w, self.frame = search, w, frame
@@ -39,13 +39,13 @@ class SearchState:
         ]
         self.ports += search.inputs
         self.samples = ""
-        """How many there are."""
+        """Number of buffers."""
         self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
 
     # ── what there is ──
 
     def operands(self) -> None:
-        """Where arrays begin, their strides, and whether their rows have no gaps."""
+        """Addresses and strides of arrays, and flags of rows without gaps."""
         w, ports = self.w, [*self.s.inputs, *self.s.outputs]
         self.bases: list[str] = []
         self.strides: list[Step] = []
@@ -65,7 +65,7 @@ class SearchState:
             self.plain.append(plain)
 
     def room(self) -> str:
-        """Find room for all buffers; returns what is to be freed."""
+        """Allocate all buffers; returns the pointer to free."""
         w, taken = self.w, ""
         w.after = "entry"
         self.counts = w.new(f"alloca [{len(OF_SAMPLE + OF_LANE) * w.lanes} x i64], align {LINE}")
@@ -86,7 +86,7 @@ class SearchState:
         return taken
 
     def tables(self) -> None:
-        """Find the settings and the places, without gaps."""
+        """Copy the settings and the table of starts to contiguous memory."""
         w = self.w
         found = []
         for k in range(2, len(self.s.inputs)):
@@ -102,7 +102,7 @@ class SearchState:
     # ── pieces ──
 
     def place(self, name: str, lane: str) -> str:
-        """Where the integer of a lane is."""
+        """Address of the integer of a lane."""
         names = OF_SAMPLE + OF_LANE
         first = self.w.at(self.counts, names.index(name) * self.w.lanes * 8)
         return self.w.at(first, self.w.new(f"mul i64 {lane}, 8"))
@@ -116,7 +116,7 @@ class SearchState:
         self.w.do(f"store i64 {value}, ptr {self.place(name, lane)}, align 8")
 
     def row(self, which: int, lane: str) -> str:
-        """Where the row of a lane begins in a buffer."""
+        """Address of the row of a lane in a buffer."""
         return self.w.at(self.buffers[which], self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}"))
 
     def number(self, place: str, entry: int) -> str:
@@ -128,7 +128,7 @@ class SearchState:
         self.w.do(f"store {self.w.element} {value}, ptr {self.w.at(place, entry * self.bytes)}, align {self.bytes}")
 
     def move(self, there: str, here: str, count: int, align: int = 0) -> None:
-        """Copy so many bytes."""
+        """Copy some bytes."""
         align = align or self.bytes
         target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
         self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
@@ -144,7 +144,7 @@ class SearchState:
         return self.w.new(f"select i1 {condition}, i64 {a}, i64 {b}")
 
     def both(self, *conditions: str) -> str:
-        """Whether all hold; each is a value, or an instruction that gives one."""
+        """An i1, true if all conditions hold; each is a value, or an instruction that returns one."""
         found = "true"
         for one in conditions:
             value = self.w.new(one) if " " in one else one
@@ -152,7 +152,7 @@ class SearchState:
         return found
 
     def copied_in(self, k: int, there: str, sample: str) -> None:
-        """One sample of an input, to a row."""
+        """Copy one sample of an input to a row."""
         w, port = self.w, self.s.inputs[k]
         here = w.at(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
         with w.when(self.plain[k]):
@@ -161,7 +161,7 @@ class SearchState:
             call_copy(w, "gather", there, here, "1", port.shape, self.strides[k])
 
     def copied_out(self, k: int, here: str, sample: str) -> None:
-        """A row, to one sample of a result."""
+        """Copy a row to one sample of a result."""
         w, port, number = self.w, self.s.outputs[k], len(self.s.inputs) + k
         there = w.at(self.bases[number], w.new(f"mul i64 {sample}, {self.strides[number][0]}"))
         with w.when(self.plain[number]):
@@ -179,7 +179,7 @@ class SearchState:
 
 
 def search_over(search: Search) -> Loop:
-    """What makes the loop of a search around its program's blocks."""
+    """Writer of the loop of a search around its program's blocks."""
 
     def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
@@ -249,7 +249,7 @@ class _Attempts(SearchState):
     # ── attempts ──
 
     def _begin(self, lane: str) -> None:
-        """Give a lane without work an attempt: of its sample, or of another when that is done with."""
+        """Give an idle lane an attempt: of its sample, or of another if that is finished."""
         w = self.w
         with w.when(w.new(f"icmp slt i64 {self.count('attempt', lane)}, 0")):
             mine = w.new(f"mul i64 {lane}, {self.own}")
@@ -278,7 +278,7 @@ class _Attempts(SearchState):
         w.do(f"store i64 {self.either(there, w.new(f'add i64 {sample}, 1'), sample)}, ptr {self.queue}, align 8")
 
     def _start(self, lane: str, mine: str) -> None:
-        """The next attempt of a sample."""
+        """Begin the next attempt of a sample."""
         w = self.w
         sample, attempt = self.count("sample", mine), self.count("next", mine)
         self.put("attempt", lane, attempt)
@@ -304,7 +304,7 @@ class _Attempts(SearchState):
         self.move(w.at(passed, size), "@begins", len(self.s.begins) * self.bytes)
 
     def _bring_inside(self, x: str) -> None:
-        """Entries of x that are less than their least, or more than their most, become that."""
+        """Clamp the entries of x to their limits."""
         w, e = self.w, self.w.element
         with w.loop(str(self.s.x.size), w.after) as k:
             offset = w.new(f"mul i64 {k}, {self.bytes}")
@@ -317,7 +317,7 @@ class _Attempts(SearchState):
             self.store(place, 0, value)
 
     def _distances(self, target: str, mine: str) -> None:
-        """How far the places are from where a sample wants to be."""
+        """Distances of the start configurations from the target."""
         w = self.w
         far, first = self.row(FAR, mine), ALLOWED + self.ports[GIVEN].size - self.s.target.size
         pairs = [
@@ -341,7 +341,7 @@ class _Attempts(SearchState):
         return w.shuffle(one, one, [0] * w.lanes)
 
     def _nearest(self, mine: str) -> str:
-        """The number of the nearest place that is left; it is not left any more."""
+        """Number of the nearest unused start configuration, which is marked as used."""
         w = self.w
         far = self.row(FAR, mine)
         found, least = self.found, self.least
@@ -361,7 +361,7 @@ class _Attempts(SearchState):
         return nearest
 
     def _end(self, lane: str) -> None:
-        """See whether the attempt of a lane has ended, and what it found."""
+        """Test if the attempt of a lane has ended, and compare its result."""
         w = self.w
         attempt = self.count("attempt", lane)
         with w.when(w.new(f"icmp sge i64 {attempt}, 0")):
@@ -381,7 +381,7 @@ class _Attempts(SearchState):
                     self._compare(mine, attempt, passed)
 
     def _compare(self, mine: str, attempt: str, passed: str) -> None:
-        """Keep what an attempt found if it is there, or nearer than all before; of two as near, the earlier."""
+        """Keep the result of an attempt if it is found, or nearer than all before; of two as near, the earlier."""
         w = self.w
         there, cost = self.number(passed, self.s.x.size), self.number(passed, self.s.x.size + 1)
         ends = w.new(f"fcmp one {w.element} {there}, {w.number(0.0)}")
@@ -400,7 +400,7 @@ class _Attempts(SearchState):
             self.move(best, passed, self.ports[PASSED].size * self.bytes)
 
     def _say(self, mine: str) -> None:
-        """Hand over what was found for a sample."""
+        """Store the results of a sample."""
         w = self.w
         sample, winner, best = self.count("sample", mine), self.count("winner", mine), self.row(BEST, mine)
         none = w.new(f"icmp eq i64 {winner}, {NONE}")

@@ -1,8 +1,8 @@
-"""Where a long program is cut, and where values that cross a cut are kept: a frame of vectors in memory.
+"""Cuts of a long program, and the frame of vectors in memory for values that cross a cut.
 
 One function per part keeps the compiler's time linear in the length of the program. The frame begins with all entries of the
-results, in order; slots for the other values that a later part uses follow, each used again once its value is spent. Inputs
-and constants are not kept: every part takes them from where they are.
+results, in order; slots for the other values that a later part uses follow, each reused after the last use of its value. Inputs
+and constants have no slots: every part loads them from their origin.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from .ir_builder import LlvmWriter
 from .vector_transpose import RowStorer
 
 AT_HAND = ("const", "input")
-"""What any part can take from where it is."""
+"""Operations whose values any part can load from their origin."""
 
 
 @dataclass(frozen=True)
 class SpillFrame:
-    """A program, cut into parts of about ``length`` instructions."""
+    """Cuts of a program into parts of about ``length`` instructions, and slots of its values."""
 
     program: Program
     length: int
 
     @cached_property
     def starts(self) -> list[int]:
-        """The first instruction of each part, and the end; within half a length of even cuts, where the fewest values live."""
+        """First instruction of each part, and the end; within half a length of even cuts, at the fewest live values."""
         end = len(self.program.instructions)
         born_and_dead = [0] * (end + 1)
         for number, last in enumerate(self._last):
@@ -47,7 +47,7 @@ class SpillFrame:
 
     @cached_property
     def _last(self) -> list[int]:
-        """The last instruction that uses each value; 0 of those nobody uses and those at hand."""
+        """Last instruction that uses each value; 0 for unused values, inputs and constants."""
         instructions = self.program.instructions
         last = [0] * len(instructions)
         for number, (_, args, _) in enumerate(instructions):
@@ -58,7 +58,7 @@ class SpillFrame:
 
     @cached_property
     def entries(self) -> dict[int, list[int]]:
-        """The entries of the results that each instruction makes, but for constants."""
+        """Entries of the results by the instruction that makes them, without constants."""
         entries: dict[int, list[int]] = {}
         for k, result in enumerate(self.program.results):
             if self.program.instructions[result].op != "const":
@@ -67,7 +67,7 @@ class SpillFrame:
 
     @cached_property
     def constants(self) -> list[tuple[int, int, float]]:
-        """Runs of entries that are one constant: the first, how many, and the value."""
+        """Runs of equal constant entries: first entry, length, value."""
         runs: list[tuple[int, int, float]] = []
         for k, result in enumerate(self.program.results):
             op, _, value = self.program.instructions[result]
@@ -80,7 +80,7 @@ class SpillFrame:
 
     @cached_property
     def slots(self) -> dict[int, int]:
-        """Where each value that a later part uses is kept: as an entry of the results if it is one, else in a slot."""
+        """Slot of each value that a later part uses: its entry of the results if it is one, else one behind them."""
         slots: dict[int, int] = {}
         free: list[int] = []
         spent: dict[int, list[int]] = {}
@@ -103,7 +103,7 @@ class SpillFrame:
 
     @cached_property
     def size(self) -> int:
-        """Vectors."""
+        """Number of vectors."""
         return max([len(self.program.results), *(slot + 1 for slot in self.slots.values())])
 
 
@@ -111,25 +111,25 @@ class SpillFrame:
 
 
 def _at(w: LlvmWriter, slot: int | str, base: str) -> str:
-    """The place of a vector of the frame."""
+    """Address of a vector of the frame."""
     size = w.lanes * w.precision.bytes
     return w.at(base, slot * size if isinstance(slot, int) else w.new(f"mul i64 {slot}, {size}"))
 
 
 def load_slot(w: LlvmWriter, slot: int | str, base: str = "%frame") -> str:
-    """A vector from its place in the frame, or behind another ``base`` in it."""
+    """Load a vector from its slot in the frame, or from another ``base`` in it."""
     return w.new(f"load {w.vector}, ptr {_at(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
 def store_slot(w: LlvmWriter, value: str, slot: int | str, base: str = "%frame") -> None:
-    """A vector to its place."""
+    """Store a vector in its slot."""
     w.do(f"store {w.vector} {value}, ptr {_at(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
 def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
     """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
 
-    Takes the label control comes from and returns the one it is in afterwards. ``zeros``: a table as :func:`zero_tiles` makes.
+    Takes and returns the label control is in. ``zeros``: name of a table of :func:`zero_tiles`.
     """
     whole = RowStorer(w, base, columns)
     if not whole.starts:  # too narrow for tiles
@@ -159,7 +159,7 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
 
 
 def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
-    """A table of which tiles of a row are all zeros; empty if none is."""
+    """A table of the tiles of a row that are all zeros; empty if there are none."""
     tiles = [all(zero[k : k + span]) for k in range(0, len(zero) - span + 1, span)]
     if not any(tiles):
         return ""
@@ -174,7 +174,7 @@ def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> Non
 
 
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
-    """Put constant entries of the results into the frame; the blocks of a call leave them alone. ``w`` is a fresh one."""
+    """Store constant entries of the results in the frame, once a call: blocks do not overwrite them."""
     label = "entry"
     for first, count, value in constants:
         with w.loop(str(count), label) as k:
@@ -187,33 +187,33 @@ def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name
 # ── Where sections keep values: all in the frame, or for blocks of one lane the entries of results in the rows themselves
 
 WIDEST_STORE = 64
-"""Bytes of constants that are written at once."""
+"""Bytes of constants per store."""
 
 
 class FrameLayout:
     """Every slot is a vector of the frame."""
 
     pointer = "ptr noalias"
-    """A pointer's type: where it shares memory with no other, loads are moved before stores."""
+    """Pointer type; without shared memory, LLVM moves loads before stores."""
 
     def __init__(self, columns: ColumnSolve) -> None:
         self.inputs = len(columns.inputs)
 
     @property
     def pointers(self) -> list[str]:
-        """What a section takes: the inputs, and the frame."""
+        """Arguments of a part: the inputs, and the frame."""
         return [*(f"%a{k}" for k in range(self.inputs)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
-        """The number of a slot, and the pointer from which it is counted."""
+        """Number of a slot relative to a pointer, and that pointer."""
         return slot, "%frame"
 
 
 class RowLayout(FrameLayout):
-    """The slots of entries of results are the entries, where a vector is one number; the frame has the others."""
+    """Slots of entries of results are the entries themselves, as one lane allows; the frame has the others."""
 
     pointer = "ptr"
-    """Loads of results that were moved before stores would take registers for longer, which one lane wants for itself."""
+    """Loads of results moved before stores would occupy registers for longer."""
 
     def __init__(self, columns: ColumnSolve) -> None:
         super().__init__(columns)
@@ -221,16 +221,16 @@ class RowLayout(FrameLayout):
 
     @property
     def pointers(self) -> list[str]:
-        """What a section takes: the inputs, the results, and the frame."""
+        """Arguments of a part: the inputs, the results, and the frame."""
         return [*(f"%a{k}" for k in range(self.inputs + len(self.starts) - 1)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
-        """The number of a slot, and the pointer from which it is counted."""
+        """Number of a slot relative to a pointer, and that pointer."""
         result = bisect_right(self.starts, slot) - 1
         return slot - self.starts[result], "%frame" if slot >= self.starts[-1] else f"%a{self.inputs + result}"
 
     def fill(self, w: LlvmWriter, first: int, count: int, value: float) -> None:
-        """Store a constant in so many slots from ``first`` on."""
+        """Store a constant in ``count`` slots from ``first`` on."""
         size, end = w.precision.bytes, first + count
         while first < end:
             number, base = self.place(first)

@@ -1,7 +1,7 @@
-"""What LLVM says of itself and of the processor at hand, kept on disk.
+"""The target of code: LLVM's facts about itself and the processor, cached on disk, and the processor chosen.
 
-Loading LLVM takes longer than all else that precedes a result from the cache, and all that is wanted of it then is these
-four lines. Where it is loaded, it is asked itself.
+Loading LLVM takes longer than everything else before a cached result, and only these four facts are needed of it then. If it
+is loaded, the facts come from it.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from ..core import object_cache
 from ..errors import ValueRangeError
 
 LOOP = "loop"
-"""Name of the function that has the shape of a ufunc's inner loop."""
+"""Name of the function with the shape of a ufunc's inner loop."""
 
 
 class CompilerFacts(NamedTuple):
-    """LLVM and the processor it runs on, in LLVM's words."""
+    """LLVM and the processor it runs on, in LLVM's terms."""
 
     version: str
     triple: str
-    """What it makes code for."""
+    """Target triple of the code."""
     cpu: str
     features: str
-    """Of the processor: each name behind a ``+`` if it is there, else behind a ``-``."""
+    """Features of the processor: each name behind ``+`` if present, else behind ``-``."""
 
     @property
     def present(self) -> frozenset[str]:
@@ -40,7 +40,7 @@ class CompilerFacts(NamedTuple):
 
 
 def compiler() -> CompilerFacts:
-    """LLVM's own words where it is loaded; else those it said before, with this processor, if they were kept."""
+    """LLVM's facts if it is loaded, else those cached for this processor."""
     return _asked() if "llvmlite.binding" in sys.modules else _kept()
 
 
@@ -69,7 +69,7 @@ def _kept() -> CompilerFacts:
 
 
 def _llvmlite() -> list[str]:
-    """Which llvmlite there is: its version, and size and time of its libraries."""
+    """Version of llvmlite, and size and time of its libraries."""
     import llvmlite
 
     folder = Path(str(llvmlite.__file__)).parent / "binding"
@@ -79,13 +79,13 @@ def _llvmlite() -> list[str]:
 
 _CPUINFO = Path("/proc/cpuinfo")
 _OF_A_CORE = ("processor", "cpu MHz", "core id", "apicid", "initial apicid", "physical id", "bogomips", "BogoMIPS")
-"""What the system says of one core, or of one moment."""
+"""Fields of the system's report that differ between cores or moments."""
 
 
 def _processor() -> str | None:
-    """What tells this processor from others; None where the system has no short way to say it.
+    """Description that distinguishes this processor from others; None if the system has no short one.
 
-    The system's words are those of the machine; NumPy asks the processor itself, which an emulator may lend fewer features.
+    The system describes the machine; NumPy queries the processor itself, which may have fewer features under an emulator.
     """
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
@@ -142,21 +142,21 @@ SINGLE = Precision("float", 4, "f", 23)
 
 @dataclass(frozen=True)
 class Machine:
-    """What the compiler is told about a processor."""
+    """Description of a processor for the compiler."""
 
     triple: str
     cpu: str
     features: str
     vector_bits: int
     fused: bool = True
-    """Whether it multiplies and adds with one rounding. Where not, code rounds twice: emulating it takes hundreds of cycles."""
+    """True if the machine has fused products. Without them, code rounds twice: emulation takes hundreds of cycles."""
 
     def narrowed(self, bits: int) -> Machine:
         """The same with vectors of so many bits."""
         return replace(self, vector_bits=bits)
 
     def lanes(self, precision: Precision) -> int:
-        """Samples computed side by side."""
+        """Number of samples computed side by side."""
         return self.vector_bits // precision.bits
 
 
@@ -177,7 +177,7 @@ def host() -> Machine:
 
 
 def choices() -> dict[str, Machine]:
-    """What ``TWISTWRENCH_CPU`` may name here: processors whose code this one runs, the host first."""
+    """Processors that ``TWISTWRENCH_CPU`` may name here, since this one runs their code; the host first."""
     triple = host().triple
     found = {"host": host()}
     if _is_x86(triple):
@@ -192,9 +192,9 @@ def choices() -> dict[str, Machine]:
 
 
 def chosen() -> Machine:
-    """The processor that code is made for: the host, or what ``TWISTWRENCH_CPU`` names.
+    """The processor that code is made for: the host, or the one that ``TWISTWRENCH_CPU`` names.
 
-    Raises ValueRangeError for a name that means nothing, or a processor whose code this one cannot run.
+    Raises ValueRangeError for an unknown name, or for a processor whose code this one cannot run.
     """
     name = os.environ.get(VARIABLE, "").strip().lower() or "host"
     if name == "host":
@@ -211,7 +211,7 @@ def chosen() -> Machine:
 
 
 def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
-    """The widest vectors those features have; SSE2, NEON or their equal is in every 64-bit processor LLVM serves."""
+    """The widest vectors of those features; every 64-bit processor that LLVM serves has SSE2, NEON or their equal."""
     if {"avx512f", "avx512dq"} <= present:
         wide = ",".join(filter(None, [features, "-prefer-256-bit"]))
         return Machine(triple, cpu, wide, 512)
@@ -224,7 +224,7 @@ def _is_x86(triple: str) -> bool:
 
 
 def _lacking(level: str) -> list[str]:
-    """The features of an x86-64 level, and of those below it, that the host has not."""
+    """Features of an x86-64 level, and of those below it, that the host lacks."""
     present, names = compiler().present, list(X86_LEVELS)
     wanted = [f for name in names[: names.index(level) + 1] for f in X86_LEVELS[name]]
     return [f for f in wanted if f not in present]

@@ -27,7 +27,7 @@ HALF_PI_SHORT = {
     32: (1.5703125, 0.00048065185546875, 3.1739473342895508e-06, 9.89530235528946e-10, 2.5579538487363607e-12,
          5.390302953474238e-15),
 }  # fmt: skip
-"""The same for machines that do not fuse: all but the last are so short that k times them is exact up to the limit."""
+"""The same for machines without fused products: all but the last are so short that k times them is exact up to the limit."""
 
 SINE = {
     64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
@@ -161,7 +161,7 @@ LN2 = {
 """ln 2 as a sum of a short number and the rest."""
 
 DEGREE = {64: 13, 32: 7}
-"""Where the next term of the series, at ln 2 / 2, is below a quarter unit in the last place."""
+"""Degree at which the next term of the series, at ln 2 / 2, is below a quarter unit in the last place."""
 
 
 def bounds(precision: Precision) -> tuple[float, float]:
@@ -171,7 +171,7 @@ def bounds(precision: Precision) -> tuple[float, float]:
 
 
 def exp(w: LlvmWriter, x: str) -> str:
-    """Emit e**x. What is out of bounds, NaN included, is found by its bits: a comparison of numbers would raise flags."""
+    """Emit e**x. Arguments out of bounds, NaN included, are found by their bits: a comparison of numbers would raise flags."""
     bits, mantissa = w.precision.bits, w.precision.mantissa
     low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
     negative = w.new(f"icmp slt {w.integer} {w.new(f'bitcast {w.vector} {x} to {w.integer}')}, {w.bits(0)}")

@@ -1,8 +1,8 @@
 """Rows to lanes and back, in registers.
 
-A block takes ``lanes`` consecutive rows of a C-contiguous array. Columns are loaded in pieces of 128 bits a row, joined
-and transposed by shuffles; the last piece ends with the row and overlaps its neighbour, so nothing is masked and nothing
-is read past the end. A piece is loaded at the first use of one of its columns, stored as soon as its columns are there.
+A block has ``lanes`` consecutive rows of a C-contiguous array. Columns are loaded in pieces of 128 bits a row, joined
+and transposed by shuffles; the last piece ends with the row and overlaps its neighbour, so nothing is masked or read past
+the end. A piece is loaded at the first use of one of its columns, and stored as soon as its columns are complete.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class RowLoader(_Rows):
 class RowStorer(_Rows):
     """Columns of an output array, stored tile by tile as they become complete.
 
-    Storing is what limits wide results, so a tile is two pieces wide where the row is long enough: half as many stores.
+    Storing limits wide results, so a tile is two pieces wide in long rows: half as many stores.
     """
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
@@ -106,7 +106,7 @@ class RowStorer(_Rows):
         self._single = not self._missing
 
     def put(self, c: int, vector: str) -> None:
-        """Hand over one column, once."""
+        """Store one column, once."""
         self._ready[c] = vector
         if self._single:
             self._scatter(c, vector)
@@ -116,7 +116,7 @@ class RowStorer(_Rows):
                 self._store(start)
 
     def _tiles(self, c: int) -> list[int]:
-        """First columns of the tiles with column c: the one in step, and the last, which ends with the row."""
+        """First columns of the tiles with column c: the regular one, and the last, which ends with the row."""
         starts = sorted({c - c % self.span, self.columns - self.span})
         return [start for start in starts if start in self._missing and start <= c]
 
@@ -132,7 +132,7 @@ class RowStorer(_Rows):
                 w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
 
     def clear(self) -> None:
-        """Store zeros where the first tile goes."""
+        """Store zeros in the place of the first tile."""
         kind = f"<{self.span} x {self.w.element}>"
         for row in range(self.w.lanes):
             self.w.do(f"store {kind} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")

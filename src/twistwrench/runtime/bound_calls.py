@@ -19,8 +19,8 @@ from ..errors import KernelError
 from ..ir.program import axes_of
 from ..lowering.target_machine import DOUBLE, Machine
 from ..typing import Array
-from .dispatch import FASTCALL, abi_matches, address_of, builtin, table_of
-from .dispatch_ir import BYTES_DATA, CONTIGUOUS_AND_ALIGNED, FIELDS
+from .dispatch import FASTCALL, address_of, builtin, table_of
+from .dispatch_ir import BYTES_DATA, CONTIGUOUS_AND_ALIGNED, FIELDS, abi_matches
 from .gufunc import owner_of
 from .jit import Code, assembled
 

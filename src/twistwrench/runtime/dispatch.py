@@ -10,10 +10,8 @@ from __future__ import annotations
 import ctypes
 import inspect
 import sys
-import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,20 +19,8 @@ import numpy as np
 from ..ir.loops import Form
 from ..ir.program import TensorSpec
 from ..lowering.target_machine import DOUBLE, SINGLE
-from .dispatch_ir import (
-    BYTES_DATA,
-    CALL,
-    FIELDS,
-    FLOAT_VALUE,
-    LIST_ITEMS,
-    POINTERS,
-    SIZE,
-    TUPLE_ITEMS,
-    CallLayout,
-    call_assembly,
-)
+from .dispatch_ir import CALL, POINTERS, CallLayout, abi_matches, call_assembly
 from .gufunc import numpy_function, owner_of
-from .interpreter import runs_machine_code
 from .jit import Code, assembled
 from .kernel_metadata import KernelMetadata
 
@@ -232,34 +218,3 @@ def calls_before(ufunc: Any) -> int:
     if owner is None or not abi_matches():
         return 0
     return 2 if owner.length < LONG else owner.length // EACH
-
-
-@cache
-def abi_matches() -> bool:
-    """True if objects lie in memory as the code expects, by inspection and not by version."""
-    if not runs_machine_code() or sys.byteorder != "little":
-        return False
-    if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer heads, even while the lock is switched on
-        return False
-    probe, contents = np.arange(6.0).reshape(2, 3), kernel(b"twistwrench")
-    row, pair = [1.5, None], (None, 2.5)
-
-    def word(at: int, kind: Any = ctypes.c_ssize_t) -> int:
-        return int(kind.from_address(at).value)
-
-    def items(thing: object, first: int) -> list[int]:
-        return list((ctypes.c_ssize_t * word(id(thing) + SIZE)).from_address(first))
-
-    array = {name: id(probe) + offset for name, offset in FIELDS.items()}
-    return (
-        items(row, word(id(row) + LIST_ITEMS)) == [*map(id, row)]
-        and items(pair, id(pair) + TUPLE_ITEMS) == [*map(id, pair)]
-        and all(ctypes.c_double.from_address(id(x) + FLOAT_VALUE).value == 1.5 for x in (row[0], np.float64(1.5)))
-        and word(array["type"]) == id(np.ndarray)
-        and word(array["data"]) == probe.ctypes.data
-        and word(array["nd"], ctypes.c_int) == 2
-        and list((ctypes.c_ssize_t * 2).from_address(word(array["dims"]))) == [2, 3]
-        and word(array["descr"]) == id(probe.dtype) == id(np.dtype(np.float64))
-        and word(array["flags"], ctypes.c_int) & 0x101 == 0x101
-        and ctypes.string_at(id(contents) + BYTES_DATA, len(contents)) == contents
-    )

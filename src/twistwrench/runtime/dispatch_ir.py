@@ -8,12 +8,20 @@ object, has the addresses of :data:`POINTERS`, then of the names of parameters, 
 
 from __future__ import annotations
 
+import ctypes
+import sys
+import sysconfig
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
 
 from ..ir.program import TensorSpec
 from ..lowering.ir_builder import LlvmWriter
 from ..lowering.target_machine import DOUBLE, Precision
+from .interpreter import runs_machine_code
 
 CALL = "call"
 """Name of the function."""
@@ -35,6 +43,37 @@ CONTIGUOUS_AND_ALIGNED, WRITABLE, BACK, WARNS = 0x1 | 0x100, 0x400, 0x2000, 1 <<
 
 _UNROLLED = 16
 """Vectors tested one by one for finite numbers; more are tested in a loop."""
+
+
+@cache
+def abi_matches() -> bool:
+    """True if objects lie in memory as the code expects, by inspection and not by version."""
+    if not runs_machine_code() or sys.byteorder != "little":
+        return False
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer heads, even while the lock is switched on
+        return False
+    probe, contents = np.arange(6.0).reshape(2, 3), type("_Bytes", (bytes,), {})(b"twistwrench")
+    row, pair = [1.5, None], (None, 2.5)
+
+    def word(at: int, kind: Any = ctypes.c_ssize_t) -> int:
+        return int(kind.from_address(at).value)
+
+    def items(thing: object, first: int) -> list[int]:
+        return list((ctypes.c_ssize_t * word(id(thing) + SIZE)).from_address(first))
+
+    array = {name: id(probe) + offset for name, offset in FIELDS.items()}
+    return (
+        items(row, word(id(row) + LIST_ITEMS)) == [*map(id, row)]
+        and items(pair, id(pair) + TUPLE_ITEMS) == [*map(id, pair)]
+        and all(ctypes.c_double.from_address(id(x) + FLOAT_VALUE).value == 1.5 for x in (row[0], np.float64(1.5)))
+        and word(array["type"]) == id(np.ndarray)
+        and word(array["data"]) == probe.ctypes.data
+        and word(array["nd"], ctypes.c_int) == 2
+        and list((ctypes.c_ssize_t * 2).from_address(word(array["dims"]))) == [2, 3]
+        and word(array["descr"]) == id(probe.dtype) == id(np.dtype(np.float64))
+        and word(array["flags"], ctypes.c_int) & 0x101 == 0x101
+        and ctypes.string_at(id(contents) + BYTES_DATA, len(contents)) == contents
+    )
 
 
 @dataclass(frozen=True)
