@@ -11,7 +11,7 @@ import twistwrench as tw
 from twistwrench.ir.loops import ColumnSolve
 from twistwrench.lowering import batch_loop
 from twistwrench.lowering.batch_loop import LINE
-from twistwrench.lowering.partition import in_sections
+from twistwrench.lowering.partition import partitioned
 from twistwrench.lowering.reference_interpreter import NumpyColumns
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.robot import Robot
@@ -202,7 +202,7 @@ def test_the_frame_has_room_for_all_that_sections_put_into_it(name, bits, precis
     engine = tw.Robot(tree(3, False).model).engine
     program = column_loops.columns_of(engine.model, {NAME: {}}) if name == NAME else engine.program((name,), {})
     machine = host().narrowed(bits or precision.bits)
-    text = "\n".join(in_sections(program, precision, machine, batch_loop.loop))
+    text = "\n".join(partitioned(program, precision, machine, batch_loop.loop))
     (room,) = map(int, re.findall(r"= alloca \[(\d+) x i8\]", text))
     last = max(map(int, re.findall(r"getelementptr i8, ptr %frame, i64 (\d+)", text)))
     assert last + machine.lanes(precision) * precision.bytes <= room <= last + LINE

@@ -70,7 +70,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
     """The kernel in one function, and the kernel in sections of so many instructions, five to a module."""
     whole = make_ufunc(program, "whole", "")
     whole(*states(program, 1, np.float32))  # single precision is compiled at its first call
-    for name, value in (("LONG", 0), ("SECTION", section), ("EACH", 5)):
+    for name, value in (("LONG", 0), ("PARTITION", section), ("EACH", 5)):
         monkeypatch.setattr(emitter_choice if name == "LONG" else sections, name, value)
     monkeypatch.setattr(batch_loop, "ON_STACK", on_stack)
     cut = make_ufunc(program, "cut", "")
@@ -359,7 +359,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
 
 def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     program = bundled("planar_2r").program("forward_dynamics")
-    for name, value in (("LONG", 0), ("SECTION", 10), ("EACH", 2)):
+    for name, value in (("LONG", 0), ("PARTITION", 10), ("EACH", 2)):
         monkeypatch.setattr(emitter_choice if name == "LONG" else sections, name, value)
     assert len(list(emitter_choice.modules(program, DOUBLE, host()))) > 2
     assert not jit.compiled(program, DOUBLE).cached

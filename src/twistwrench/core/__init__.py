@@ -1,1 +1,1 @@
-"""What every package stands on and that knows no mechanics: arguments checked, text, files."""
+"""Foundations without mechanics: argument checks, text, numbers, files."""

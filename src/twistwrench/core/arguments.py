@@ -1,6 +1,6 @@
-"""Tables whose columns have names, read by these names: data frames, their rows, arrays with labelled axes.
+"""Argument checks: tables with named columns, rotations and poses, arrays and numbers.
 
-Nothing is imported for it: an object is a table by what it has, ``columns`` (pandas, Polars), ``index`` (a row of pandas), or
+An object is a table by its attributes, without imports: ``columns`` (pandas, Polars), ``index`` (a row of pandas), or
 ``dims`` and ``coords`` (xarray).
 """
 
@@ -26,15 +26,15 @@ _PLAIN = (list, tuple, float, int)
 
 
 def is_table(x: Any) -> bool:
-    """Whether the last axis of ``x`` has labels."""
+    """True if the last axis of ``x`` has labels."""
     return _labels(x) is not None
 
 
 def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
-    """What is in the table ``x``, its columns in the order of ``names``; all else as it is.
+    """Contents of the table ``x``, with its columns in the order of ``names``; anything else unchanged.
 
-    Where ``names`` is empty there is nothing to read the columns by, and a table is a ValueRangeError if its labels are
-    texts. Raises UnknownNameError for columns that are not exactly ``names``: it lists the foreign and the missing ones.
+    Without ``names``, a table is a ValueRangeError if its labels are texts. Raises UnknownNameError for columns that are not
+    exactly ``names``, with lists of the unknown and the missing ones.
     """
     labels = _labels(x)
     if labels is None:
@@ -63,7 +63,7 @@ def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
 
 
 def _labels(x: Any) -> list[Any] | None:
-    """The labels of the last axis; None where it has none."""
+    """Labels of the last axis; None if it has none."""
     if isinstance(x, _PLAIN):
         return None
     columns = getattr(x, "columns", None)
@@ -77,20 +77,20 @@ def _labels(x: Any) -> list[Any] | None:
 
 
 def _contents(x: Any) -> Any:
-    """The numbers without their labels; lazy where the table is."""
+    """Numbers without their labels; lazy if the table is."""
     if getattr(x, "dims", None) is not None and hasattr(x, "data"):
         return x.data
     return x.to_numpy()
 
 
-# ── Whether matrices are rotations, and how far they are off
+# ── Rotations, and their deviation
 
 TOLERANCE = 1e-6
-"""How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
+"""Largest deviation of R' R from the identity for a rotation: a rounded float32 rotation passes."""
 
 
 def refuse(gaps: Array, allowed: float, complaint: str) -> None:
-    """Raise when the largest of ``gaps`` (..., n, n) is more than allowed, naming the row of the batch. NaN passes."""
+    """Raise ValueRangeError if the largest of ``gaps`` (..., n, n) is too large, with the row of the batch. NaN passes."""
     if not (gaps > allowed).any():
         return
     worst = int(np.nanargmax(gaps))
@@ -100,7 +100,7 @@ def refuse(gaps: Array, allowed: float, complaint: str) -> None:
 
 
 def rotation(R: Array, what: str) -> Array:
-    """R (..., 3, 3), of float32, float64 or symbols, when it is a rotation to :data:`TOLERANCE`; symbols are not judged."""
+    """R (..., 3, 3), of float32, float64 or symbols, if it is a rotation to :data:`TOLERANCE`; symbols are not checked."""
     if R.dtype == object or _surely_rotations(R):
         return R
     allowed = max(TOLERANCE, 100 * float(np.finfo(R.dtype).eps))  # float32: what a chain of products adds up to
@@ -118,9 +118,9 @@ def rotation(R: Array, what: str) -> Array:
 
 
 def _surely_rotations(R: Array) -> bool:
-    """Whether two rows are orthonormal and the third is their cross product, to a fifth of what is allowed.
+    """True if two rows are orthonormal and the third is their cross product, to a fifth of the tolerance.
 
-    On floats or on columns, for every Ad and inverse asks; finding how far off and where takes ten times as long.
+    On floats or on columns, since every Ad and inverse needs it; measuring the deviation takes ten times as long.
     """
     near = 0.2 * TOLERANCE
     if R.ndim == 2:
@@ -130,7 +130,7 @@ def _surely_rotations(R: Array) -> bool:
 
 
 def gaps(rows: Any) -> tuple[Any, ...]:
-    """What the entries of a matrix (3, 3) miss of a rotation: the dot products of two rows, and their cross product."""
+    """Deviations of a matrix (3, 3) from a rotation: dot products of two rows, and their cross product."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     return (
         a * a + b * b + c * c - 1.0,
@@ -143,23 +143,23 @@ def gaps(rows: Any) -> tuple[Any, ...]:
 
 
 def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
-    """Make sure that the last row of T (..., 4, 4) is (0, 0, 0, 1)."""
+    """Raise ValueRangeError unless the last row of T (..., 4, 4) is (0, 0, 0, 1)."""
     if T.ndim == 2 and T[3].tolist() == [0.0, 0.0, 0.0, 1.0]:
         return
     off = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
     refuse(off, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
 
 
-# ── Argument checks: what a caller gives, as arrays as they must be, or errors that name them and say what to do
+# ── Arrays and numbers: arguments in the required form, or errors that name them and the remedy
 
 # ``brought`` and ``plain`` take any kind of array: NumPy's as they are, tables by the names of their columns, all else as
-# ``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` look at types and shapes besides;
-# ``number``, ``positive`` and ``whole`` are for single numbers; ``pose`` says how far a matrix is off. Symbols
-# (object arrays) pass all but ``real`` and ``finite`` as they are, so checked functions can be traced. NaN passes all but
-# ``finite``: plain arrays hand it on row by row, as NumPy does.
+# ``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
+# ``number``, ``positive``, ``whole`` and ``integer`` are for single numbers; ``pose`` checks rotation and last row. Symbols
+# (object arrays) pass all but ``real`` and ``finite`` unchanged, so checked functions can be traced. NaN passes all but
+# ``finite``: plain arrays propagate it row by row, as NumPy does.
 
 _LONGEST = 60
-"""Characters of what was given that an error shows."""
+"""Characters of a given value that an error shows."""
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
@@ -168,11 +168,11 @@ _NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": 
 
 
 def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NO_ARRAY) -> Any:
-    """x as an ndarray of whatever numbers it has, or as the Dask array that it is.
+    """x as an ndarray of any numbers, or unchanged if it is a Dask array.
 
-    A table (a data frame, a row of one, an array with a labelled last axis) is put in the order of ``names``; without names
-    its labels are refused where they are texts. Raises UnknownNameError for labels that are not exactly the names, and
-    ValueRangeError for masked entries; ShapeError, with the ``complaint``, for what is no array.
+    A table (a data frame, a row of one, an array with a labelled last axis) is put in the order of ``names``; without names,
+    labels that are texts are rejected. Raises UnknownNameError for labels that are not exactly the names, ValueRangeError
+    for masked entries, and ShapeError, with the ``complaint``, for anything else that is not an array.
     """
     if type(x) is np.ndarray:
         return x
@@ -198,7 +198,7 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
 
 
 def of_plain(given: Sequence[Any]) -> tuple[Array, ...] | None:
-    """The arrays, where each is NumPy's or a plain list, tuple or number that makes one; None where a closer look is needed."""
+    """The arrays, if each is NumPy's or made of a plain list, tuple or number; else None."""
     if not all(type(x) in (np.ndarray, list, tuple, float, int) for x in given):
         return None
     try:
@@ -208,14 +208,14 @@ def of_plain(given: Sequence[Any]) -> tuple[Array, ...] | None:
 
 
 def plain(x: Any, what: str, names: Sequence[str] = ()) -> Array:
-    """The same as an ndarray: a Dask array is computed."""
+    """:func:`brought` as an ndarray: a Dask array is computed."""
     return np.asarray(brought(x, what, names))
 
 
 def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
-    """x as float32, float64 or symbols, its last axes of the given shape; all else is an error that names ``what``.
+    """x as float32, float64 or symbols, with last axes of the given shape. Raises errors that name ``what``.
 
-    ``names``: those of the last axis, by which a table is read; see :func:`brought`.
+    ``names``: those of the last axis, for tables; see :func:`brought`.
     """
     if type(x) is not np.ndarray:
         x = _array(x, what, shape, batch, names)
@@ -231,7 +231,7 @@ def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Seque
 
 
 def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
-    """x as float32 if it is that, else as float64, with the last axes of the given shape; symbols are refused."""
+    """x as float32 if it is that, else as float64, with last axes of the given shape; symbols are rejected."""
     M = array(x, what, *shape, batch=batch, names=names)
     if M.dtype != object:
         return M
@@ -252,7 +252,7 @@ def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> A
 
 
 def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequence[str] = ()) -> Array:
-    """x as float64 numbers, or symbols where they may be, of exactly this shape: one thing, not a batch."""
+    """x as float64 numbers, or symbols if allowed, of exactly this shape: one value, not a batch."""
     M = (array if symbols else real)(x, what, *shape, batch=False, names=names)
     return M if M.dtype == object else np.asarray(M, float)
 
@@ -296,7 +296,7 @@ def integer(x: Any, what: str, least: int = 1) -> int:
 
 
 def generator(rng: Any, what: str = "rng") -> np.random.Generator:
-    """A NumPy generator, from a seed or as it is. Raises ValueRangeError."""
+    """A NumPy generator, from a seed or unchanged. Raises ValueRangeError."""
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
@@ -304,7 +304,7 @@ def generator(rng: Any, what: str = "rng") -> np.random.Generator:
 
 
 def flag(x: Any, what: str) -> bool:
-    """x as a yes or no: a bool, NumPy's too, 0, 1, or None for no. Raises ValueRangeError."""
+    """x as a bool: a bool, NumPy's too, 0, 1, or None for False. Raises ValueRangeError."""
     if x is None or isinstance(x, bool | np.bool_) or (isinstance(x, int | float) and x in (0, 1)):
         return bool(x)
     raise ValueRangeError(f"{what} is {shown(x)}: give True or False.")
@@ -318,7 +318,7 @@ def choice(x: Any, what: str, choices: Sequence[str]) -> str:
 
 
 def shown(x: Any) -> str:
-    """What was given, in a few words: for errors about things of the wrong kind.
+    """Short description of a given value, for errors about values of the wrong kind.
 
     >>> shown(None), shown("abc"), shown(np.float64(0.5)), shown(np.zeros(3)), shown([]), shown(abs)
     ('None', "'abc'", '0.5', 'an array of shape (3,)', '[]', 'a builtin_function_or_method')
@@ -345,7 +345,7 @@ def visible(text: str) -> str:
 
 
 def as_matrix(x: Any, what: str, kind: str) -> Array:
-    """What ``x.as_matrix()`` gives, for an object of SciPy's."""
+    """Result of ``x.as_matrix()``, for an object of SciPy's."""
     if not hasattr(x, "as_matrix"):
         raise ValueRangeError(f"{what} takes a {kind}, got {type(x).__name__}.")
     return np.asarray(x.as_matrix())
@@ -381,7 +381,7 @@ def _wanted(shape: tuple[int, ...], batch: bool) -> str:
 
 
 def _is_number(kind: type) -> bool:
-    """Whether elements of an object array can be calculated with: numbers and symbols can be negated, texts and None cannot."""
+    """True if elements of an object array are numbers or symbols, which can be negated; not for texts and None."""
     return hasattr(kind, "__neg__") and not issubclass(kind, (complex, np.complexfloating, np.ndarray))
 
 
@@ -393,7 +393,7 @@ def _described(x: Array) -> str:
 
 
 def pose(T: ArrayLike, what: str) -> Array:
-    """T (..., 4, 4), when it is a pose to a millionth. A labelled pose was judged when it was made, symbols never are."""
+    """T (..., 4, 4), if it is a pose to a millionth. A labelled pose was checked when it was made; symbols are not checked."""
     M = array(T, what, 4, 4)
     if M.dtype != object and not hasattr(T, "of"):
         last_row(M, what)
@@ -410,7 +410,7 @@ Result = TypeVar("Result")
 def taking_the_arguments_of(
     other: Callable[Arguments, Any],
 ) -> Callable[[Callable[..., Result]], Callable[Arguments, Result]]:
-    """A decorator: names, types and defaults are those of ``other``, for people, checkers and ``inspect.signature``."""
+    """Decorator: names, types and defaults are those of ``other``, for people, checkers and ``inspect.signature``."""
 
     def of(function: Callable[..., Result]) -> Callable[Arguments, Result]:
         function.__wrapped__ = other  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Many pieces of work on this process, on processes of this machine, or on a Dask cluster, with results in their order.
+"""Independent work on this process, on processes of this machine, or on a Dask cluster, with results in order.
 
 Scheduling, retries, moving data and the dashboard are Dask's. Our own threads stay off in its workers.
 """
@@ -18,23 +18,23 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 RETRIES = 3
-"""Times that work is begun anew whose worker died; Dask counts deaths of workers with the same number."""
+"""Retries of work whose worker died; Dask counts deaths of workers with the same number."""
 _PATIENCE = 10.0
-"""s that a scheduler is waited for."""
+"""Timeout for a scheduler [s]."""
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "TWISTWRENCH_THREADS": "1"}
-"""What processes of ours are told: as many workers as there are cores, one thread each."""
+"""Settings of local processes: as many workers as there are cores, one thread each."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What came of a piece of work that failed: a sentence of ours, or the kind and text of another error."""
+    """Reason why a piece of work failed: a sentence of ours, or the kind and text of another error."""
 
     reason: str
 
 
 @dataclass
 class Workers:
-    """Who works: this process, or a Dask client's workers.
+    """Workers: this process, or those of a Dask client.
 
     Parameters
     ----------
@@ -47,13 +47,13 @@ class Workers:
 
     @classmethod
     def on(cls, client: Any) -> Workers:
-        """Those of a Dask client; this process where it is None."""
+        """Workers of a Dask client; this process if it is None."""
         return cls() if client is None else cls(client, 3 * max(1, sum(client.nthreads().values())))
 
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
     ) -> Iterator[Result | Failure]:
-        """``function`` of each item, in the order of the items whoever computes them; errors of one do not stop the others.
+        """``function`` of each item, in the order of the items; errors of one do not stop the others.
 
         Examples
         --------
@@ -88,7 +88,7 @@ class Workers:
 
 @contextmanager
 def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
-    """Workers of one kind: none asked for is this process, a number is processes of this machine, an address is a cluster.
+    """Workers of one kind: this process by default, a number of processes of this machine, or a cluster by its address.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
 
 
 def _guarded(function: Callable[[Item], Result], item: Item) -> Result | Failure:
-    """The result, or why there is none; what is wrong with an input is wrong wherever it is computed."""
+    """The result, or the reason why there is none; an input error is the same on every worker."""
     try:
         return function(item)
     except TwistWrenchError as problem:

@@ -1,4 +1,4 @@
-"""Files in: the bytes of a file, of a pipe or of standard input, never more than a bound."""
+"""Files: bounded reading of files, pipes and standard input; checked and atomic writing."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ..errors import ValueRangeError
 from .arguments import shown
 
 MOST_BYTES = 64 * 2**20
-"""What a reader takes unless it says otherwise."""
+"""Default bound of a reader [bytes]."""
 
 _PORTION = 1 << 16
 _PATIENCE = 10.0
-"""Seconds that a named pipe is waited for until somebody opens its other end."""
+"""Seconds to wait until another process opens the other end of a named pipe."""
 
 
 def as_path(path: Any) -> Path:
-    """The path that a caller gives, a text or a Path. Raises ValueRangeError for anything else, and for an empty text.
+    """The caller's path, a text or a Path. Raises ValueRangeError for anything else, and for an empty text.
 
     >>> as_path("motion.csv").suffix
     '.csv'
@@ -36,7 +36,7 @@ def as_path(path: Any) -> Path:
 
 
 def is_stream(path: Path) -> bool:
-    """Whether the path is there and can be read only once: a pipe, a terminal or another device.
+    """True if the path exists and can be read only once: a pipe, a terminal or another device.
 
     >>> is_stream(Path("/dev/null")), is_stream(Path("."))
     (True, False)
@@ -115,7 +115,7 @@ def _to_the_end(handle: int, path: Path, most: int) -> bytes:
 
 
 def _unopened(handle: int) -> bool:
-    """Whether it is a pipe whose other end nobody has opened since this one was: its end would be reported otherwise."""
+    """True if it is a pipe whose other end has not been opened since this one was: its end would be reported otherwise."""
     if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(handle).st_mode):
         return False
     poll = select.poll()
@@ -128,13 +128,13 @@ def _too_large(path: Path, most: int) -> OSError:
     return OSError(errno.EFBIG, f"it has more than {amount}", str(path))
 
 
-# ── Files out: refused before anything runs where they would do harm, and put in their place only when whole
+# ── Writing: harmful outputs are rejected before anything runs, and files are replaced only when complete
 
 PICTURES = (".png", ".pdf", ".svg")
-"""The kinds of picture that are made, by their suffixes."""
+"""Kinds of pictures, by their suffixes."""
 
 _SHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
-"""Endings of spreadsheets' own files, which none of ours is."""
+"""Suffixes of spreadsheets' own formats, none of which is written."""
 
 
 def picture_path(path: str | Path) -> str:
@@ -157,7 +157,7 @@ def picture_path(path: str | Path) -> str:
 
 
 def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str, str | Path | None]) -> None:
-    """Refuse, before a long run, output files that cannot be written, or that are an input or another output.
+    """Reject, before a long run, output files that cannot be written, or that are an input or another output.
 
     Both map what the user calls a file (``--csv``, ``ROBOT``) to its path, None where it was not given. Links count as what
     they lead to; devices, such as /dev/null, may be shared. Pass a picture's path through :func:`picture_path` first.
@@ -191,7 +191,7 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
 
 
 def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
-    """The path as one, refused if a file is there already and ``overwrite`` is not said: files of robots are made by hand.
+    """The path, unless a file is there already and ``overwrite`` is False: files of robots are made by hand.
 
     Devices, such as /dev/stdout, may be written to. Raises :class:`~twistwrench.ValueRangeError`.
 
@@ -212,7 +212,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """What the system says of a file, None where there is none. Raises OSError for names that can have none."""
+    """Status of a file, None if there is none. Raises OSError for names that can have none."""
     try:
         return path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -235,7 +235,7 @@ def _check_writable(path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """A scratch name in the same folder; on leaving without an error the file there becomes ``path``, else it goes.
+    """Context with a scratch name in the same folder; without an error the file there becomes ``path``, else it is removed.
 
     A file that is replaced keeps its mode, and its owner and group where the system allows it; a new one gets the mode that
     the process gives to new files. :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
@@ -246,7 +246,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]]:
-    """Scratch names for files that belong together, as :func:`replacing` has one: all are on the disk before one is renamed."""
+    """Scratch names for files that belong together, as of :func:`replacing`: all are on the disk before one is renamed."""
     files: list[tuple[Path, Path, os.stat_result | None]] = []  # scratch, what it becomes, and what is there
     at = as_path(paths[0])
     try:
@@ -278,7 +278,7 @@ def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]
 
 
 def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
-    """An empty scratch file, what it will become, and what is there; a pipe or a device is written to, never replaced."""
+    """An empty scratch file, its target, and the target's status; pipes and devices are written to, never replaced."""
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
     if path.exists() and not path.is_file():
@@ -300,7 +300,7 @@ def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
 
 
 def _keep(scratch: Path, before: os.stat_result) -> None:
-    """Give the new file owner, group and mode of the one it replaces; a group that cannot be kept passes on no rights."""
+    """Copy owner, group and mode of the replaced file; a group that cannot be kept passes on no rights."""
     mode = stat.S_IMODE(before.st_mode)
     if hasattr(os, "chown"):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Gravity where nothing else is said, and the weight of a kilogram: the one place of both."""
+"""Default gravity, and the weight of a kilogram."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 """Acceleration of gravity in a frame whose z axis points up [m/s²]. MR section 8.1."""
 
 STRENGTH = -GRAVITY[2]
-"""Its size [m/s²]."""
+"""Magnitude of gravity [m/s²]."""
 
 KGF = 9.80665
-"""The weight of a kilogram where kilograms are a unit of force [N]."""
+"""Weight of a kilogram, for files with kilograms as a unit of force [N]."""

@@ -1,15 +1,15 @@
-"""How numbers are printed for a person, in every table, report, picture and ``repr``: the one place of these rules.
+"""Rules of printed numbers in every table, report, picture and ``repr``.
 
-* A number has four significant digits and no zeros at its end; below a million its whole part stands in full.
-* A computed torque has four as well, with zeros at the end, and three decimals at most.
-* A standard deviation has two digits, zeros at the end included, and what it belongs to has as many decimals.
-* What is not known, or has no limit, is :data:`MISSING`.
-* Within a sentence, of an error above all, a number has six digits or as many as are asked for, and nan and inf are said.
-* A share of something is a whole percentage, or has the digits that are asked for.
-* A share of a limit is 100 % only at the limit: what is nearly there, or just beyond, has the digits that say so.
+* A number has four significant digits and no zeros at its end; below a million its whole part is complete.
+* A computed torque also has four, with zeros at the end, and three decimals at most.
+* A standard deviation has two digits, zeros at the end included, and its estimate has as many decimals.
+* An unknown value, or a missing limit, is :data:`MISSING`.
+* Within a sentence, especially of an error, a number has six digits or the given number, and nan and inf are printed.
+* A share of something is a whole percentage, or has the given digits.
+* A share of a limit is 100 % only at the limit: values near it have the digits that show the difference.
 * A time within a motion has milliseconds. A residual has two digits and its power of ten.
 * In files that programs read, a number has ten digits.
-* Signs are ASCII, so that ``float`` reads back what is copied.
+* Signs are ASCII, so that ``float`` reads back a copied number.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ import numpy as np
 from ..typing import Array
 
 MISSING = "–"
-"""What stands in place of a number that is not known, or of a limit that there is not."""
+"""Text for an unknown number, or for a missing limit."""
 DIGITS = 4
-"""Significant digits of a number where no other count is asked for."""
+"""Default number of significant digits."""
 _IN_FULL = 1e6
 _WHOLE = 100.0
 _NOISE = 1e-12
@@ -60,7 +60,7 @@ def number(
 
 
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
-    """A number within a sentence, such as an error's: what was given, or with fewer ``digits`` what was computed.
+    """A number within a sentence, such as an error's: a given one, or with fewer ``digits`` a computed one.
 
     >>> printed(0.1234567), printed(1e-9), printed(12.3456, 3), printed(2.0, signed=True), printed(float("nan"))
     ('0.123457', '1e-09', '12.3', '+2', 'nan')
@@ -79,7 +79,7 @@ def in_file(value: float) -> str:
 
 
 def torque(value: float) -> str:
-    """A computed torque, force, angle or length, zeros at the end included, so that a column is read at a glance.
+    """A computed torque, force, angle or length, with zeros at the end for easy comparison within a column.
 
     Three decimals at most: nobody looks closer in N m, N, rad and m.
 
@@ -92,7 +92,7 @@ def torque(value: float) -> str:
 
 
 def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, decimals: int | None = None) -> str:
-    """A number with its unit; what is not known has none.
+    """A number with its unit; an unknown one has none.
 
     >>> quantity(62.2648, "N m"), quantity(-90.0, "°"), quantity(None, "N m")
     ('62.26 N m', '-90°', '–')
@@ -115,7 +115,7 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
 
 
 def percent_of_limit(share: SupportsFloat | None) -> str:
-    """A share of a limit as a percentage: a whole one, with decimals where that would take it for the limit itself.
+    """A share of a limit as a percentage: a whole one, with decimals if it would look like the limit itself.
 
     >>> percent_of_limit(0.7649), percent_of_limit(0.996), percent_of_limit(1.00004), percent_of_limit(1.0)
     ('76 %', '99.6 %', '100.004 %', '100 %')
@@ -175,7 +175,7 @@ def seconds(time: float, decimals: int = 3) -> str:
 
 
 def residual(value: float) -> str:
-    """What is left of what should be zero.
+    """A quantity that should be zero.
 
     >>> residual(0.00000123), residual(0.0)
     ('1.2e-06', '0')
@@ -184,7 +184,7 @@ def residual(value: float) -> str:
 
 
 def vector(x: Array, digits: int = 6) -> str:
-    """A vector (n,) of numbers or symbols in brackets, without the noise of rounding beside what is large.
+    """A vector (n,) of numbers or symbols in brackets, without round-off beside large entries.
 
     >>> vector(np.array([0.1 + 0.2, 1e-17, -2.0]))
     '(0.3, 0, -2)'
@@ -194,11 +194,11 @@ def vector(x: Array, digits: int = 6) -> str:
 
 
 def without_noise(x: Array, scale: float | None = None) -> Array:
-    """Numbers with what is below 1e-12 of ``scale``, of the largest of them if None, made zero: what rounding left there."""
+    """Numbers with entries below 1e-12 of ``scale`` set to zero, which are round-off; None: scale of the largest."""
     size = np.abs(x[np.isfinite(x)]).max(initial=0.0) if scale is None else scale
     return np.where(np.abs(x) <= _NOISE * size, 0.0, x) + 0.0  # no minus zeros
 
 
 def _decimals(sigma: float) -> int:
-    """After the point, of a deviation's second digit; below 0 before it."""
+    """Number of decimals of a deviation's second digit; negative before the point."""
     return 1 - math.floor(math.log10(float(f"{sigma:.1e}")) + 1e-9)

@@ -1,8 +1,8 @@
-"""The disk cache of machine code, and of what is asked of LLVM: private to the user, verified before use, never in the way.
+"""Disk cache of machine code and of LLVM's facts: private to the user, verified before use, optional.
 
-Entries live under the user's cache folder, or where ``TWISTWRENCH_CACHE_DIR`` says; ``TWISTWRENCH_CACHE_DIR=off`` turns the
-cache off. A folder that others could write to, an unreadable entry and a full disk all mean the same: compile again. A
-:class:`CacheWarning` says so once, where there is something to put right.
+Entries lie in the user's cache folder, or in that of ``TWISTWRENCH_CACHE_DIR``; ``TWISTWRENCH_CACHE_DIR=off`` disables the
+cache. A folder that others could write to, an unreadable entry and a full disk have the same effect: code is compiled again. A
+:class:`CacheWarning` reports it once, if there is a remedy.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ except ImportError:
 MAGIC = b"twistwrench code 2\n"
 MOST_ENTRIES = 2000
 MOST_BYTES = 2**28
-"""Of an entry; the code of the largest robots has a few MiB."""
+"""Bound of an entry; the code of the largest robots has a few MiB."""
 VARIABLE = "TWISTWRENCH_CACHE_DIR"
 
 _CHECKSUM = 32
 
 _OURS = re.compile(r"[0-9a-f]{64}|\.new-\w+")
-"""Names of entries, and of those that are being written: a folder may hold other files, which are none of our business."""
+"""Names of entries, and of those being written; other files in the folder are ignored."""
 
 _BINARY = getattr(os, "O_BINARY", 0)
 _NO_ENTRY = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
-"""What the system says of links and sockets, and we of whatever else is no plain file."""
+"""Errors for links and sockets, and for anything else that is not a plain file."""
 
 _REMARKS: set[str] = set()
 
 
 def folder() -> Path | None:
-    """The cache folder, made if need be; None when there is none that only this user can write to."""
+    """The cache folder, created if necessary; None if there is none that only this user can write to."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen.lower() == "off":
         return None
@@ -77,9 +77,9 @@ def folder() -> Path | None:
 
 
 def _is_ours_alone(about: os.stat_result) -> bool:
-    """Whether nobody but this user and the system's can rename what is in a folder.
+    """True if only this user and the system's can rename files of a folder.
 
-    A group that has the user's own number is the user's alone, as distributions make it.
+    A group with the user's own number is the user's alone, by the convention of distributions.
     """
     if about.st_uid not in (0, os.getuid()):
         return False
@@ -106,7 +106,7 @@ def _usual() -> Path:
 
 
 def _remark(text: str) -> None:
-    """Warn once a process: kernels are many, and each asks for the folder twice."""
+    """Warn once a process: kernels are many, and each uses the folder twice."""
     if text not in _REMARKS:
         _REMARKS.add(text)
         warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
@@ -133,7 +133,7 @@ def load(key: str) -> bytes | None:
 
 
 def _bytes_of(entry: Path) -> bytes:
-    """The bytes of an entry; OSError for a link, a pipe, a folder, a device, and what is larger than code ever is."""
+    """Bytes of an entry. Raises OSError for a link, a pipe, a folder, a device, and for more bytes than code has."""
     handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
     about = os.fstat(handle)
     foreign = hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022)
@@ -145,7 +145,7 @@ def _bytes_of(entry: Path) -> bytes:
 
 
 def _clear(entry: Path) -> None:
-    """Remove what stands under an entry's name, an empty folder too; a full folder stays, and nothing is kept there."""
+    """Remove an invalid entry, or an empty folder in its place; a full folder stays, and the entry is not cached."""
     with suppress(OSError):
         if entry.is_dir() and not entry.is_symlink():
             entry.rmdir()
@@ -154,7 +154,7 @@ def _clear(entry: Path) -> None:
 
 
 def store(key: str, code: bytes) -> None:
-    """Keep ``code`` under ``key``; written to a temporary name and renamed, so readers never see half of it."""
+    """Store ``code`` under ``key``; written to a temporary name and renamed, so readers never see half of it."""
     place = folder()
     if place is None:
         return
@@ -178,7 +178,7 @@ def store(key: str, code: bytes) -> None:
 
 
 def _prune(place: Path) -> None:
-    """Drop the oldest quarter when there are too many entries."""
+    """Remove the oldest quarter if there are too many entries."""
     entries = [p for p in place.iterdir() if _OURS.fullmatch(p.name) and p.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
@@ -189,7 +189,7 @@ def _prune(place: Path) -> None:
 
 
 def _written(entry: Path) -> float:
-    """When an entry was written; of one that another process has dropped since it was listed, long ago."""
+    """Time of writing of an entry; zero if another process has removed it since it was listed."""
     try:
         return entry.stat().st_mtime
     except OSError:

@@ -1,7 +1,7 @@
-"""What a method leaves out of the impulse of a force that it knows at its own times only.
+"""Error of an integration method in the impulse of a force that it evaluates only at its own times.
 
-Over a step of length h a method takes the impulse of a force f for h Σ b_i f(t + c_i h) with its own c and b; a pulse between
-these times is not in it. Gauss's rule at further times says by how much. For a smooth f both differ by no more than the order
+Over a step of length h a method integrates a force f as h Σ b_i f(t + c_i h) with its own c and b; a pulse between
+these times is lost. Gauss's rule at further times measures the loss. For a smooth f both differ by no more than the order
 of the method allows.
 """
 
@@ -16,15 +16,15 @@ from ..typing import Array
 
 _NODES, _WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
 _NODES = _NODES + 0.5
-"""Eight points of Gauss's rule, which are nowhere further apart than 0.19 of its length."""
+"""Eight points of Gauss's rule, at most 0.19 of its length apart."""
 _SPACINGS = 5.0
-"""The length of one rule, in spacings: its points are then less than one apart."""
+"""Length of one rule, in spacings: its points are then less than one apart."""
 _SHARE = 1e-3
 _ROUNDING = 1e-13
 
 
 def probe_spacing(dt: float, duration: float) -> float:
-    """How far apart functions are asked at most [s]: by dt, and by a thousandth of the duration."""
+    """Largest spacing of evaluations [s]: dt, and a thousandth of the duration."""
     return min(dt, _SHARE * duration)
 
 
@@ -43,11 +43,11 @@ class ProbeRule:
         return self._rules(1)
 
     def needed(self, h: float) -> bool:
-        """Whether a step is so long that the method does not ask often enough itself."""
+        """True if the method's own evaluations are too far apart."""
         return h > self.spacing / _SPACINGS
 
     def shares(self, h: float) -> tuple[Array, Array]:
-        """Shares (m,) of a step, and the weights (m,) that give what the method leaves out of the mean of the forces there."""
+        """Shares (m,) of a step, and the weights (m,) of the forces there that give the lost part of their mean."""
         rules = math.ceil(h / (_SPACINGS * self.spacing))
         return self._one if rules <= 1 else self._rules(rules)
 
@@ -57,6 +57,6 @@ class ProbeRule:
 
 
 def left_out(weights: Array, found: Array) -> Array:
-    """What is left out of the mean of forces ``found`` (..., m, k), (..., k); rounding is nothing."""
+    """Lost part of the mean of forces ``found`` (..., m, k), (..., k); round-off is zero."""
     off = weights @ found
     return np.where(np.abs(off) > _ROUNDING * np.abs(found).max(axis=-2), off, 0.0)

@@ -1,8 +1,8 @@
-"""CSV files out: quoted as the standard library does it, numbers with all their digits, no cell that a spreadsheet would run.
+"""CSV and HTML tables: quoting of the standard library, numbers with all digits, no cell that a spreadsheet would run.
 
-A spreadsheet takes text that begins with =, +, -, @, a tab or a line end for a formula. Such text gets an apostrophe before
-it, as spreadsheets themselves write text that must stay text. A name with line ends, or with blanks about it, which readers of
-lines lose, is written as a string of JSON, in its quotes. :func:`unescape_cell` undoes both. Numbers stay as they are.
+A spreadsheet reads text that begins with =, +, -, @, a tab or a line end as a formula. Such text gets an apostrophe before
+it, as spreadsheets themselves mark text. A name with line ends or outer blanks, which readers of lines lose, is written as
+a string of JSON, in its quotes. :func:`unescape_cell` undoes both. Numbers are unchanged.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from .numbers import number
 
 _PORTION = 4096
 _RUN = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
-"""What a spreadsheet would run, or would if the apostrophes before it were taken off."""
+"""Text that a spreadsheet would run, or would without the apostrophes before it."""
 
 _LOST = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
-"""What a reader of lines would lose or cut, or would take for a string of JSON."""
+"""Text that a reader of lines would lose or cut, or would read as a string of JSON."""
 
 
 def harmless_text(text: str) -> str:
-    r"""Text of one line that no spreadsheet takes for a formula; :func:`unescape_cell` gives the text back.
+    r"""Text of one line that no spreadsheet reads as a formula; :func:`unescape_cell` restores the text.
 
     >>> harmless_text("=1+1"), harmless_text("elbow"), harmless_text("two\nlines")
     ("'=1+1", 'elbow', '"two\\nlines"')
@@ -39,7 +39,7 @@ def harmless_text(text: str) -> str:
 
 
 def unescape_cell(cell: str) -> str:
-    r"""The text that :func:`harmless_text` made a cell of; any other cell as it is.
+    r"""The text of a cell of :func:`harmless_text`; any other cell unchanged.
 
     >>> unescape_cell("'=1+1"), unescape_cell("elbow"), unescape_cell("-x"), unescape_cell('"two\\nlines"')
     ('=1+1', 'elbow', '-x', 'two\nlines')
@@ -52,7 +52,7 @@ def unescape_cell(cell: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class CsvWriter:
-    """Adds rows to a CSV file that is open for bytes; lines end in a newline.
+    """Writer of rows to a CSV file that is open for bytes; lines end in a newline.
 
     >>> import numpy as np
     >>> file = io.BytesIO()
@@ -83,11 +83,11 @@ class CsvWriter:
             self.file.write(("\n".join(lines) + "\n").encode("ascii"))
 
 
-# ── Tables for notebooks: what ``_repr_html_`` of robots and reports gives
+# ── Tables for notebooks: ``_repr_html_`` of robots and reports
 
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table with a title, if it is not empty; numbers in four digits, None as a dash, all else escaped, words to the left.
+    """A table with a title, if it has rows; numbers in four digits, None as a dash, all else escaped, words to the left.
 
     >>> html_table("a < b", ["x"], [[0.123456], [None]])
     '<p>a &lt; b</p><table><thead><tr><th>x</th></tr></thead><tbody><tr><td>0.1235</td></tr><tr><td>–</td></tr></tbody></table>'

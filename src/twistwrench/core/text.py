@@ -1,4 +1,4 @@
-"""Lists of names in a sentence, cut short where they are long: the one place of how that reads."""
+"""Lists of names in a sentence, cut short if they are long."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 
 MOST = 12
-"""Names that are listed where no other count is asked for."""
+"""Default number of listed names."""
 
 
 _LONGEST = 200
@@ -16,7 +16,7 @@ _QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_LONGEST}}}(?:[^{q}\\]|\\.)+{
 
 
 def clipped(text: str) -> str:
-    """The text of somebody else's file as messages quote it.
+    """A text of another author's file, shortened for messages.
 
     >>> len(clipped("0 " * 100_000))
     201
@@ -25,7 +25,7 @@ def clipped(text: str) -> str:
 
 
 def with_clipped_quotations(message: str) -> str:
-    """The message with everything in it that stands in quotation marks cut short.
+    """The message with long quotations cut short.
 
     >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
     221
@@ -34,7 +34,7 @@ def with_clipped_quotations(message: str) -> str:
 
 
 def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> str:
-    """The first items, and how many more there are.
+    """The first items, and the number of further ones.
 
     >>> listed(["elbow", "wrist"]), listed("abcde", 2), listed("abcde", 2, "; ")
     ('elbow, wrist', 'a, b and 3 more', 'a; b; and 3 more')

@@ -1,6 +1,6 @@
-"""Dask arrays: functions of NumPy arrays that are put off until their results are asked for, block by block.
+"""Third-party libraries: Dask arrays evaluated block by block, and others' errors and output.
 
-Dask is not imported here: whoever has an array of its has imported it.
+Dask is not imported here: a caller with one of its arrays has imported it.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ _WRENCHES = ("wrench_by_robot", "wrench_on_robot")
 
 
 def is_lazy(x: Any) -> bool:
-    """Whether ``x`` is an array of Dask's."""
+    """True if ``x`` is a Dask array."""
     dask = sys.modules.get("dask.array")
     return dask is not None and isinstance(x, getattr(dask, "Array", ()))
 
 
 def any_lazy(given: Iterable[Any]) -> bool:
-    """Whether an array of Dask's is among ``given``, or among the values of a mapping there."""
+    """True if a Dask array is among ``given``, or among the values of a mapping there."""
     if "dask.array" not in sys.modules:
         return False
     return any(any_lazy(x.values()) if isinstance(x, Mapping) else is_lazy(x) for x in given)
 
 
 def is_asking_for_type() -> bool:
-    """Whether Dask calls with small arrays of its own to see what comes out, as ``map_blocks`` does without ``dtype=``."""
+    """True if Dask calls with small arrays to find the type of the result, as ``map_blocks`` does without ``dtype=``."""
     if "dask.array" not in sys.modules:
         return False
     frame: Any = sys._getframe()
@@ -79,10 +79,10 @@ def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], d
 def by_blocks(
     shapes: Shapes, result: Callable[..., Any] | None = None, dtype: Any = None
 ) -> Callable[[Method], Method]:
-    """A method of a robot that is put off, block by block, where an array or a wrench among its arguments is Dask's.
+    """Decorator of a robot's method, evaluated lazily block by block if an array or a wrench among its arguments is Dask's.
 
-    ``shapes``: those of the results for one state, from the robot and the arguments by name; ``result`` makes one thing of
-    several. Arguments named q are (nq,), other states (nv,), wrenches (6,); all else goes to every block.
+    ``shapes``: shapes of the results for one state, from the robot and the arguments by name; ``result`` combines several
+    results. Arguments named q are (nq,), other states (nv,), wrenches (6,); all else is passed to every block.
     """
 
     def of_method(method: Method) -> Method:
@@ -109,7 +109,7 @@ def by_blocks(
 
 @dataclass(frozen=True)
 class _Block:
-    """The call of a method with the arrays of one block in their places; travels to other processes."""
+    """Call of a method with the arrays of one block inserted; travels to other processes."""
 
     owner: Any
     name: str
@@ -127,7 +127,7 @@ class _Block:
 
 
 def _places(given: Mapping[str, Any]) -> list[Place]:
-    """Where the arrays are among the arguments: by name, and by key in a mapping of wrenches."""
+    """Positions of arrays among the arguments: by name, and by key in a mapping of wrenches."""
     states = [(name, None) for name in given if name in _STATES]
     return [*states, *((name, key) for name in _WRENCHES for key in given.get(name) or ())]
 
@@ -138,7 +138,7 @@ def _found(given: Mapping[str, Any], place: Place) -> Any:
 
 
 def _size(owner: Any, method: str, place: Place, array: Any) -> int:
-    """The length of an argument's last axis, once it is found to have it."""
+    """Length of an argument's last axis, once it is known to have one."""
     name, key = place
     size: int = 6 if key is not None else owner.nq if name.startswith("q") else owner.nv
     if array.shape[-1:] != (size,):
@@ -147,10 +147,10 @@ def _size(owner: Any, method: str, place: Place, array: Any) -> int:
     return size
 
 
-# ── Errors of parsers and other libraries, turned into errors of this one: the one place where readers do so
+# ── Errors of parsers and other libraries, turned into errors of this one
 
 _LONGEST = 200
-"""Characters of another library's message that are worth showing."""
+"""Characters of another library's message that are shown."""
 
 
 @contextmanager
@@ -187,7 +187,7 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
 
 
 def reason_of(problem: Exception) -> str:
-    """Why, in one line without a stop: what the system says of files, else the kind of the error and its message.
+    """Reason of an error in one line without a full stop: the system's for files, else the kind of the error and its message.
 
     >>> reason_of(RecursionError("maximum recursion depth exceeded"))
     'its entries are nested too deeply'
@@ -203,14 +203,14 @@ def reason_of(problem: Exception) -> str:
     return f"{kind}: {text[:_LONGEST]}{'…' * (len(text) > _LONGEST)}" if text else kind
 
 
-# ── What other libraries write to the standard error of the process, past Python: kept, and shown only where it helps
+# ── Output of other libraries to the standard error of the process, past Python: captured, and shown only if it helps
 
 _LONGEST_of_foreign_output = 300
-"""Characters of it that are worth showing."""
+"""Characters of the output that are shown."""
 
 
 class ForeignOutput:
-    """What was written, once the block is over."""
+    """Output written in the block, once it is over."""
 
     text = ""
 
@@ -221,7 +221,7 @@ class ForeignOutput:
 
 @contextlib.contextmanager
 def captured_stderr() -> Iterator[ForeignOutput]:
-    r"""Keep what the block, C and C++ included, writes to the process's standard error (file descriptor 2).
+    r"""Capture the process's standard error (file descriptor 2) in the block, that of C and C++ included.
 
     Other threads that write there meanwhile are kept too. Nothing is kept where the process has no standard error.
 

@@ -22,18 +22,18 @@ __all__ = ["ExitCode", "Verdict", "Word"]
 
 
 class ExitCode(IntEnum):
-    """What a command ends with."""
+    """Exit codes of commands."""
 
     FINE = 0
     NO = 1
     """The answer is no, or not sure."""
     BAD_INPUT = 2
     FAULT = 70
-    """An error that is the program's own; the number is that of ``sysexits.h``."""
+    """An error of the program; the number is that of ``sysexits.h``."""
     INTERRUPTED = 130
-    """128 + SIGINT, as shells have it."""
+    """128 + SIGINT, as in shells."""
     PIPE_CLOSED = 141
-    """128 + SIGPIPE: what reads the output has ended, as ``head`` does."""
+    """128 + SIGPIPE: the reader of the output has ended, as ``head`` does."""
     TERMINATED = 143
     """128 + SIGTERM."""
 
@@ -110,12 +110,12 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
-        """Whether the answer is a plain yes."""
+        """True if the answer is OK."""
         return self.word is Word.OK
 
     @property
     def exit_code(self) -> ExitCode:
-        """What a command that gives this verdict ends with."""
+        """Exit code of a command with this verdict."""
         return ExitCode.FINE if self.ok else ExitCode.NO
 
     def __str__(self) -> str:

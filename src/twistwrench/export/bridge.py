@@ -1,4 +1,4 @@
-"""A quantity of one robot with its options, as the bridges ask for it: program, derivatives, and how q's entries move."""
+"""Quantities of one robot with their options, as the bridges need them: program, derivatives, and rates of q's entries."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PRECISIONS = ("double", "single")
 
 @dataclass(frozen=True, eq=False)
 class BridgedQuantity:
-    """One quantity and the options that were asked for. What it is made of is made once: functions ask in every call."""
+    """One quantity with its options; its parts are built once, since functions use them in every call."""
 
     robot: Robot
     name: str
@@ -34,7 +34,7 @@ class BridgedQuantity:
 
     @classmethod
     def of(cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
-        """Checked; raises KernelError and UnknownNameError before anything of the other package is touched."""
+        """Checked quantity. Raises KernelError and UnknownNameError before the other package is used."""
         arguments.choice(precision, f"{what}: precision", PRECISIONS)
         if options.get("by") is not None:
             raise KernelError(
@@ -47,7 +47,7 @@ class BridgedQuantity:
 
     @property
     def engine(self) -> Engine:
-        """The robot's."""
+        """Engine of the robot."""
         return self.robot.engine
 
     @cached_property
@@ -57,11 +57,11 @@ class BridgedQuantity:
 
     @cached_property
     def kernel(self) -> Any:
-        """The compiled function of the same program."""
+        """Compiled function of the same program."""
         return self.engine.kernel((self.name,), self.options)
 
     def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
-        """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
+        """Derivative of the quantity by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
         key = tuple(by), form, values
         if key not in self._derivatives:
             asked = {**self.options, "by": tuple(by), "form": form, "values": values}
@@ -70,11 +70,11 @@ class BridgedQuantity:
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """Names and shapes of what goes in."""
+        """Names and shapes of the inputs."""
         return self.program.inputs
 
     def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
-        """Their arrays as they are, all else as arrays of real numbers; raises ShapeError and ValueRangeError."""
+        """Arrays of the other package as they are, all else as real arrays. Raises ShapeError and ValueRangeError."""
         ports = self.inputs
         if len(given) != len(ports):
             names = ", ".join(port.name for port in ports)
@@ -102,12 +102,12 @@ class BridgedQuantity:
 
     @property
     def curved(self) -> tuple[str, ...]:
-        """The inputs whose entries are no velocities' integrals: configurations with quaternions or angles of their own."""
+        """Inputs whose entries are not integrals of velocities: configurations with quaternions or other angles."""
         plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
         return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
 
     def velocities(self) -> Program:
-        """(q, rates of its entries) -> joint velocities, linear in the rates; rates that stretch a quaternion give none."""
+        """(q, rates of its entries) -> joint velocities, linear in the rates; rates along a quaternion give zero."""
         model = self.engine.model
         return trace(
             lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]

@@ -1,4 +1,4 @@
-"""The header and the source: what they say about the robot, and its functions."""
+"""Export as C99 or CUDA source: header and functions with their comments, self-test, files."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def _cuda_source(robot: Robot, request: Request) -> str:
 
 
 def _source_path(path: str | Path, prefix: str, label: str) -> Path:
-    """The .c file meant: the one named, or the one of the robot's name in a folder."""
+    """The .c file: the given one, or the one of the robot's name in a folder."""
     given = Path(path)
     if given.is_dir():
         return given / f"{prefix}.c"
@@ -309,12 +309,12 @@ def _is_file(source: str) -> bool:
         return False
 
 
-# ── The program that checks an export where it runs: every function at a few states, against the numbers of the kernels
+# ── Self-test of an export: every function at a few states, against the results of the kernels
 
 STATES = 3
 
 _MARGIN = 16.0
-"""How much more than the kernel the C function may round: it has other sines, and two roundings without fma."""
+"""Factor by which the C function may round more than the kernel: it has other sines, and two roundings without fma."""
 
 _EPS = {"double": float(np.finfo(np.float64).eps), "float": float(np.finfo(np.float32).eps)}
 
@@ -341,9 +341,9 @@ static int check(const char *what, {type} worst, {type} allowed)
 
 
 def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
-    """The .c file with ``main``: exit status 0 if every function gives what the kernels give, else 1.
+    """The .c file with ``main``: exit status 0 if every function returns the kernels' results, else 1.
 
-    Raises KernelError for a quantity that is not finite at the states it is tested at.
+    Raises KernelError for a quantity that is not finite at the test states.
     """
     precision = requests[0].function.precision
     f = PRECISIONS[precision]
@@ -368,7 +368,7 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
 
 @dataclass(frozen=True)
 class _Numbers:
-    """Arrays of one port at all states, (STATES, size)."""
+    """Arrays of one input or output at all states, (STATES, size)."""
 
     name: str
     values: Array
@@ -411,7 +411,7 @@ def _function(robot: Robot, request: Request) -> tuple[str, str]:
 
 
 def _inputs(robot: Robot, request: Request, dtype: type) -> list[Array]:
-    """Configurations inside the limits, everything else of order 1; the same ones every time."""
+    """Configurations inside the limits, everything else of order 1; reproducible."""
     rng = np.random.default_rng(0)
 
     def values(port: TensorSpec) -> Array:
@@ -423,10 +423,10 @@ def _inputs(robot: Robot, request: Request, dtype: type) -> list[Array]:
 
 
 def _results(robot: Robot, request: Request, inputs: list[Array]) -> tuple[list[Array], list[float]]:
-    """What the kernel gives, and how far off the largest entry another order of rounding may be; one for each output.
+    """Results of the kernel, and the deviation of another order of rounding from the largest entry; one for each output.
 
-    The kernel in single precision is off the one in double by its rounding, which grows with the condition of the state;
-    that of double precision is as much smaller as its numbers are finer.
+    The kernel in single precision differs from the one in double by its rounding, which grows with the condition of the state;
+    the deviation in double precision is smaller by the ratio of the precisions.
     """
     kernel = robot.kernel(request.quantity, **request.options)
     several = len(request.function.program.outputs) > 1

@@ -1,4 +1,4 @@
-"""A quantity as a function of JavaScript: an ES module with nothing but Math, one operation a line."""
+"""Quantities as functions of JavaScript, in an ES module that uses Math only, one operation a line; and of CasADi."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def javascript_module(quantity: BridgedQuantity) -> str:
 
 
 def _functions(lines: list[str]) -> dict[str, Any]:
-    """Operations that write a line each, and give the name of what it makes."""
+    """Writers of operations: each adds a line and returns the name of its result."""
 
     def local(pattern: str) -> Any:
         def run(*operands: Any) -> str:
@@ -119,7 +119,7 @@ def _functions(lines: list[str]) -> dict[str, Any]:
 
 
 def _number(value: Any) -> str:
-    """A name as it is, a constant so that it reads back to the bit."""
+    """A name unchanged, a constant so that it reads back to the bit."""
     return value if isinstance(value, str) else f"({float(value)!r})" if value < 0 else repr(float(value))
 
 
@@ -148,7 +148,7 @@ def casadi_function(quantity: BridgedQuantity) -> Any:
 
 
 def _matrix(casadi: Any, elements: list[Any], port: TensorSpec) -> Any:
-    """The elements, in C order, as CasADi has them: a column, or rows."""
+    """Elements in C order as CasADi's matrix: a column, or rows."""
     rows = port.shape[0] if port.shape else 1
     columns = port.size // rows if rows else 0
     whole = casadi.SX.zeros(rows, columns)

@@ -1,8 +1,8 @@
-"""A kernel as a call of XLA on the processor, by XLA's typed FFI: pointers of its buffers go straight into the loop.
+"""Quantities as functions of JAX, and kernels as calls of XLA on the processor by its typed FFI, on buffers in place.
 
-Where there is machine code, the handler is machine code too (:mod:`twistwrench.runtime.xla_handler`). Of a kernel on NumPy, or
-one that is put together in Python, it is the callback below, which reads the same structures of ``xla/ffi/api/c_api.h``, as far
-as they are wanted; later versions only add to their ends.
+For machine code the handler is machine code too (:mod:`twistwrench.runtime.xla_handler`). For a kernel on NumPy, or one
+composed in Python, it is the callback below, which reads the needed fields of the same structures of
+``xla/ffi/api/c_api.h``; later versions only add to their ends.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _EXECUTE, _METADATA, _INTERNAL = 3, 1, 13
 
 
 _HEAD = (("size", c_size_t), ("extension", c_void_p))
-"""What every structure begins with."""
+"""First fields of every structure."""
 
 
 class _Version(Structure):
@@ -81,14 +81,15 @@ _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
 _CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
 _numbers = itertools.count()
 _targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
-"""By the kernel's id, the type, and whether for one sample: the target, the kernel and the handler. They live as long as the
-process: XLA has their addresses."""
+"""Targets with their kernels and handlers, by the kernel's id, the type, and a flag for one sample. They live as long as the
+process: XLA has their addresses.
+"""
 
 
 def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, scalar: bool) -> str:
-    """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name.
+    """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; returns its name.
 
-    ``char`` is the type's letter; ``scalar`` says that one sample comes at a time.
+    ``char`` is the type's letter; ``scalar`` is true for one sample at a time.
     """
     key = id(kernel), char, scalar
     if key not in _targets:
@@ -121,14 +122,14 @@ def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[
 
 
 def _version(jax: Any) -> tuple[int, int]:
-    """Of the interface, as the header says that comes with JAX."""
+    """Version of the interface in the header of the installed JAX."""
     header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
     major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
     return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
 
 
 def _answer_metadata(extension: int, version: tuple[int, int]) -> bool:
-    """Whether XLA only asks which version of the interface this speaks."""
+    """Write the version if XLA only queries it; True if it does."""
     base = _Extension.from_address(extension)
     if base.type != _METADATA:
         return False
@@ -158,16 +159,16 @@ def _failure(api: Any, message: str) -> int | None:
     return found
 
 
-# ── A program as one operation of JAX, made when XLA asks for it: on the processor the compiled kernel, elsewhere JAX's own
+# ── A program as one operation of JAX, made when XLA lowers it: on the processor the compiled kernel, elsewhere JAX's own
 
-# Nothing is compiled while JAX traces, and the kernel never where a computation is lowered for a GPU alone.
+# Nothing is compiled while JAX traces, and the kernel is not compiled for a computation that runs only on a GPU.
 
 BATCH = 16
-"""States from which a kernel that Python has to enter is faster than what XLA makes of the program."""
+"""States from which on a kernel that enters Python is faster than XLA's code of the program."""
 
 
 class JaxOperation:
-    """The operation of one quantity: called with arrays, it gives a tuple of results. ``plain`` are JAX's own operations."""
+    """Operation of one quantity: called with arrays, it returns a tuple of results. ``plain`` are JAX's own operations."""
 
     def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
         self.quantity, self.plain = quantity, plain
@@ -176,15 +177,15 @@ class JaxOperation:
         return f"<JaxOperation {self.quantity.name}>"
 
     def __call__(self, *arrays: Any) -> tuple[Any, ...]:
-        """Take part in what JAX traces."""
+        """Bind the operation in JAX's trace."""
         return tuple(_primitive().bind(*arrays, operation=self))
 
     def runs_plain(self, arrays: Sequence[Any]) -> bool:
-        """Whether the processor takes JAX's operations: for a few states, where Python would have to enter the kernel."""
+        """True if JAX's operations run on the processor: for a few states, if the kernel would enter Python."""
         return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
 
     def at_once(self, *arrays: Any) -> tuple[Any, ...]:
-        """Outside of jit: XLA is not asked to compile what is computed by JAX's operations, once."""
+        """Evaluation outside of jit: operations of JAX that are computed once are not compiled by XLA."""
         import jax
 
         given = [jax.numpy.asarray(a) for a in arrays]
@@ -209,7 +210,7 @@ class JaxOperation:
 
 @cache
 def _primitive() -> Any:
-    """JAX's name for all of these operations, with how it finds shapes and code."""
+    """JAX's primitive of all these operations, with its rules for shapes and code."""
     import jax
     from jax.extend.core import Primitive
     from jax.interpreters import mlir
@@ -245,7 +246,7 @@ def _primitive() -> Any:
 
 
 def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
-    """The function of JAX arrays, of any batch shape; raises MissingExtraError."""
+    """Function of JAX arrays of any batch shape. Raises MissingExtraError."""
     try:
         import jax
         import jax.numpy as jnp
@@ -265,7 +266,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
     values = jax.custom_jvp(_compiled(jax, quantity))
 
     def along(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
-        """The values and df = J B dx, of those inputs that move."""
+        """Values and df = J B dx, for moving inputs."""
         moved = _moved(jax, tangents)
         by = tuple(names[k] for k in moved)
         found = with_jacobian(by)(*primals)
@@ -290,7 +291,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         return _compiled(jax, quantity.derivative(by, "hessian"))
 
     def along_again(by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
-        """The values and J by some inputs, and df = J dx and dJ = H dx, of those inputs that move."""
+        """Values and J by some inputs, and df = J dx and dJ = H dx, for moving inputs."""
         moved = _moved(jax, tangents)
         every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
         if not compiles() or any(name in quantity.curved for name in every):
@@ -361,7 +362,7 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
 
 
 def _moved(jax: Any, tangents: Sequence[Any]) -> list[int]:
-    """The inputs that move: whose tangents are not known to be zero."""
+    """Inputs whose tangents are not symbolic zeros."""
     return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
 
 

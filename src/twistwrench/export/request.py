@@ -1,4 +1,4 @@
-"""What is exported: quantities with their options, each as a function with a name in C."""
+"""Requests of export: quantities with their options, each with the name of its function in C."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, M
 
 @dataclass(frozen=True)
 class Request:
-    """One quantity with its options, and the function it becomes."""
+    """One quantity with its options, and its function."""
 
     quantity: str
     options: Mapping[str, Any]
-    """As given, for :meth:`~twistwrench.Robot.kernel`."""
+    """Options as given, for :meth:`~twistwrench.Robot.kernel`."""
     full: Mapping[str, Any]
-    """Checked, defaults filled in."""
+    """Options checked, with defaults."""
     function: CFunction
 
 
 def prefix_of(robot: Robot, prefix: str | None) -> str:
-    """What the names of the functions begin with: ``prefix``, or the robot's name made a C identifier.
+    """Prefix of the functions' names: ``prefix``, or the robot's name made a C identifier.
 
-    Raises ValueRangeError for a prefix that is none.
+    Raises ValueRangeError for an invalid prefix.
     """
     if prefix is None:
         found = identifier(robot.name)
@@ -47,11 +47,10 @@ def prefix_of(robot: Robot, prefix: str | None) -> str:
 
 
 def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) -> list[Request]:
-    """One for each quantity asked for, in that order.
+    """Requests for the quantities, in their order.
 
-    Raises UnknownNameError for names that are none, KernelError for options that do not apply and for what has no function,
-    SingularMassMatrixError where the mass matrix has no inverse and one is needed, ValueRangeError where nothing is asked
-    for, or the same twice.
+    Raises UnknownNameError for unknown names, KernelError for options that do not apply and for quantities without a function,
+    SingularMassMatrixError for a missing inverse of the mass matrix, ValueRangeError for none, or for the same twice.
     """
     if precision not in PRECISIONS:
         raise UnknownNameError.of("precision", precision, PRECISIONS)
@@ -97,7 +96,7 @@ def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _require_a_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
-    """Refuse what a program without branches gets wrong everywhere."""
+    """Raise KernelError for quantities that a program without branches computes wrongly everywhere."""
     if QUANTITIES[name].needs_inverse:
         robot.engine.require_invertible()
     if len(full.get("rows", ())) > robot.nv:

@@ -21,7 +21,7 @@ from .bridge import BridgedQuantity
 
 
 def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
-    """The function of tensors, of any batch shape; raises MissingExtraError."""
+    """Function of tensors of any batch shape. Raises MissingExtraError."""
     try:
         import torch
     except ImportError:
@@ -94,7 +94,7 @@ class _Differentiable:
         return [g if needs else None for g, needs in zip(found, needed, strict=True)]
 
     def _last(self, derivative: BridgedQuantity) -> Callable[..., Any]:
-        """The kernel of a derivative whose own derivatives are PyTorch's."""
+        """Kernel of a derivative, whose own derivatives are PyTorch's."""
         if derivative not in self._made:
             torch = self.torch
 
@@ -107,7 +107,7 @@ class _Differentiable:
 
 
 def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., list[Any]]) -> Callable[..., Any]:
-    """The kernel of a quantity as a function of tensors with that backward: of tensors, weights, and which are needed."""
+    """Kernel of a quantity as a function of tensors with that backward: of tensors, weights, and flags for needed gradients."""
     ports = quantity.inputs
 
     def kept(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG001  PyTorch passes them
@@ -124,7 +124,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
         return tuple(g if g is None else _summed(g, t) for g, t in zip(found, ctx.saved_tensors, strict=True))
 
     class Transformed(torch.autograd.Function):  # type: ignore[misc]
-        """For torch.func, which takes the context apart from the values; PyTorch looks at the signature in every call."""
+        """Variant for torch.func, which passes the context apart from the values; PyTorch reads the signature in every call."""
 
         forward = staticmethod(lambda *tensors: _called(torch, quantity, tensors))
         setup_context = staticmethod(kept)
@@ -142,7 +142,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
             return found, tuple(0 for _ in found) if isinstance(found, tuple) else 0
 
     class Plain(torch.autograd.Function):  # type: ignore[misc]
-        """The same outside of torch.func: a third of the time for one state."""
+        """Variant outside of torch.func: a third of the time for one state."""
 
         @staticmethod
         def forward(ctx: Any, *tensors: Any) -> Any:
@@ -157,7 +157,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
 
 def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
-    """Results of the kernel, whose arrays share the tensors' memory; on a GPU those of the program in PyTorch's operations."""
+    """Results of the kernel in the tensors' memory; on a GPU those of the program in PyTorch's operations."""
     if tensors[0].device.type == "cuda":
         found = _on_tensors(torch, quantity.program, tensors)
         return tuple(found) if len(found) > 1 else found[0]
@@ -192,17 +192,17 @@ def _several(found: Any) -> list[Any]:
 
 
 def _in_front(tensor: Any, axes: int) -> Any:
-    """With axes of length 1 behind the first."""
+    """The tensor with axes of length 1 behind the first."""
     return tensor.reshape((tensor.shape[0], *(1,) * axes, *tensor.shape[1:]))
 
 
 def _summed(gradient: Any, tensor: Any) -> Any:
-    """A gradient of the tensor's own shape: summed over what the tensor was broadcast along."""
+    """A gradient of the tensor's own shape, summed over the axes of broadcasting."""
     return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
 
 
 def _of_one_kind(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> list[Any]:
-    """The same numbers in float32 if all are, else in float64; raises ValueRangeError, naming what cannot be computed with."""
+    """The same numbers in float32 if all are, else in float64. Raises ValueRangeError with the name of invalid ones."""
     ports = quantity.inputs
     for t, port in zip(tensors, ports, strict=True):
         _require_computable(torch, quantity.name, t, port.name)

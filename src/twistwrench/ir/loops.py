@@ -77,12 +77,11 @@ class Scan:
         return signature_of(ins, [(KEPT, *port.shape) for port in self.outputs])
 
 
-# ── A program taken again and again until it says that it is there, from one start after the other: a search
+# ── Search: a program evaluated until it reports success, from one start configuration after the other
 
-# The loop is part of the kernel. An attempt begins at a start and ends when the program says so, or after as many times as the
-# settings allow; the next begins at the nearest of the places that are left. The first attempt that gets there is the answer,
-# else the one that comes nearest. So what is found for a sample depends on no other sample, nor on how many of its attempts are
-# made side by side.
+# The loop is part of the kernel. An attempt begins at a start configuration and ends when the program reports it, or after the
+# number of steps in the settings; the next begins at the nearest unused start. The result is that of the first successful
+# attempt, else the nearest. It depends neither on other samples nor on the number of attempts side by side.
 
 PLACES = 64
 """Start configurations of a table, beside the first."""
@@ -145,10 +144,10 @@ class Search:
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-# ── A program, and matrices among its results whose columns are worked on one by one: a loop where unrolled code is too long
+# ── Column solve: a program with matrices among its results whose columns are solved in a loop, shorter than unrolled code
 
-# What all columns have in common, such as the factors they are solved with, the program makes once. Columns whose entries are
-# zero in the same rows form a group, and a group has one program that takes a column to what takes its place.
+# The program computes values common to all columns once, such as the factors of the solve. Columns whose entries are zero in
+# the same rows form a group, and a group has one program that maps a column to its solution.
 
 
 @dataclass(frozen=True)
@@ -224,10 +223,10 @@ class ColumnSolve:
         return tuple(zeros)
 
 
-# ── A program whose results are factors, and matrices that are products of them: what a loop makes better than instructions
+# ── Products: a program whose results are factors of matrices, which loops compute from them
 
-# Entry (r, c) of a matrix of relations between joints is a dot product of what belongs to r and what belongs to c; which one
-# depends on which of the two carries the other. Unrolled, a chain of n joints has n² of them; as loops they are a few lines.
+# Entry (r, c) of such a matrix is a dot product of a row of r and a column of c; which pair of factors, depends on which of the
+# two joints carries the other. Unrolled, a chain of n joints has n² of them; as loops they are a few lines.
 
 NEITHER, BEFORE, AFTER = 0, 1, 2
 """Kinds of an entry: zero; its row's joint carries its column's; the reverse, or both are the same."""
@@ -270,7 +269,7 @@ class Products:
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-# ── The forms of what is compiled: a program, or one with a loop around it or behind it
+# ── Forms of compiled code: a program, or one with a loop around it or behind it
 
 Form = Program | Products | ColumnSolve | Scan | Search
 

@@ -147,7 +147,7 @@ class Program:
 
 # ── Functions that targets do not have, made of those they have: tanh, log and arctan2
 
-# Each result is an ordinary expression, so every target computes it, and a :class:`Composed` tells the chain rule what it is:
+# Each result is an ordinary expression, so every target computes it, and a :class:`Composed` names it for the chain rule:
 # its derivative is the function's own, not that of the formula that computes it. Errors are below 1e-15, of 1 where the
 # function is smaller, in double precision.
 

@@ -141,11 +141,10 @@ def nan_filler(precision: Precision, lanes: int) -> str:
 # ── The loop NumPy calls: blocks of whole rows straight from the arrays, everything else through a small buffer
 
 # ``void loop(char **args, intp *dims, intp *steps, void *data)`` is the shape of a gufunc's inner loop: ``dims[0]`` samples,
-# ``steps`` first the distance between samples of each operand, then the distances within one. Where all operands are
-# contiguous rows the block reads and writes them in place. What has other strides or is broadcast, and the last few rows, are
-# copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of
-# their own.
-# Large results go past the caches, from a buffer of one block in whole vectors.
+# ``steps`` first the distance between samples of each operand, then the distances within one. If all operands are
+# contiguous rows, the block reads and writes them in place. Operands with other strides or broadcast ones, and the last few
+# rows, are copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of
+# their own. Large results go past the caches, from a buffer of one block in whole vectors.
 
 Loop = Callable[[str, Program, Precision, int, int, int], str]
 """Writer of the loop around blocks; its arguments are those of :func:`loop`."""

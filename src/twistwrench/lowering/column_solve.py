@@ -76,7 +76,7 @@ class _Column(Emitter):
 
 # ── The columns of one sample's results in SIMD lanes: columns that follow each other lie side by side in the rows of a matrix
 
-# Lanes compute what a block of samples computes with one column after the other, so the bits are the same.
+# A lane computes as a block of samples does with one column after the other, so the bits are the same.
 
 WIDTH = 64
 """Bytes of a vector of columns; processors with shorter vectors use two or four instead."""

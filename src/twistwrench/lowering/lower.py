@@ -22,9 +22,9 @@ def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str
     program, around = program_of(given), _around(given, machine)
     cut = given if isinstance(given, ColumnSolve) else program
     if cut is not program or len(program.instructions) > LONG:
-        from .partition import in_sections
+        from .partition import partitioned
 
-        yield from in_sections(cut, precision, machine, around)
+        yield from partitioned(cut, precision, machine, around)
     else:
         yield assembly(program, precision, machine, around)
 

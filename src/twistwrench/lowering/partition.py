@@ -31,25 +31,25 @@ from .target_machine import LOOP, Machine, Precision
 from .vector_math import wrapper
 from .vector_transpose import RowStorer
 
-SECTION = 400
+PARTITION = 400
 """Approximate number of instructions of a partition."""
 
 EACH = 25
 """Partitions of a module."""
 
 
-def in_sections(given: Program | ColumnSolve, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
+def partitioned(given: Program | ColumnSolve, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
     """The texts of the modules to compile and to link together."""
     columns = given if isinstance(given, ColumnSolve) else ColumnSolve(given, 0, ())
-    frame = SpillFrame(columns.program, SECTION)
+    frame = SpillFrame(columns.program, PARTITION)
     head, places = (
         (_head, FrameLayout(columns)) if machine.lanes(precision) > 1 else (_head_of_one_lane, RowLayout(columns))
     )
     yield head(columns, frame, precision, machine, around)
-    sections = list(enumerate(pairwise(frame.starts)))
-    for k in range(0, len(sections), EACH):
+    partitions = list(enumerate(pairwise(frame.starts)))
+    for k in range(0, len(partitions), EACH):
         w = _writer(precision, machine)
-        parts = [_section(frame, places, precision, machine, *section) for section in sections[k : k + EACH]]
+        parts = [_partition(frame, places, precision, machine, *partition) for partition in partitions[k : k + EACH]]
         yield "\n".join([declarations(w), wrapper(precision, w.lanes), *parts])
 
 
@@ -57,13 +57,13 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
     return LlvmWriter(precision, machine.lanes(precision), fused=machine.fused)
 
 
-# ── the loop, and what it calls ──
+# ── the loop, and the functions it calls ──
 
 
 def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
     """The loop, the preparation of the frame, and the block: it calls the partitions, solves columns, and makes rows."""
     w = _writer(precision, machine)
-    declared = _call_sections(w, frame, FrameLayout(columns).pointers)
+    declared = _call_partitions(w, frame, FrameLayout(columns).pointers)
     tables = []
     for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
         zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
@@ -92,7 +92,7 @@ def _head_of_one_lane(
     w, places = _writer(precision, machine), RowLayout(columns)
     for first, count, value in frame.constants:
         places.fill(w, first, count, value)
-    declared = _call_sections(w, frame, places.pointers)
+    declared = _call_partitions(w, frame, places.pointers)
     call_lane_columns(w, columns, places)
     room = max(frame.size - places.starts[-1], 1) * precision.bytes
     return "\n".join(
@@ -106,13 +106,13 @@ def _head_of_one_lane(
     )
 
 
-def _call_sections(w: LlvmWriter, frame: SpillFrame, pointers: Sequence[str]) -> list[str]:
+def _call_partitions(w: LlvmWriter, frame: SpillFrame, pointers: Sequence[str]) -> list[str]:
     """Call all partitions in order; returns their declarations."""
-    sections, given = range(len(frame.starts) - 1), ", ".join(f"ptr {pointer}" for pointer in pointers)
-    for k in sections:
-        w.do(f"call void @section{k}({given})")
+    partitions, given = range(len(frame.starts) - 1), ", ".join(f"ptr {pointer}" for pointer in pointers)
+    for k in partitions:
+        w.do(f"call void @partition{k}({given})")
     types = ", ".join(["ptr"] * len(pointers))
-    return [f"declare void @section{k}({types})" for k in sections]
+    return [f"declare void @partition{k}({types})" for k in partitions]
 
 
 def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
@@ -121,20 +121,20 @@ def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
     return f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-# ── one section ──
+# ── one partition ──
 
 
-def _section(
+def _partition(
     frame: SpillFrame, places: FrameLayout, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]
 ) -> str:
     w = _writer(precision, machine)
-    _Section(w, frame, places).walk(*bounds, frame.entries, large=False)
+    _Partition(w, frame, places).walk(*bounds, frame.entries, large=False)
     arguments = ", ".join(f"{places.pointer} {pointer}" for pointer in places.pointers)
     body = "\n".join(w.lines)
-    return f'define void @section{number}({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
+    return f'define void @partition{number}({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-class _Section(Emitter):
+class _Partition(Emitter):
     """Emitter that loads values of earlier partitions from their slots and stores those that later ones need."""
 
     def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FrameLayout) -> None:

@@ -77,7 +77,7 @@ def last_uses(program: Program) -> dict[int, list[int]]:
     return found
 
 
-# ── A program on whole arrays, one NumPy call an instruction: the fallback where nothing compiles, and the oracle
+# ── A program on whole arrays, one NumPy call an instruction: the fallback without a compiler, and the oracle
 
 # Same call as a ufunc: broadcasting, ``out=``, float32 in and out. Fused products round twice here, so results agree with
 # compiled ones to round-off, not to the bit.
@@ -147,7 +147,7 @@ class NumpyKernel:
             slot[...] = result
 
 
-# ── Columns on whole arrays: the fallback where nothing compiles, and the oracle
+# ── Columns on whole arrays: the fallback without a compiler, and the oracle
 
 
 class NumpyColumns:
@@ -178,7 +178,7 @@ class NumpyColumns:
         return tuple(found)
 
 
-# ── Products on whole arrays: the fallback where nothing compiles, and the oracle
+# ── Products on whole arrays: the fallback without a compiler, and the oracle
 
 
 class NumpyProducts:
@@ -211,7 +211,7 @@ class NumpyProducts:
         return found[0] if self.nout == 1 else tuple(found)
 
 
-# ── A search on whole arrays, a NumPy kernel a step: the fallback where nothing compiles, and the oracle
+# ── A search on whole arrays, a NumPy kernel a step: the fallback without a compiler, and the oracle
 
 
 class NumpySearch:
@@ -283,7 +283,7 @@ def _goes_on(there: Array) -> Array:
     return np.asarray(~((there < 0) | (there > 0)))
 
 
-# ── A recurrence on whole arrays, a NumPy kernel a step: the fallback where nothing compiles, and the oracle
+# ── A scan on whole arrays, a NumPy kernel a step: the fallback without a compiler, and the oracle
 
 
 class NumpySteps:
@@ -342,7 +342,7 @@ class NumpySteps:
         return begin[source.state] if source.kind == "start" else state[source.state]
 
 
-# ── Any form of what is compiled, on whole arrays: where nothing compiles, or a program is too long for it
+# ── Any form on whole arrays: without a compiler, or for a program that is too long for it
 
 
 def on_numpy(form: Form, name: str, doc: str) -> Any:

@@ -111,7 +111,7 @@ class _Steps:
         if taken:
             w.do(f"call void @free(ptr {taken})")
 
-    # ── what there is ──
+    # ── data ──
 
     def _operands(self) -> list[_Operand]:
         w, r = self.w, self.r
@@ -150,7 +150,7 @@ class _Steps:
         self.given, self.results = dict(zip(self.r.given, buffers[:given], strict=True)), buffers[given:]
         return taken, label
 
-    # ── what is done ──
+    # ── steps ──
 
     def _take_given(self, number: str, places: Sequence[str], operands: Sequence[_Operand]) -> None:
         """Copy the inputs of this step, unless they are those of the step before."""

@@ -42,7 +42,7 @@ class SearchState:
         """Number of buffers."""
         self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
 
-    # ── what there is ──
+    # ── data ──
 
     def operands(self) -> None:
         """Addresses and strides of arrays, and flags of rows without gaps."""
@@ -173,9 +173,9 @@ class SearchState:
 # ── The loop of a search: every lane makes an attempt of its own, and takes another when that has ended
 
 # With many samples each lane has one, and makes its attempts one after the other; with few, all lanes make attempts of one
-# sample side by side. Which attempt wins is the same: the first, in the order of starts, that is there; so attempts after one
-# that is there are given up, and those before it are waited for. The shape is that of :mod:`.batch_loop`; settings and places
-# are those of the first sample.
+# sample side by side. The result is the same: the first successful attempt in the order of starts; attempts after it are
+# abandoned, those before it are completed. The shape is that of :mod:`.batch_loop`; settings and starts are those of the first
+# sample.
 
 
 def search_over(search: Search) -> Loop:

@@ -184,7 +184,7 @@ def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name
     return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-# ── Where sections keep values: all in the frame, or for blocks of one lane the entries of results in the rows themselves
+# ── Layouts: all slots in the frame, or for blocks of one lane the entries of results in the rows themselves
 
 WIDEST_STORE = 64
 """Bytes of constants per store."""

@@ -102,7 +102,7 @@ def _processor() -> str | None:
     return "\n".join([platform.machine(), *lines, *(name for name, there in seen.items() if there)])
 
 
-# ── The processor code is made for: its name, its features, the width of its vectors, and whether it fuses
+# ── The target processor: its name, its features, the width of its vectors, and fused products
 
 # That is the processor at hand, or a lesser one named by ``TWISTWRENCH_CPU``, for one code on all machines of a cluster.
 

@@ -1,6 +1,6 @@
-"""A program as a C99 function: one operation a line, no loops, no branches, no memory but the stack, nothing but math.h.
+"""Programs as C99 functions: one operation a line, no loops or branches, no memory but the stack, no library but math.h.
 
-What the program fuses is a call of ``fma``, nothing else is, so results have the bits of the compiled kernels as far as the C
+Fused products are calls of ``fma``, and nothing else is fused, so results have the bits of the compiled kernels if the C
 library's sine, cosine and exponential have them. Inputs are read before anything is written. CUDA has the same statements.
 """
 
@@ -16,7 +16,7 @@ from ..errors import KernelError
 from ..ir.program import FUSED, Program
 
 PRECISIONS = {"double": "", "float": "f"}
-"""The types there are, and what ends the names of their functions and their literals."""
+"""Types, with the suffixes of their functions and literals."""
 
 FUSED_MACROS = """\
 /* A product and a sum, rounded once as the kernels do; twice with -DTWISTWRENCH_NO_FMA, for processors without fma. */
@@ -108,23 +108,23 @@ class CFunction:
 
     @property
     def fuses(self) -> bool:
-        """Whether it needs :data:`FUSED_MACROS`."""
+        """True if the function needs :data:`FUSED_MACROS`."""
         return any(i.op in FUSED for i in self.program.instructions)
 
 
 def statements(
     program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str = ""
 ) -> list[str]:
-    """The lines of a function's body.
+    """Lines of a function's body.
 
-    ``names`` of its arrays begin with those of the program's inputs; ``stores`` pairs what is written with the number of the
-    instruction that makes it; ``sincos`` is the function ``(x, &s, &c)`` that makes a sine and a cosine at once, if there is.
+    ``names`` of its arrays begin with those of the program's inputs; ``stores`` pairs each element to write with the number of
+    its instruction; ``sincos`` is the function ``(x, &s, &c)`` that computes a sine and a cosine at once, if there is one.
     """
     return _Body(program, precision, names, stores, sincos).lines
 
 
 class _Body:
-    """One walk through a program: its lines, and how each value is written."""
+    """One walk through a program: its lines, and the text of each value."""
 
     def __init__(
         self, program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str
@@ -151,7 +151,7 @@ class _Body:
                 self.written[number] = literal(value, self.type)
 
     def _inputs(self, names: Sequence[str]) -> None:
-        """Read all that is used before anything is written, so that an output may be an input's array."""
+        """Read all used inputs before anything is written, so that an output may be an input's array."""
         elements = [(n, k) for n, port in zip(names, self.program.inputs, strict=False) for k in range(port.size)]
         used = sorted((int(i.value), n) for n, i in enumerate(self.program.instructions) if i.op == "input")
         for name in names[: len(self.program.inputs)]:
@@ -166,7 +166,7 @@ class _Body:
             self.lines.append(f"    const {self.type} {local} = {name}[{k}];")
 
     def _partners(self) -> dict[int, tuple[int, ...]]:
-        """The cosine of a sine's angle and the other way round: next to each other, one call makes both."""
+        """Cosine of a sine's angle and the reverse: next to each other, one call computes both."""
         by_angle: dict[int, list[int]] = {}
         for number, (op, args, _) in enumerate(self.program.instructions):
             if op in ("sin", "cos"):
@@ -174,7 +174,7 @@ class _Body:
         return {number: tuple(pair) for pair in by_angle.values() for number in pair}
 
     def _operations(self, number: int, partners: tuple[int, ...]) -> None:
-        """An operation, with its partners where it has any."""
+        """An operation, with its partner if it has one."""
         if self.sincos and len(partners) == 2:
             (angle,) = self.program.instructions[number].args
             sine, cosine = sorted(partners, key=lambda k: self.program.instructions[k].op, reverse=True)
@@ -199,7 +199,7 @@ class _Body:
         self._store(number)
 
     def _store(self, number: int) -> None:
-        """Results go out as soon as they are there: what is not needed any more takes no register and no stack."""
+        """Store results as soon as they are computed: values that are no longer needed take no register and no stack."""
         self.lines += [f"    {place} = {self.written[number]};" for place in self.slots.get(number, ())]
 
     def _expression(self, op: str, x: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""What stands above a CUDA kernel: the words of CUDA and of C++, and functions that copy rows through shared memory."""
+"""Programs as CUDA kernels: the text above a kernel, and functions that copy rows through shared memory."""
 
 from __future__ import annotations
 
@@ -89,17 +89,17 @@ INLINE void table_out(
 """
 
 
-# ── A program as a CUDA kernel, a thread for each sample; and the same text as C++, where it runs on the processor
+# ── A program as a CUDA kernel, a thread for each sample; and the same text as C++ for the processor
 
-# Rows of the arrays go through shared memory: neighbouring threads copy neighbouring elements, whatever the length of a row,
-# and each then finds its own row there. Statements are those of exported C, so the same products are fused and no others, if
-# the compiler is told to leave the rest alone (``-fmad=false``); sine, cosine and exponential are CUDA's accurate ones.
+# Rows of the arrays go through shared memory: neighbouring threads copy neighbouring elements, for rows of any length, and each
+# then reads its own row there. Statements are those of exported C, so with ``-fmad=false`` the same products are fused and no
+# others; sine, cosine and exponential are CUDA's accurate ones.
 
 OPTIONS = ("-std=c++17", "-fmad=false")
-"""What a compiler of CUDA has to be told: the language, and to fuse nothing by itself."""
+"""Options of a CUDA compiler: the language, and no fusion of its own."""
 
 LONG, LESS = 10_000, "--ptxas-options=-O1"
-"""Beyond this many instructions the last optimisations would take minutes, and are left out. The bits stay the same."""
+"""Instructions beyond which the last optimisations would take minutes, and are left out. The bits stay the same."""
 
 SHARED = 48 * 1024
 """Bytes of shared memory that every block may have on every device."""
@@ -112,18 +112,18 @@ BYTES = {"float": 4, "double": 8}
 
 @dataclass(frozen=True)
 class Tile:
-    """How one array goes through shared memory, or does not."""
+    """Transfer of one array through shared memory, or directly."""
 
     port: TensorSpec
-    """The input or output it is of."""
+    """The input or output."""
     name: str
     """Its name in the source."""
     kept: tuple[int, ...]
-    """Numbers of the elements that are kept, equal ones once."""
+    """Numbers of the stored elements, equal ones once."""
     table: tuple[int, ...] | None = None
-    """Which of them each element is; None where each is the one of its own number."""
+    """Position of each element among them; None if it is the element's own number."""
     staged: bool = True
-    """Whether there is room; else each thread reads or writes its own row in global memory."""
+    """True if shared memory has room; else each thread reads or writes its own row in global memory."""
 
     @property
     def pitch(self) -> int:
@@ -133,24 +133,24 @@ class Tile:
 
 @dataclass(frozen=True)
 class CudaFunction:
-    """CUDA function: a program with the name and the precision of its kernel.
+    """A program with the name and the precision of its CUDA kernel.
 
-    Arguments of the kernel: the number of samples (64 bits); of each input a pointer, and the distance of its samples
-    in elements (64 bits), 0 for one that serves all; of each output a pointer to rows without gaps.
+    Arguments of the kernel: the number of samples (64 bits); for each input a pointer, and the distance of its samples
+    in elements (64 bits), 0 for one shared by all; for each output a pointer to rows without gaps.
     """
 
     name: str
-    """Of the kernel."""
+    """Name of the kernel."""
     program: Program
-    """What it computes."""
+    """Program of the kernel."""
     precision: str = "double"
     """"float" or "double"."""
     shared: int = SHARED
-    """Bytes of shared memory that are to be had."""
+    """Available bytes of shared memory."""
 
     @property
     def options(self) -> tuple[str, ...]:
-        """What the run-time compiler is told."""
+        """Options of the run-time compiler."""
         return (*OPTIONS, LESS) if len(self.program.instructions) > LONG else OPTIONS
 
     @property
@@ -165,7 +165,7 @@ class CudaFunction:
 
     @cached_property
     def _layout(self) -> tuple[int, tuple[Tile, ...]]:
-        """The largest block for which all arrays fit, equal elements kept once if need be; the widest arrays may stay out."""
+        """The largest block for which all arrays fit, equal elements stored once if needed; the widest may be left out."""
         tiles = self._plain_tiles
         if threads := self._fitting(tiles):
             return threads, tiles
@@ -186,7 +186,7 @@ class CudaFunction:
         return tuple(tiles)
 
     def _fitting(self, tiles: Sequence[Tile]) -> int:
-        """The largest block for which there is room, or 0."""
+        """The largest block that fits, or 0."""
         sample = BYTES[self.precision] * sum(tile.pitch for tile in tiles if tile.staged)
         return next((threads for threads in THREADS if threads * sample <= self.shared), 0)
 
@@ -286,7 +286,7 @@ class CudaFunction:
 
 
 def _squeezed(tile: Tile, output: bool) -> Tile:
-    """An output that keeps equal elements once, if that saves anything."""
+    """An output that stores equal elements once, if that saves anything."""
     kept = tuple(dict.fromkeys(tile.kept))
     if not output or len(kept) == len(tile.kept):
         return tile
@@ -295,7 +295,7 @@ def _squeezed(tile: Tile, output: bool) -> Tile:
 
 
 def _results(tile: Tile, program: Program, outputs: Sequence[Tile]) -> Sequence[int]:
-    """The instructions that make each element of an output, equal ones as often as they occur."""
+    """Instructions that make each element of an output, equal ones as often as they occur."""
     first = sum(other.port.size for other in outputs[: outputs.index(tile)])
     return program.results[first : first + tile.port.size]
 

@@ -1,4 +1,4 @@
-"""A call with many samples: room for its results, and parts that several threads can take where that pays."""
+"""Calls with many samples: memory for the results, and parts for several threads where that pays."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ if TYPE_CHECKING:
 Arrays = tuple[Array, ...]
 
 LEAST = 2.5e6
-"""Operations of the least part, some 0.1 ms: four times what handing over takes. Less than two such parts are not cut."""
+"""Operations of the least part, some 0.1 ms: four times the handover. Work for less than two such parts is not cut."""
 
 PARTS_EACH = 4
-"""Parts a thread, so that one that is held up by other work on its core leaves the rest to the others."""
+"""Parts for each thread: if other work delays one, the others take the rest."""
 
 ROWS = 64
-"""Long axes are cut at multiples of this: every part but the last is whole blocks, whatever the lanes."""
+"""Long axes are cut at multiples of this: all parts but the last are whole blocks for any number of lanes."""
 
 SINE, ENTRY = 18, 6
-"""What a sine or cosine costs, and what an entry read or written does, in operations of a lane."""
+"""Cost of a sine or cosine, and of an entry read or written, in operations of a lane."""
 
 ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
-"""Bytes of one result, and of several, from which on their memory is not left to NumPy: less meets no page faults."""
+"""Bytes of one result, and of several, from which on their memory is allocated here: less meets no page faults."""
 
 NOTABLE = 2048
-"""Numbers in the first input, 4 times as many where there is one result: with fewer it does not pay to look."""
+"""Least numbers in the first input for which the sizes are examined, 4 times as many for a single result."""
 
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
 
 TO_DOUBLE = frozenset(c for c in "?" + np.typecodes["AllInteger"] + np.typecodes["Float"] if np.can_cast(c, "d"))
 TO_SINGLE = frozenset(c for c in TO_DOUBLE if np.can_cast(c, "f"))
-"""Codes of the types that NumPy takes for each of a kernel's two loops."""
+"""Codes of the types that NumPy casts to each of a kernel's two loops."""
 
 
 class Part(NamedTuple):
-    """A kernel's arguments for some of the samples: views of the whole arrays."""
+    """Arguments of a kernel for some of the samples: views of the whole arrays."""
 
     inputs: Arrays
     outputs: Arrays
 
 
 def cost_model(form: Form) -> int:
-    """Operations of a sample, or of its step; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
+    """Operations of a sample, or of its step; arms and quadrupeds take 12 to 30 a nanosecond in lanes of four doubles."""
     from ..ir.loops import ColumnSolve, program_of
 
     program = program_of(form)
@@ -77,9 +77,9 @@ def _operations(program: Program) -> int:
 
 
 def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[list[Part], Arrays] | None:
-    """The parts and the whole outputs; None where one thread is to do it all, because it is little work, or not plain.
+    """Parts and whole outputs; None for one thread, if the work is little or an argument is not a plain array.
 
-    What NumPy would refuse, convert or copy first is left to NumPy: then its errors and its rules are its own.
+    Arguments that NumPy would reject, convert or copy are left to NumPy, with its errors and rules.
     """
     owner = _owner_of()(kernel)
     if owner is None or len(given) != len(owner.given.inputs):
@@ -119,14 +119,14 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
 
 @cache
 def _owner_of() -> Any:
-    """What finds the owner of a ufunc; its module knows this one."""
+    """The function that finds the owner of a ufunc; its module imports this one."""
     from .gufunc import owner_of
 
     return owner_of
 
 
 def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
-    """Fresh arrays for the results of a call in one part; None where NumPy's own are as good."""
+    """New arrays for the results of a call in one part; None if NumPy's own are as good."""
     first = arrays[0]
     if kernel.nout == 1 and first.size < 4 * NOTABLE:
         return None
@@ -144,12 +144,12 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
 
 
 def _is_single(arrays: Arrays) -> bool:
-    """Whether NumPy would take the loop for float32."""
+    """True if NumPy would select the loop for float32."""
     return all(a.dtype.char in TO_SINGLE for a in arrays)
 
 
 def _batch(arrays: Arrays, ports: tuple[TensorSpec, ...]) -> tuple[int, ...] | None:
-    """The batch shape of plain arrays of real numbers that fit the ports; None of all others."""
+    """Batch shape of plain arrays of real numbers with the kernel's shapes; None for all others."""
     batches = []
     for a, port in zip(arrays, ports, strict=True):
         if type(a) is not np.ndarray or a.dtype.char not in TO_DOUBLE:
@@ -167,7 +167,7 @@ def _batch(arrays: Arrays, ports: tuple[TensorSpec, ...]) -> tuple[int, ...] | N
 
 
 def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arrays: Arrays) -> Arrays | None:
-    """Fresh arrays, or those given if they can be written to in any order: rows without gaps, nothing else in them."""
+    """New arrays, or the given ones if they are contiguous and share no memory with others."""
     if out is None:
         return result_arrays(shapes, dtype)
     outputs = out if isinstance(out, tuple) else (out,)
@@ -184,26 +184,26 @@ def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arra
 
 
 def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
-    """The index of all axes before the one that is cut, counted from the batch's last; None where it is broadcast."""
+    """Index of all axes before the cut one, which is counted from the batch's last; None if it is broadcast."""
     place = a.ndim - len(port.shape) + axis
     return None if place < 0 or a.shape[place] == 1 else (slice(None),) * place
 
 
-# ── Calls with many samples on a standing crew of threads: off until ``set_threads`` or ``TWISTWRENCH_THREADS`` says more
+# ── Calls with many samples on a pool of threads: off until ``set_threads`` or ``TWISTWRENCH_THREADS`` sets more than one
 
 # A call is cut into parts, which the caller and its helpers take in turn. The caller works too, and never waits for a helper
-# that has not begun: a busy crew slows nobody down, and nothing can deadlock. A sample's bits depend neither on its part nor on
-# who computes it.
+# that has not begun: busy threads delay no caller, and nothing can deadlock. A sample's bits depend neither on its part nor on
+# the thread that computes it.
 
 MOST = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
 
 POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "multiprocessing", "ray"})
-"""Packages whose threads share out work themselves: a call from one of them stays on it."""
+"""Packages whose threads distribute work themselves: a call from one of their threads stays on it."""
 
 
 def set_threads(count: int) -> None:
-    """Let the methods of robots share a call with many samples among threads of this process.
+    """Share calls with many samples of a robot's methods among threads of this process.
 
     Parameters
     ----------
@@ -211,8 +211,8 @@ def set_threads(count: int) -> None:
 
     Notes
     -----
-    Results are the same to the bit. One thread is what still computes a call with less than some 0.2 ms of work, one
-    from a worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and one of a bare
+    Results are the same to the bit. One thread still computes a call with less than some 0.2 ms of work, a call
+    from a worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and a call of a bare
     kernel.
 
     Examples
@@ -232,12 +232,12 @@ def get_threads() -> int:
     Returns
     -------
     count : int
-        What :func:`set_threads` said, else ``TWISTWRENCH_THREADS``, else 1.
+        Argument of the last :func:`set_threads`, else ``TWISTWRENCH_THREADS``, else 1.
 
     Notes
     -----
-    The variable is read when first needed. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and
-    say 1 until they set their own; a subinterpreter always does.
+    The variable is read at the first use. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and
+    have 1 until they set their own; a subinterpreter always has 1.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def get_threads() -> int:
 
 
 def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
-    """``kernel(*arrays, out=out)``, on several threads where that is allowed and pays."""
+    """``kernel(*arrays, out=out)``, on several threads if that is allowed and pays."""
     threads = get_threads()
     shared = cut(kernel, arrays, out, threads) if threads > 1 and not _in_worker_thread() else None
     if shared is None:
@@ -267,7 +267,7 @@ def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
 
 
 def share(kernel: Any, parts: Iterable[Part]) -> None:
-    """Compute all parts, on several threads where that is allowed; the first exception of any is the caller's."""
+    """Compute all parts, on several threads if that is allowed; the first exception of any is raised here."""
     threads = get_threads()
     job = _Job(kernel, parts)
     try:
@@ -315,7 +315,7 @@ def _in_worker_thread() -> bool:
 
 
 class _Job:
-    """One call: the parts nobody has taken yet, and the helpers that are at work on others."""
+    """One call: the remaining parts, and the number of helpers at work."""
 
     def __init__(self, kernel: Any, parts: Iterable[Part]) -> None:
         self.kernel = kernel
@@ -326,7 +326,7 @@ class _Job:
         self.problem: BaseException | None = None
 
     def work(self) -> None:
-        """Compute parts until none is left to take."""
+        """Compute parts until none is left."""
         while True:
             try:
                 part = self.parts.popleft()
@@ -335,7 +335,7 @@ class _Job:
             self.kernel(*part.inputs, out=part.outputs)
 
     def help(self) -> None:
-        """What a helper does; its first exception is kept for the caller, and ends the job."""
+        """Compute parts in a helper; its first exception is kept for the caller, and ends the job."""
         with self.changed:
             self.helpers += 1
         try:
@@ -349,7 +349,7 @@ class _Job:
                 self.changed.notify_all()
 
     def finish(self) -> BaseException | None:
-        """Leave nothing to take, wait for those who have, as they write to the caller's arrays, and say what they met."""
+        """Drop remaining parts and wait for helpers, which write to the caller's arrays; returns their first exception."""
         self.parts.clear()
         with self.changed:
             while self.helpers:
@@ -359,7 +359,7 @@ class _Job:
 
 
 class _ThreadPool:
-    """How many threads this process may use, and all of them but the callers: started when first needed."""
+    """Number of threads of this process, and all of them but the callers: started at their first use."""
 
     def __init__(self) -> None:
         self.wanted: int | None = None
@@ -368,21 +368,21 @@ class _ThreadPool:
             os.register_at_fork(after_in_child=self._begin)
 
     def _begin(self) -> None:
-        """No helper survives a fork, and a lock may have been held."""
+        """Start without helpers: none survives a fork, and a lock may have been held."""
         self.told = False
-        """Whether this very process said how many it wants."""
+        """True if this process has set its number of threads."""
         self.lock = threading.RLock()
         self.size = 0
         self.calls: SimpleQueue[_Job | None] = SimpleQueue()
 
     def resize(self, count: int) -> None:
-        """Take note of a new number; the helpers there are go home when they have done what they were asked before."""
+        """Set the number of threads; present helpers end after the jobs they have."""
         with self.lock:
             self.wanted, self.told = count, True
             self._dismiss()
 
     def invite(self, job: _Job, helpers: int) -> None:
-        """Ask so many helpers to a job; whoever comes too late finds nothing to do."""
+        """Offer a job to helpers; one that comes too late finds no parts."""
         with self.lock:
             if self.size != helpers:
                 self._dismiss()

@@ -1,9 +1,9 @@
-"""One call of a loop on prepared addresses as a C function of the METH_FASTCALL kind, in LLVM assembly.
+"""Prepared calls of a kernel's loop, row by row, as a C function of the METH_FASTCALL kind.
 
-``call(number, array)`` runs the loop on row ``number`` of a table of addresses, once the numbers of the array are where one of
-these points, and gives a number of the results as a float; ``call(number)`` takes what is there. An array that is not a plain
-one gives None, and nothing is done. The code knows sizes but no addresses: those come in the ``self``
-argument, a bytes object that holds :data:`POINTERS` in that order.
+``call(number, array)`` copies the array to an operand of row ``number`` in a table of addresses, runs the loop on that row, and
+returns one number of the results as a float; ``call(number)`` uses the operand as it is. For an array that is not plain it
+returns None without effect. The code contains sizes but no addresses: those are in ``self``, a bytes object, in the order of
+:data:`POINTERS`.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ CALL = "call"
 """Name of the function."""
 
 POINTERS = ("none", "array_type", "descriptor", "as_number", "new_float", "incref", "loop", "table", "sizes", "strides")
-"""What the bytes object holds: addresses, 8 bytes each."""
+"""Addresses in the bytes object, 8 bytes each."""
 
 
 def row_call_assembly(operands: int, size: int, taken: int, told: int) -> str:
-    """The module for a loop of so many operands: the array has ``size`` doubles and goes where operand ``taken`` is.
+    """Module for a loop: the array has ``size`` doubles and is copied to operand ``taken``.
 
     The float is the first double of operand ``told``.
     """
@@ -89,7 +89,7 @@ def row_call_assembly(operands: int, size: int, taken: int, told: int) -> str:
 
 
 def _field(name: str, kind: str, wanted: str) -> str:
-    """Look at a field of the array: slow where it is not what is wanted."""
+    """Compare a field of the array; branch to the slow way if it differs."""
     return (
         f"  %{name}_at = getelementptr i8, ptr %array, i64 {FIELDS[name]}\n"
         f"  %{name} = load {kind}, ptr %{name}_at, align 4\n"
@@ -101,7 +101,7 @@ def _field(name: str, kind: str, wanted: str) -> str:
 # ── Calls of one loop on one row after the other, prepared: NumPy's way into a ufunc takes longer than short loops run
 
 Rows = tuple[Array, NDArray[np.intp]]
-"""An array (m, ...) of an operand's rows, and which of them each call takes, (n,)."""
+"""An array (m, ...) of an operand's rows, and the number of the row for each call, (n,)."""
 
 
 @cache
@@ -110,16 +110,16 @@ def _code(operands: int, size: int, taken: int, told: int, machine: Machine) -> 
 
 
 def can_bind_calls(kernel: Any) -> bool:
-    """Whether calls row by row can be prepared: of a compiled kernel, by CPython with its lock."""
+    """True if calls row by row can be prepared: for a compiled kernel, in CPython with its lock."""
     return owner_of(kernel) is not None and abi_matches()
 
 
 def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> Callable[..., Any]:
-    """A function that makes one of n calls of a kernel, each on a row of every operand; of a recurrence, each of one step.
+    """A function that makes one of n calls of a kernel, each on a row of every operand; of a scan, each of one step.
 
-    ``call(k, x)`` makes call number k, once x is written where operand number ``taken`` has its row, and gives the first
-    number of operand ``told``; ``call(k)`` takes what is there. It gives None, and does nothing, where x is not a plain
-    array of float64 of that size. Nothing looks at k.
+    ``call(k, x)`` makes call number k after x was copied to its row of operand number ``taken``, and returns the first
+    number of operand ``told``; ``call(k)`` uses the row as it is. It returns None without effect if x is not a plain
+    array of float64 of that size. k is not checked.
     """
     owner = owner_of(kernel)
     if owner is None or not abi_matches():

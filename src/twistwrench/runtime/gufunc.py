@@ -1,8 +1,8 @@
-"""A compiled program as a NumPy generalized ufunc.
+"""Compiled programs as NumPy generalized ufuncs.
 
-NumPy's C API makes the ufunc from the address of the loop. Loops for float32 and float64; the float32 one is compiled when
-first called, by a stand-in that then takes itself out of the table; in a subinterpreter, where nothing can call back, with
-the other. Everything the ufunc points to belongs to one owner object that the ufunc itself keeps alive.
+NumPy's C API makes the ufunc from the addresses of its loops for float32 and float64. The float32 loop is compiled at its first
+call, by a stub that then replaces itself in the table; in a subinterpreter, where C cannot call back, it is compiled with the
+other. All memory that the ufunc points to belongs to one owner object that the ufunc itself keeps alive.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _NONE_IDENTITY = -1
 _MOST_OPERANDS = 32
 
 LONGEST_SCALAR = 40_000
-"""Instructions of the longest program that is compiled once more for single samples."""
+"""Instructions of the longest program that is compiled a second time for single samples."""
 
 
 class _UFuncObject(ctypes.Structure):
-    """The head of NumPy's public PyUFuncObject, as far as the reference it keeps to an owner."""
+    """Head of NumPy's public PyUFuncObject, up to its reference to an owner."""
 
     _fields_ = (
         (
@@ -64,14 +64,14 @@ class _UFuncObject(ctypes.Structure):
 
 
 class _Returned:
-    """Result of a callback, freed once no code of Python runs in it any more: then it cannot swallow an exception."""
+    """Result of a callback, freed when the callback's Python code has ended: then it cannot swallow an exception."""
 
 
 @cache
 def _raise_in_thread() -> Any:
     """CPython's function that raises an exception in a thread when it next runs Python code.
 
-    As the callback of a weak reference it is given the reference besides, which C ignores.
+    As the callback of a weak reference it also receives the reference, which C ignores.
     """
     prototype = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_ulong, ctypes.py_object, ctypes.py_object)
     return prototype(("PyThreadState_SetAsyncExc", ctypes.pythonapi))
@@ -92,7 +92,7 @@ class _Owner:
         self.given = program.form() if isinstance(program, KernelMetadata) and known is None else program
         self.description = doc
         self.kept = program.key if isinstance(program, KernelMetadata) else ""
-        """The key of what is kept of the kernel; empty where nothing is."""
+        """Key of the cached kernel; empty if it is not cached."""
         self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
         self.scalar: dict[str, Code] = {}
         self.lazy_stub = _LOOP(self._single)
@@ -110,24 +110,24 @@ class _Owner:
 
     @cached_property
     def form(self) -> Form:
-        """The program, with its loop if it has one."""
+        """Program with its loop, if it has one."""
         return self.given.form() if isinstance(self.given, KernelMetadata) else self.given
 
     @cached_property
     def program(self) -> Program:
-        """The program without its loop."""
+        """Program without its loop."""
         from ..ir.loops import program_of
 
         return program_of(self.form)
 
     @cached_property
     def length(self) -> int:
-        """Instructions of the program."""
+        """Number of instructions of the program."""
         return self.given.length if isinstance(self.given, KernelMetadata) else len(self.program.instructions)
 
     @cached_property
     def cost(self) -> int:
-        """Operations that a sample takes, in one step if there are several."""
+        """Operations of a sample, in one step if there are several."""
         from .batch_threads import cost_model
 
         return self.given.cost if isinstance(self.given, KernelMetadata) else cost_model(self.given)
@@ -138,10 +138,10 @@ class _Owner:
         return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
-        """Stand in for the float32 loop: compile it, put it in the table, run it.
+        """Lazy stub of the float32 loop: compiles it, puts it into the table, and runs it.
 
-        An exception cannot leave a callback; Python prints it as ignored. So if compiling fails, the results are NaN, never
-        what happened to be in memory, and the next call tries again. An interrupt is raised anew once NumPy has returned.
+        An exception cannot leave a callback; Python prints it as ignored. If compiling fails, the results are NaN and not
+        uninitialised memory, and the next call tries again. An interrupt is raised again after NumPy has returned.
         """
         try:
             address = self.address(SINGLE)
@@ -178,7 +178,7 @@ class _Owner:
         return code.address
 
     def scalar_code(self, precision: Precision) -> Code:
-        """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
+        """Code for single samples, in one lane, unless the program is so long that one compilation has to do."""
         with LOCK:
             if self.length > LONGEST_SCALAR or self.machine.lanes(precision) == 1:
                 self.address(precision)
@@ -193,10 +193,10 @@ class _Owner:
 
 
 def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool = False) -> np.ufunc:
-    """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
+    """Compile ``program`` as a ufunc; its signature has the program's own sizes, so NumPy rejects others.
 
-    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
-    ``scalar`` is for one sample at a time, in one lane.
+    The signature of a scan has two sizes of the caller, and NumPy cannot derive the number of rows: it requires ``out=``. A
+    ``scalar`` ufunc is for one sample at a time, in one lane.
     """
     owner = _Owner(program, name, doc, scalar=scalar)
     ufunc = _constructor()(
@@ -217,7 +217,7 @@ _FOREVER: list[_Owner] = []
 
 
 def owner_of(kernel: Any) -> _Owner | None:
-    """What is behind a ufunc made here; None of anything else."""
+    """Owner of a ufunc made here; None for anything else."""
     if not isinstance(kernel, np.ufunc) or not _abi_matches():
         return None
     try:
@@ -228,7 +228,7 @@ def owner_of(kernel: Any) -> _Owner | None:
 
 
 class _Recipe:
-    """A kernel to be pickled as the program that it is made of, and copied as itself."""
+    """A kernel that is pickled as its program, and copied as itself."""
 
     def __init__(self, kernel: Any) -> None:
         self.kernel = kernel
@@ -256,7 +256,7 @@ copyreg.pickle(np.ufunc, _reduced)
 
 @cache
 def _abi_matches() -> bool:
-    """Whether ufuncs lie in memory as :class:`_UFuncObject` says: looked at in one of NumPy's own."""
+    """True if ufuncs lie in memory as :class:`_UFuncObject` describes, by inspection of one of NumPy's own."""
     head = _UFuncObject.from_address(id(np.add))
     counts = (head.nin, head.nout, head.nargs, head.ntypes)
     return head.type == id(np.ufunc) and counts == (2, 1, 3, np.add.ntypes) and head.owner is None

@@ -1,4 +1,4 @@
-"""Which Python this code runs in, and whether programs become machine code in it."""
+"""The Python interpreter at run time, and whether it runs compiled programs."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def compiles() -> bool:
 
 
 def runs_machine_code() -> bool:
-    """Whether programs can be compiled for it: CPython of 64 bits, whose objects lie where their ``id`` says, and llvmlite."""
+    """True if programs can be compiled here: 64-bit CPython, whose objects lie at their ``id``, with llvmlite."""
     return sys.implementation.name == "cpython" and sys.maxsize > 2**32 and _has_llvmlite()
 
 
 @cache
 def _may_run_pages() -> bool:
-    """Whether the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
+    """True if the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
     try:
         ExecutableMemory.of(np.zeros(mmap.PAGESIZE, np.uint8))
     except UnsupportedObject:
@@ -59,7 +59,7 @@ def _may_run_pages() -> bool:
 
 @cache
 def _has_llvmlite() -> bool:
-    """Whether llvmlite is installed; it is no dependency where there is no wheel of it, as in browsers."""
+    """True if llvmlite is installed, which is optional where it has no wheel, as in browsers."""
     try:
         return importlib.util.find_spec("llvmlite") is not None
     except ImportError:
@@ -68,7 +68,7 @@ def _has_llvmlite() -> bool:
 
 @cache
 def is_main() -> bool:
-    """Whether it is the process's first interpreter.
+    """True in the process's first interpreter.
 
     In another, ctypes waits forever for a lock when C calls back into Python, and a daemon thread ends the process with the
     interpreter.

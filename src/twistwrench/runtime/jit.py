@@ -1,4 +1,4 @@
-"""Machine code in this process: compiled by LLVM or taken from the cache, and the address of its loop."""
+"""Machine code in this process: compiled by LLVM or loaded from the cache, and the address of its loop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..ir.loops import Form
 
 PATIENCE = 1.0
-"""Seconds of compilation without a word to the terminal."""
+"""Seconds of compilation before a message on the terminal."""
 
 
 class Code(NamedTuple):
@@ -30,9 +30,9 @@ class Code(NamedTuple):
     size: int
     """Bytes of object code."""
     cached: bool
-    """Whether it came from the disk."""
+    """True if it came from the disk."""
     keys: tuple[str, ...] = ()
-    """Those of its entries in the cache."""
+    """Keys of its entries in the cache."""
 
 
 class _Jit:
@@ -75,9 +75,9 @@ LOCK = _JIT.lock
 
 
 def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
-    """Code for ``program`` on the machine, or the chosen one, from the cache if it is there.
+    """Code for ``program`` on the machine, or the chosen one, from the cache if possible.
 
-    If it takes more than a second, a terminal is told what is being compiled.
+    If compilation takes more than a second, a message on the terminal names the results.
     """
     from ..lowering.lower import modules
 
@@ -87,7 +87,7 @@ def compiled(program: Form, precision: Precision, machine: Machine | None = None
 
 
 def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
-    """The texts; once the first ones have taken long, a line on stderr says what they are of."""
+    """The texts; if the first ones have taken long, a line on stderr names the results."""
     began, said = time.perf_counter(), False
     for text in texts:
         if not said and time.perf_counter() - began > PATIENCE and sys.stderr is not None and sys.stderr.isatty():
@@ -98,7 +98,7 @@ def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
 
 
 def found(keys: Sequence[str], machine: Machine) -> Code | None:
-    """The code of a kernel by the keys of its entries in the cache; None where one is lost, or they do not link."""
+    """Code of a kernel by the keys of its cache entries; None if one is lost, or if they do not link."""
     objects = [code for key in keys if (code := object_cache.load(key)) is not None]
     if len(objects) < len(keys):
         return None
@@ -110,12 +110,12 @@ def found(keys: Sequence[str], machine: Machine) -> Code | None:
 
 
 def assembled(text: str, symbol: str, machine: Machine) -> Code:
-    """Code of a module of LLVM assembly, from the cache if it is there; the address is that of ``symbol``."""
+    """Code of a module of LLVM assembly, from the cache if possible; the address is that of ``symbol``."""
     return _linked(lambda: [text], symbol, machine)
 
 
 def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
-    """Code of several modules together. Each is made, compiled and kept by itself: their texts are long."""
+    """Code of several modules together. Each is written, compiled and cached separately: their texts are long."""
     with _JIT.lock:
         try:
             objects = [_object(text, machine) for text in texts()]
@@ -137,7 +137,7 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
 
 
 def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
-    """The cache's key of a module, its object code, and whether that was in the cache."""
+    """Cache key of a module, its object code, and a flag that it came from the cache."""
     import llvmlite
 
     key = object_cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()

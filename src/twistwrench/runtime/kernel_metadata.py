@@ -1,7 +1,6 @@
-"""Kernels as an earlier process left them: their ports, and the keys of their code; nothing is traced or printed again.
+"""Kernels cached by an earlier process: their arrays, and the keys of their code; nothing is traced or printed again.
 
-An entry says what a kernel takes and gives and which entries of the cache are its code. The program itself is made when
-somebody asks for it: to compile it for float32 or for single samples, to count its operations.
+The program itself is made at its first use: to compile it for float32 or for single samples, to count its operations.
 """
 
 from __future__ import annotations
@@ -20,20 +19,20 @@ if TYPE_CHECKING:
 
 
 class KernelMetadata(NamedTuple):
-    """What is known of a kernel without its program."""
+    """Description of a kernel without its program."""
 
     inputs: tuple[TensorSpec, ...]
     outputs: tuple[TensorSpec, ...]
     length: int
-    """Instructions of its program."""
+    """Number of instructions of its program."""
     cost: int
-    """Operations that a sample takes."""
+    """Operations of a sample."""
     code: tuple[str, ...]
-    """Keys of its code for float64."""
+    """Cache keys of its code for float64."""
     form: Callable[[], Form]
-    """Makes the program."""
+    """Function that makes the program."""
     key: str
-    """What it is kept under."""
+    """Its own cache key."""
 
     @property
     def signature(self) -> str:
@@ -42,7 +41,7 @@ class KernelMetadata(NamedTuple):
 
 
 def outline(key: str, form: Callable[[], Form]) -> tuple[KernelMetadata, str, str] | None:
-    """What was kept of a kernel, its name and its description; None where there is nothing."""
+    """Cached metadata of a kernel, its name and its description; None if there are none."""
     kept = object_cache.load(key)
     if kept is None:
         return None
@@ -52,7 +51,7 @@ def outline(key: str, form: Callable[[], Form]) -> tuple[KernelMetadata, str, st
 
 
 def code_of(key: str, precision: Precision, machine: Machine, form: Callable[[], Form]) -> Code:
-    """Further code of a kernel that is kept under a key, if one is: for another type or other vectors."""
+    """Code of a kernel for another type or another vector width, cached if the kernel is."""
     if not key:
         return compiled(form(), precision, machine)
     mine = object_cache.digest("code", key, precision.char, str(machine)).hex()
@@ -65,7 +64,7 @@ def code_of(key: str, precision: Precision, machine: Machine, form: Callable[[],
 
 
 def keep(key: str, name: str, owner: Any) -> None:
-    """Keep what is known of a kernel, by what is behind its ufunc; nothing where its code is not kept."""
+    """Cache the metadata of a kernel by the owner of its ufunc, if its code is cached."""
     owner.kept = key
     code = owner.code["d"]
     if code.keys:

@@ -154,28 +154,28 @@ def _limits() -> list[int]:
     return found
 
 
-# ── Room for the results of one call: a single block for all of them, or memory that is lent where they are large
+# ── Results of one call: a single block for all of them, or pooled blocks if they are large
 
-# What the C library gets from the system for a result it hands back when the result dies: always from 32 MB on, and below that
-# whenever several results die together. Then each call pays for fresh pages, several times what computing takes.
+# The C library returns the memory of a result to the system when the result dies: always from 32 MB on, and below that whenever
+# several results die together. Then each call pays for fresh pages, which take several times as long as computing.
 
 LARGE = 1 << 25
-"""Bytes of results that the C library never keeps: its largest threshold for that."""
+"""Bytes of results that the C library never reuses: its largest threshold."""
 
 LEAST_POOLED = 1 << 20
-"""Bytes of one of several large results that is worth a lease of its own."""
+"""Least bytes of one of several large results for a pooled block of its own."""
 
 LINE = 64
-"""Each result begins with a cache line of its own."""
+"""Bytes of a cache line, to which each result is aligned."""
 
 ALIGNED = 1 << 20
-"""Bytes of results from which on these are the processor's, so that they can be written past the caches."""
+"""Bytes of results from which on their cache lines are the processor's, for stores past the caches."""
 
 
 def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
-    """Arrays of those shapes, whatever is in them; raises MemoryError.
+    """New arrays of those shapes, uninitialised. Raises MemoryError.
 
-    Below 32 MB they are views of one block, so one that is kept keeps the others' memory; above, each is by itself.
+    Below 32 MB they are views of one block, so keeping one keeps the memory of all; above, each has its own.
     """
     sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]
     total = sum(sizes)

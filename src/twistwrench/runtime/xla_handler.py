@@ -1,8 +1,8 @@
-"""The shortest way from XLA into a loop: a handler of its typed foreign functions, as LLVM assembly.
+"""Handlers of XLA's typed foreign functions that run a kernel's loop without entering Python, as LLVM assembly.
 
-XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``; this reads the number of samples from the shape of one
-array, puts the arrays' pointers in a table, and runs the loop. The code knows shapes but no addresses, so it can be cached: the
-function that the module shows, ``install(loop)``, keeps the loop's address and gives the handler's.
+XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``; the handler reads the number of samples from the shape
+of one array, stores the arrays' pointers in a table, and runs the loop. The code contains shapes but no addresses, so it can be
+cached: the exported function, ``install(loop)``, stores the loop's address and returns the handler's.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from .gufunc import owner_of
 from .jit import assembled
 
 INSTALL = "install"
-"""Name of the function that keeps the address of the loop and gives that of the handler."""
+"""Name of the function that stores the loop's address and returns the handler's."""
 
 EXTENSION, STAGE, ARGUMENTS, RESULTS = 8, 32, 72, 112
-"""Offsets in the call's frame: of what XLA asks beside a call, of the stage, of the tables of pointers to buffers."""
+"""Offsets in the call's frame: extension, stage, and tables of pointers to buffers."""
 
 DATA, RANK, DIMENSIONS = 24, 32, 40
 """Offsets in a buffer."""
 
 TYPE, METADATA, MAJOR, MINOR = 8, 24, 24, 28
-"""Offsets in an extension: its type and what it points to; in that, the version of the interface that the handler speaks."""
+"""Offsets in an extension: its type and its pointer to metadata; in these, the handler's version of the interface."""
 
 IS_METADATA, EXECUTE = 1, 3
 """XLA_FFI_Extension_Metadata, XLA_FFI_ExecutionStage_EXECUTE."""
@@ -37,7 +37,7 @@ IS_METADATA, EXECUTE = 1, 3
 def handler_assembly(
     inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
-    """The module for contiguous arrays of these shapes behind one batch shape; some array has to have entries."""
+    """Module for contiguous arrays of these shapes behind one batch shape; some array must have entries."""
     ports = (*inputs, *outputs)
     tables = [(ARGUMENTS, k) for k in range(len(inputs))] + [(RESULTS, k) for k in range(len(outputs))]
     counted = next(k for k, port in enumerate(ports) if port.size)
@@ -111,7 +111,7 @@ def handler_assembly(
 
 
 def _loaded(name: str, kind: str, base: str, offset: int) -> list[str]:
-    """``name`` is what lies ``offset`` bytes from ``base``."""
+    """Load ``name`` from ``offset`` bytes behind ``base``."""
     return [f"  %at.{name} = getelementptr i8, ptr {base}, i64 {offset}", f"  %{name} = load {kind}, ptr %at.{name}"]
 
 
@@ -122,20 +122,20 @@ _INSTALLED = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
 
 @dataclass(frozen=True)
 class XlaHandler:
-    """A function in memory, and what has to live as long as it."""
+    """A function in memory, and the objects that must live as long."""
 
     address: int
     keep: tuple[Any, ...]
 
 
 def is_compiled(kernel: Any) -> bool:
-    """Whether there is machine code behind a kernel, with something to compute."""
+    """True if a kernel has machine code and results."""
     owner = owner_of(kernel)
     return owner is not None and any(port.size for port in owner.given.outputs)
 
 
 def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bool) -> XlaHandler:
-    """The handler of a compiled kernel for arrays of type ``char``, of one sample (``scalar``) or of any number."""
+    """Handler of a compiled kernel for arrays of type ``char``, for one sample (``scalar``) or for any number."""
     owner = owner_of(kernel)
     if owner is None:
         raise TypeError("kernel: a compiled one is wanted; is_compiled says which are")
