@@ -12,11 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
 from twistwrench.estimation.least_squares import NormalEquations
-from twistwrench.identification import NormalEquationBlocks, accumulate
+from twistwrench.identification import NormalEquationBlocks, accumulate, streaming
 from twistwrench.identification import chunks as log_source
-from twistwrench.identification import streaming as gathering
-from twistwrench.identification import streaming as log_piece
-from twistwrench.identification.chunks import LogClock, LogSource, chunks
+from twistwrench.identification.chunks import LogClock, LogSource, steady_windows
 from twistwrench.identification.hyperparameters import BoundedMemory
 from twistwrench.identification.normal_equation_blocks import MOST_BLOCKS
 from twistwrench.identification.rows import FilteredRows
@@ -34,10 +32,10 @@ def log():
 @pytest.fixture
 def small_pieces(monkeypatch):
     """Pieces and chunks far shorter than the log."""
-    for module in (log_source, log_piece, gathering):
-        monkeypatch.setattr(module, "PIECE", 7000)
-    monkeypatch.setattr(log_piece, "LEAST_CORE", 2000)
-    monkeypatch.setattr(log_piece, "CORE", 500)
+    for module in (log_source, streaming):
+        monkeypatch.setattr(module, "CHUNK", 7000)
+    monkeypatch.setattr(streaming, "LEAST_CORE", 2000)
+    monkeypatch.setattr(streaming, "CORE", 500)
 
 
 def equations(information):
@@ -81,7 +79,7 @@ def test_rows_are_those_of_the_whole_log_in_memory(log):
 
 def test_pieces_say_what_the_whole_says(log, small_pieces, monkeypatch, tmp_path):
     """A file read in seventeen chunks of five pieces, against the motion in one."""
-    monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
+    monkeypatch.setattr("twistwrench.motion.log_table.LARGE", 0)
     in_pieces = accumulate(ARM, recorded(tmp_path / "log.npy", log), **FIXED)
     assert in_pieces.moments.counts.shape[0] == 4 * 12 + 3
     monkeypatch.undo()
@@ -94,18 +92,16 @@ def test_pieces_say_what_the_whole_says(log, small_pieces, monkeypatch, tmp_path
 
 def test_chunks_own_every_sample_once(log):
     """Of a log with a pause, cut anywhere."""
-    source = LogSource(ARM, "log", motion=log)
     late = log.time + np.where(log.time > 50.0, 30.0, 0.0)
     paused = tw.Motion(late, log.q, log.dq, log.ddq, log.tau, robot=ARM, in_seconds=True)
     for motion in (log, paused):
-        clock = LogClock.of(iter([motion.time]), "log")
-        rows = LogSource(ARM, "log", motion=motion).portions()
-        owned = [(c.stretch, *c.own) for c in chunks(rows, clock, ARM.model, 999, 400, (-np.inf, np.inf))]
+        clock = LogClock.of(motion.time, "log")
+        source = LogSource(ARM, "log", motion=motion)
+        owned = [(w.stretch, *w.own) for w in steady_windows(source, clock, 999, 400, 0, len(motion))]
         assert sum(b - a for _, a, b in owned) == len(motion)
         for s in range(len(clock.begins)):
             mine = [(a, b) for stretch, a, b in owned if stretch == s and a < b]
             assert all(b == c for (_, b), (c, _) in pairwise(mine))
-    assert source.path == "log"
 
 
 def test_weeks_add_up(log, tmp_path):
@@ -210,7 +206,7 @@ def test_a_dead_channel_is_announced_and_counts_nothing(log):
 
 def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
     """A large file that ends before its header says, and one with a number missing in its middle."""
-    monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
+    monkeypatch.setattr("twistwrench.motion.log_table.LARGE", 0)
     path = recorded(tmp_path / "log.npy", log)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
@@ -219,7 +215,7 @@ def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
     holed = tw.Motion(log.time, log.q, log.dq, log.ddq, log.tau.copy(), robot=ARM, in_seconds=True)
     holed.tau[20_000, 0] = np.nan
     recorded(path, holed)
-    with pytest.raises(tw.TrajectoryError, match="row 20001 has a number that is not finite"):
+    with pytest.raises(tw.TrajectoryError, match=r"row 20001, column 'joint1\.tau' is nan"):
         accumulate(ARM, path)
 
 
@@ -236,8 +232,7 @@ def test_a_log_of_other_torques_is_named(log, tmp_path):
 
 def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     """Far from what settings were chosen on."""
-    monkeypatch.setattr(gathering, "WINDOW", 300)
-    monkeypatch.setattr("twistwrench.motion.motion_log.LARGE", 0)
+    monkeypatch.setattr(streaming, "WINDOW", 300)
     arm = tw.robots.ur5()
     motion = known_log(arm, 1, seconds=120.0, rate=100.0).motion
     q = motion.q.copy()

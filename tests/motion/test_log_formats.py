@@ -59,17 +59,11 @@ def write_parquet(path):
 
 @pytest.fixture(params=["whole", "in blocks"], autouse=True)
 def reading(request, monkeypatch):
-    """Small files are read whole; large ones block by block, as all are here where the bound is taken away."""
+    """Small tables are in memory; large ones in a temporary file, as all are here where the bound is taken away."""
     if request.param == "in blocks":
-        for place in (
-            "motion.array_stream.LARGE",
-            "motion.motion_file.LARGE",
-            "motion.motion_log.LARGE",
-            "reports.log_quality._LARGE",
-        ):
+        for place in ("motion.log_table.LARGE", "reports.log_quality.LARGE"):
             monkeypatch.setattr(f"twistwrench.{place}", 0)
-        for module in ("array_stream", "motion_file"):
-            monkeypatch.setattr(f"twistwrench.motion.{module}._ROWS", 7)
+        monkeypatch.setattr("twistwrench.motion.log_table.ROWS", 7)
 
 
 JOINT_STATE = """

@@ -61,7 +61,7 @@ def write(tmp_path):
 
 def read(path, model, **options):
     log = MotionLog.open(path, model, **options)
-    return log.motion(np.concatenate(list(log.tables()))), log
+    return log.motion(log.table), log
 
 
 # ── dialects ──

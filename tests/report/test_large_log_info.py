@@ -21,7 +21,7 @@ def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
     path = tmp_path / "log.csv"
     np.savetxt(path, table, delimiter=",", header="time,cut,dead,noise", comments="", fmt="%.9g")
     whole = LogQuality.of(path)
-    monkeypatch.setattr(log_quality, "_LARGE", 0)
+    monkeypatch.setattr(log_quality, "LARGE", 0)
     blocks = LogQuality.of(path)
     for name in ("rows", "time", "seconds", "gaps", "longest", "repeated", "backward"):
         assert getattr(blocks, name) == getattr(whole, name), name

@@ -344,7 +344,7 @@ def test_a_motion_of_joints_with_such_names_is_read_back(tmp_path):
     robot = arm([*NAMES, 'say "x" now', "'=x", '"x"', " x ", "time", "t", "a\r\nb"])
     moving = tw.trajectories.move(robot, np.zeros(robot.nq), np.ones(robot.nq))
     motion = MotionLog.open(moving.to_csv(tmp_path / "motion.csv", 0.01), robot.model)
-    read, sampled = motion.motion(np.concatenate(list(motion.tables()))), moving.sample(0.01)
+    read, sampled = motion.motion(motion.table), moving.sample(0.01)
     for name in ("time", "q", "dq", "ddq"):
         np.testing.assert_array_equal(getattr(read, name), getattr(sampled, name))
 
@@ -359,7 +359,7 @@ def test_a_simulation_of_joints_with_such_names_is_read_back(tmp_path, kind):
     assert back.coordinate_names == robot.coordinate_names
     np.testing.assert_array_equal(back.q, result.q)
     motion = MotionLog.open(path, robot.model)
-    read = motion.motion(np.concatenate(list(motion.tables())))
+    read = motion.motion(motion.table)
     np.testing.assert_array_equal(read.time, result.times)
     np.testing.assert_array_equal(read.q, result.q)
     np.testing.assert_array_equal(read.tau, result.tau)

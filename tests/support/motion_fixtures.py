@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
 import pytest
 
 from twistwrench import robots
@@ -41,4 +40,4 @@ def write(tmp_path):
 def read(path, model, **options):
     """The motion of a whole file."""
     trajectory = MotionLog.open(path, model, **options)
-    return trajectory.motion(np.concatenate(list(trajectory.tables())))
+    return trajectory.motion(trajectory.table)

@@ -223,7 +223,7 @@ def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
         if sorted(table.header) != sorted(names):
             raise ValueRangeError(f"{file}: line {table.header_line}: give {form}.")
         used = [table.header.index(name) for name in names]
-        found = np.concatenate([np.zeros((0, len(used))), *(block.table for block in table.blocks(used))])
+        found = table.table(used)
     if not len(found):
         raise ValueRangeError(f"{file}: no row after the header: give {form}.")
     return _in_radians(robot, found, degrees=degrees)

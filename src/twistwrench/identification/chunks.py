@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ..core.numbers import number
 from ..errors import TrajectoryError, ValueRangeError
-from ..model.model import Model
+from ..motion.log_table import slices, windows
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
+from ..motion.rate_checks import LEFT_OUT
 from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..typing import Array
@@ -24,54 +26,46 @@ from .payload import MotorSide
 from .rows import BaseColumns, of_springs
 from .zero_phase import FEWEST, GAP, PAUSE, ROW_RATE, STATE_RATE, Filtered, border_of, low_pass, states_below_of
 
-PIECE = 1 << 20
-"""Rows that are one piece of work: seventeen minutes at 1 kHz."""
+CHUNK = 1 << 20
+"""Rows of one unit of work: seventeen minutes at 1 kHz."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogClock:
-    """What one pass over the stamps found.
+    """Clock of a log: its step, and its stretches without a pause.
 
     Attributes
     ----------
     rows : int
-    step : float, mean step that is no gap [s]
-    begins, ends : (s,) arrays, first and last stamp of each stretch without a pause [s]
-    marks : (m,) array, stamps of the rows 0, PIECE, 2 PIECE, … [s]
+    step : float, mean step within stretches [s]
+    begins, ends : (s,) arrays, first and last stamp of each stretch [s]
     """
 
     rows: int
     step: float
     begins: Array
     ends: Array
-    marks: Array
 
     @classmethod
-    def of(cls, stamps: Iterator[Array], where: str) -> LogClock:
-        """From times that do not run back; ``where`` begins the error of a log too short."""
-        rows, last = 0, np.zeros(0)
-        total, count, usual = 0.0, 0, 0.0
-        begins, ends, marks = list[float](), list[float](), list[float]()
-        for given in stamps:
-            if not len(given):
-                continue
-            marks += given[-rows % PIECE :: PIECE].tolist()
-            rows += len(given)
-            t = np.concatenate([last, given])
-            begins += [] if len(last) else [float(t[0])]
-            last = t[-1:]
-            steps = np.diff(t)
-            if not usual and (steps > 0).any():
-                usual = float(steps[steps > 0].mean())
+    def of(cls, time: Array, where: str) -> LogClock:
+        """Clock of stamps (n,) that do not run back; raises TrajectoryError, which begins with ``where``, for fewer than two.
+
+        >>> clock = LogClock.of(np.array([0.0, 0.5, 1.0, 5.0, 5.5]), "a log")
+        >>> clock.step, clock.begins.tolist(), clock.ends.tolist()
+        (0.5, [0.0, 5.0], [1.0, 5.5])
+        """
+        first = np.diff(time[:CHUNK])
+        usual = float(np.median(first[first > 0])) if (first > 0).any() else 0.0
+        total, count, cuts = 0.0, 0, [0]
+        for s in slices(len(time)):
+            steps = np.diff(time[s.start : s.stop + 1])
             regular = (steps > 0) & (steps <= GAP * usual)
             total, count = total + float(steps[regular].sum()), count + int(regular.sum())
-            for k in np.flatnonzero(steps > max(PAUSE, GAP * usual)).tolist():
-                ends.append(float(t[k]))
-                begins.append(float(t[k + 1]))
+            cuts += (np.flatnonzero(steps > max(PAUSE, GAP * usual)) + s.start + 1).tolist()
         if not count:
-            raise TrajectoryError(f"{where}: {rows} rows are too few to identify a robot from.")
-        ends.append(float(last[0]))
-        return cls(rows, total / count, np.array(begins), np.array(ends), np.array(marks))
+            raise TrajectoryError(f"{where}: {len(time)} rows are too few to identify a robot from.")
+        ends = [*cuts[1:], len(time)]
+        return cls(len(time), total / count, np.array(time[cuts]), np.array([time[k - 1] for k in ends]))
 
     @property
     def rate(self) -> float:
@@ -80,8 +74,23 @@ class LogClock:
 
     @property
     def seconds(self) -> float:
-        """How long it is without its pauses [s]."""
+        """Duration without pauses [s]."""
         return float((self.ends - self.begins).sum())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence on the pauses, if there are any."""
+        return gap_notes(self.begins[1:] - self.ends[:-1])
+
+
+def gap_notes(lengths: Array) -> tuple[str, ...]:
+    """A sentence on pauses of these lengths (k,) [s], at which logs are split; none without pauses."""
+    if not len(lengths):
+        return ()
+    count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
+    return (
+        f"{count}, {number(float(np.sum(lengths)), 3)} s in all: the logs are split there, and nothing is filled in.",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,47 +120,48 @@ class LogSource:
             return cls(robot, f"logs number {number}", motion=log)
         return cls(robot, str(log), **reading)
 
+    @property
     def log(self) -> MotionLog:
-        """The file, opened; raises what opening it raises."""
-        return MotionLog.open(self.path, self.robot.model, columns=self.columns, rate=self.rate, degrees=self.degrees)
+        """Log of the file, decoded once in a process; raises the errors of :meth:`MotionLog.open`."""
+        told, file = tuple(sorted((self.columns or {}).items())), Path(self.path)
+        written = file.stat().st_mtime_ns if file.is_file() else 0
+        key = (self.path, written, self.robot.coordinate_names, told, self.rate, self.degrees)
+        if key not in _OPENED:
+            options: dict[str, Any] = {"columns": self.columns, "rate": self.rate, "degrees": self.degrees}
+            log = MotionLog.open(self.path, self.robot.model, **options)
+            while len(_OPENED) >= _MOST_OPENED:
+                _OPENED.pop(next(iter(_OPENED)))
+            _OPENED[key] = log
+        return _OPENED[key]
 
     def clock(self) -> LogClock:
-        """One pass over the stamps."""
-        if self.motion is not None:
-            return LogClock.of(iter([self.motion.time]), self.path)
-        return LogClock.of(self.log().stamps(), self.path)
+        """Clock of all rows."""
+        return LogClock.of(self.log.table[:, 0] if self.motion is None else self.motion.time, self.path)
 
-    def portions(self, begin: int = 0, end: int | None = None, said: list[str] | None = None) -> Iterator[LogRows]:
-        """Rows of the joints' side; from a file that is read from its beginning only, all of them.
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each kind of rows left out."""
+        notes = self.log.notes if self.motion is None else self.motion.notes
+        return tuple(note for note in notes if note.startswith(LEFT_OUT))
 
-        ``said`` takes a sentence for each thing by which they contradict themselves, once all were read.
-        """
-        if self.motion is not None:
-            m, rows = self.motion, slice(max(0, begin), end)
-            yield LogRows(m.time[rows], m.q[rows], None, None, None if m.tau is None else m.tau[rows])
-            return
-        log = self.log()
-        part = log if end is None else (log.part(begin, end) or log)
-        for table in part.tables():
-            yield self._sided(part.motion(table))
-        if said is not None and self.side is None:
-            said += part.contradictions(self.robot.limits)
+    def contradictions(self) -> tuple[str, ...]:
+        """A sentence for each contradiction in a file of the joints' own columns."""
+        return () if self.motion is not None or self.side is not None else self.log.contradictions(self.robot.limits)
 
-    @property
-    def in_parts(self) -> bool:
-        """Whether it can be read from any row on."""
-        return self.motion is not None or self.log().part(0, 1) is not None
+    def rows(self, rows: slice) -> LogRows:
+        """Some rows, of the joints' side."""
+        m = self.motion
+        if m is not None:
+            return LogRows(m.time[rows], m.q[rows], None, None, None if m.tau is None else m.tau[rows])
+        return self._sided(self.log.motion(self.log.table[rows]))
 
     def excerpts(self, count: int, rows: int) -> list[Motion]:
         """Runs of consecutive rows spread evenly over the log, as motions; a short one comes whole."""
+        whole = len(self.log.table if self.motion is None else self.motion)
+        firsts = [0] if whole <= count * rows else [(whole - rows) * k // max(1, count - 1) for k in range(count)]
+        spans = [slice(first, first + rows if len(firsts) > 1 else whole) for first in firsts]
         if self.motion is not None:
-            whole = len(self.motion)
-            if whole <= count * rows:
-                return [self.motion]
-            firsts = [(whole - rows) * k // max(1, count - 1) for k in range(count)]
-            return [self.motion[first : first + rows] for first in firsts]
-        log = self.log()
-        found = [self._sided(log.motion(table)) for table in log.excerpts(count, rows)]
+            return [self.motion[span] for span in spans]
+        found = [self.rows(span) for span in spans]
         return [Motion(x.time, x.q, tau=x.tau, robot=self.robot, in_seconds=True) for x in found if len(x.time) > 1]
 
     def _sided(self, rows: LogRows) -> LogRows:
@@ -164,15 +174,20 @@ class LogSource:
         return replace(found, dq=None, ddq=None)
 
 
-# ── Chunks on a steady clock, which overlap by the reach of the filters
+_OPENED: dict[Any, MotionLog] = {}
+"""Logs that this process has decoded last, so that the chunks of one decode it once."""
+_MOST_OPENED = 2
+
+
+# ── Windows on a steady clock, which overlap by the reach of the filters
 
 _STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to the steady clock."""
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
-    """Samples first, first + 1, … of one stretch of a log, and which of them are this chunk's own.
+class SteadyWindow:
+    """Samples first, first + 1, … of one stretch of a log, and those that are this window's own.
 
     Attributes
     ----------
@@ -197,60 +212,34 @@ class Chunk:
     cut: bool = False
 
 
-def overlapping(
-    portions: Iterable[LogRows], core: int, margin: int
-) -> Iterator[tuple[Array, Array, Array, float, float]]:
-    """Times, q and τ of about ``core`` rows with up to ``margin`` more on each side, and the times from and until that count.
+def steady_windows(
+    source: LogSource, clock: LogClock, core: int, margin: int, begin: int, end: int
+) -> Iterator[SteadyWindow]:
+    """Windows of about ``core`` rows from ``begin`` to ``end`` of a log, with ``margin`` more on either side.
 
-    Times at the ends of the log are infinite: its first and last chunk own all that is before and after.
+    The steady clock of each stretch begins at its first stamp.
     """
-    kept: list[tuple[Array, Array, Array]] = []
-    rows, begun = 0, 0
-    since = -math.inf
-    for portion in portions:
-        kept.append((portion.time, portion.q, np.asarray(portion.tau)))  # sources refuse logs without torques
-        rows += len(portion.time)
-        while rows >= begun + core + margin + 1:
-            time, q, tau = _joined(kept)
-            end = begun + core
-            until = float(time[end])
-            cut = end + margin
-            yield time[:cut], q[:cut], tau[:cut], since, until
-            drop = max(0, end - margin)
-            kept = [(time[drop:], q[drop:], tau[drop:])]
-            rows, begun, since = len(time) - drop, end - drop, until
-    if kept:
-        yield *_joined(kept), since, math.inf
-
-
-def _joined(kept: list[tuple[Array, Array, Array]]) -> tuple[Array, Array, Array]:
-    if len(kept) == 1:
-        return kept[0]
-    time, q, tau = zip(*kept, strict=True)
-    return np.concatenate(time), np.concatenate(q), np.concatenate(tau)
-
-
-def chunks(
-    portions: Iterable[LogRows], clock: LogClock, model: Model, core: int, margin: int, span: tuple[float, float]
-) -> Iterator[Chunk]:
-    """Chunks of the rows whose times are in a span [s]; the steady clock of each stretch begins at its first stamp."""
-    for time, q, tau, since, until in overlapping(portions, core, margin):
-        since, until = max(since, span[0]), min(until, span[1])
-        if not since < until:
-            continue
-        for s, (begin, end) in enumerate(zip(clock.begins.tolist(), clock.ends.tolist(), strict=True)):
-            if end < time[0] or begin > time[-1] or end < since or begin >= until:
+    model = source.robot.model
+    for rows, _ in windows(end - begin, core, 0):
+        a, b = begin + rows.start, begin + rows.stop
+        low = max(0, a - margin)
+        part = source.rows(slice(low, min(clock.rows, b + margin + 1)))
+        time, q, tau = part.time, part.q, np.asarray(part.tau)  # sources refuse logs without torques
+        since = -math.inf if a == 0 else float(time[a - low])
+        until = math.inf if b == clock.rows else float(time[b - low])
+        for s, (first, last) in enumerate(zip(clock.begins.tolist(), clock.ends.tolist(), strict=True)):
+            if last < time[0] or first > time[-1] or last < since or first >= until:
                 continue
-            rows = slice(int(np.searchsorted(time, begin)), int(np.searchsorted(time, end, side="right")))
-            count = round((end - begin) / clock.step) + 1
-            if count < FEWEST or rows.stop - rows.start < 2:
+            here = slice(int(np.searchsorted(time, first)), int(np.searchsorted(time, last, side="right")))
+            count = round((last - first) / clock.step) + 1
+            if count < FEWEST or here.stop - here.start < 2:
                 continue
-            steady = _steady(time[rows], continuous(model, q[rows]), tau[rows], begin, clock.step, count)
+            steady = _steady(time[here], continuous(model, q[here]), tau[here], first, clock.step, count)
             if steady is None:
                 continue
-            first, positions, torques = steady
-            own = _number(since, begin, clock.step, count), _number(until, begin, clock.step, count)
-            yield Chunk(s, count, begin, clock.step, first, positions, torques, own, len(clock.begins) > 1)
+            place, positions, torques = steady
+            own = _number(since, first, clock.step, count), _number(until, first, clock.step, count)
+            yield SteadyWindow(s, count, first, clock.step, place, positions, torques, own, len(clock.begins) > 1)
 
 
 def _number(time: float, begin: float, step: float, count: int) -> int:
@@ -355,7 +344,7 @@ class JointRows:
     entries: tuple[Array, ...]
 
 
-def rows_of(frame: RowFrame, chunk: Chunk) -> Iterator[JointRows]:
+def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[JointRows]:
     """The rows that are the chunk's own, in portions of states that stay in the processor's cache."""
     cutoff, rate = frame.settings.cutoff, 1.0 / chunk.step
     every = max(1, math.floor(rate / (STATE_RATE * cutoff)))
@@ -378,7 +367,7 @@ def rows_of(frame: RowFrame, chunk: Chunk) -> Iterator[JointRows]:
             yield _portion(frame, states, torques, span, mine)
 
 
-def _states(chunk: Chunk, cutoff: float, every: int) -> tuple[Filtered, int]:
+def _states(chunk: SteadyWindow, cutoff: float, every: int) -> tuple[Filtered, int]:
     """States on the stretch's own grid of every so many samples, and the number of the first."""
     number = -(-chunk.first // every)
     time = chunk.begin + chunk.step * (chunk.first + np.arange(len(chunk.q)))

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..core.numbers import number
 from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
 from ..estimation.covariance import autocorrelation_length, group_covariance
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
@@ -19,6 +18,7 @@ from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
+from .chunks import gap_notes
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
@@ -263,10 +263,7 @@ def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
     """What was left out of the logs."""
     said = [note for motion in motions for note in motion.notes if note.startswith(LEFT_OUT)]
     lengths = [float(np.diff(motion.time)[k]) for motion in motions for k in pauses(motion.time).tolist()]
-    if lengths:
-        count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
-        said.append(f"{count}, {number(sum(lengths), 3)} s in all: the logs are split there, and nothing is filled in.")
-    return tuple(said)
+    return (*said, *gap_notes(np.array(lengths)))
 
 
 def _dead(motions: Sequence[Motion]) -> Array:

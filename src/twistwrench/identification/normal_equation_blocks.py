@@ -157,6 +157,7 @@ def write_information(i: NormalEquationBlocks, path: str | Path) -> Path:
         "autocorrelation_length": i.autocorrelation_length,
         "logs": list(i.logs),
         "doubts": [asdict(d) for d in i.doubts],
+        "notes": list(i.notes),
     }
     side = unknown.motor_side
     arrays: dict[str, Any] = {
@@ -216,6 +217,7 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
         "logs": tuple(said["logs"]),
         "doubts": tuple(Doubt(d["kind"], d["sentence"], tuple(d["joints"]), d["refuses"]) for d in said["doubts"]),
         "payload_frame": said["payload"],
+        "notes": tuple(said.get("notes", ())),
         "shown": HeldOutRows(*(arrays[f"shown_{k}"] for k in SHOWN)) if "shown_time" in arrays else None,
     }
 
@@ -382,7 +384,8 @@ class NormalEquationBlocks:
     logs : tuple of str, their names
     doubts : tuple of Doubt, of the excerpts that settings were chosen on
     shown : HeldOutRows, optional, rows of an excerpt, measured and predicted, for pictures
-    payload_frame : str or None, what carries the payload that alone was sought
+    payload_frame : str or None, frame of the payload that alone is identified
+    notes : tuple of str, a sentence for each kind of rows left out and for the gaps of each log
     """
 
     robot: Robot
@@ -398,6 +401,7 @@ class NormalEquationBlocks:
     doubts: tuple[Doubt, ...] = ()
     shown: HeldOutRows | None = None
     payload_frame: str | None = None
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -432,6 +436,7 @@ class NormalEquationBlocks:
             samples=self.samples + other.samples,
             logs=(*self.logs, *other.logs),
             doubts=(*self.doubts, *new),
+            notes=(*self.notes, *other.notes),
         )
 
     @property

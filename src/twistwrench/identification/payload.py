@@ -209,7 +209,7 @@ def read_motion(
     ):
         return Motion.from_file(path, robot, columns=columns, rate=rate, degrees=degrees)
     log = MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees)
-    rows = side.of_joints(log.motion(log.whole()))
+    rows = side.of_joints(log.motion(log.table))
     tally = Contradictions(log.coordinates, time_stated=True)
     tally.add(rows)
     notes = (*log.notes, *(f"LOOK AGAIN: {said}" for said in tally.sentences(robot.limits)))

@@ -22,7 +22,7 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .chunks import PIECE, LogClock, LogSource, RowFrame, chunks, rows_of
+from .chunks import CHUNK, LogClock, LogSource, RowFrame, rows_of, steady_windows
 from .consistent import sum_of
 from .identify import METHODS, checked_motions, fit_options, identified
 from .normal_equation_blocks import MOST_BLOCKS, SHOWN, JointBlocks, NormalEquationBlocks, block_fit
@@ -68,6 +68,7 @@ def streaming_fit(information: NormalEquationBlocks, test: NormalEquationBlocks 
         information=sum_of([fold.together() for fold in folds]),
         folds=tuple(folds),
         payload_frame=information.payload_frame,
+        notes=information.notes,
     )
 
 
@@ -108,40 +109,29 @@ _MOST_CORE = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """A piece of work: some rows of a log, in so many blocks of time."""
+class Chunk:
+    """Unit of work: some rows of a log, in so many blocks of time."""
 
     frame: RowFrame
     source: LogSource
     clock: LogClock
     begin: int
-    end: int | None
+    end: int
     blocks: int
 
-    def moments(self) -> tuple[JointBlocks, list[str]]:
-        """Sums over its rows, read with what filters reach on both sides, and what these contradict themselves by."""
+    def moments(self) -> tuple[JointBlocks, tuple[str, ...]]:
+        """Sums over its rows, and a sentence for each contradiction in the log, with the chunk that ends it."""
         frame, clock = self.frame, self.clock
-        rate, said = clock.rate, list[str]()
-        margin = frame.margin(rate)
-        every = max(1, int(rate / (STATE_RATE * frame.settings.cutoff)))
+        margin = frame.margin(clock.rate)
+        every = max(1, int(clock.rate / (STATE_RATE * frame.settings.cutoff)))
         core = max(LEAST_CORE, min(CORE * every, _MOST_CORE), 2 * margin)
-        span = (-np.inf, np.inf)
-        if self.end is not None:
-            span = (
-                float(clock.marks[self.begin // PIECE]) if self.begin else -np.inf,
-                float(clock.marks[self.end // PIECE]) if self.end < clock.rows else np.inf,
-            )
-            portions = self.source.portions(self.begin - 2 * margin, self.end + 2 * margin, said)
-        else:
-            portions = self.source.portions(said=said)
-        first = float(clock.marks[self.begin // PIECE])
-        last = span[1] if np.isfinite(span[1]) else float(clock.ends[-1])
-        edges = np.linspace(first, last, self.blocks + 1)[1:-1]
+        ends = self.source.rows(slice(self.begin, self.begin + 1)), self.source.rows(slice(self.end - 1, self.end))
+        edges = np.linspace(ends[0].time[0], ends[1].time[0], self.blocks + 1)[1:-1]
         found = JointBlocks.none(frame, self.blocks)
-        for chunk in chunks(portions, clock, frame.base.unknown.model, core, margin, span):
-            for rows in rows_of(frame, chunk):
+        for window in steady_windows(self.source, clock, core, margin, self.begin, self.end):
+            for rows in rows_of(frame, window):
                 found = found.added(frame, rows, np.searchsorted(edges, rows.time, side="right"))
-        return found, said
+        return found, self.source.contradictions() if self.end == clock.rows else ()
 
 
 # ── The pass over all rows
@@ -248,12 +238,12 @@ def accumulate(
     else:
         start = replace(like, moments=JointBlocks.none(like.frame, 0), doubts=(), logs=())
     tell(0.2)
-    pieces = _pieces(start.frame, sources, clocks)
-    made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
+    work = _chunks(start.frame, sources, clocks)
+    made = team.results(Chunk.moments, [chunk for _, chunk in work], lambda s: tell(0.2 + 0.8 * s))
     x = _reference(start, like)
     whole: NormalEquationBlocks | None = None
     left, said = dict[str, HeldOut](), dict[str, str]()
-    for part, sentences in _parts(start, sources, clocks, pieces, made, failed):
+    for part, sentences in _parts(start, sources, clocks, work, made, failed):
         left[part.logs[0]] = block_fit(part).predicted(x, "test")
         whole = part if whole is None else whole + part
         if sentences:
@@ -272,12 +262,12 @@ def _parts(
     start: NormalEquationBlocks,
     sources: Sequence[LogSource],
     clocks: Mapping[int, LogClock],
-    pieces: Sequence[tuple[int, Piece]],
-    made: Iterable[tuple[JointBlocks, list[str]] | Failure],
+    work: Sequence[tuple[int, Chunk]],
+    made: Iterable[tuple[JointBlocks, tuple[str, ...]] | Failure],
     failed: dict[str, str],
 ) -> Iterator[tuple[NormalEquationBlocks, list[str]]]:
     """What each log tells, with sentences on what contradicts itself in it; ``failed`` is told why there is none of a log."""
-    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
+    for k, of_log in groupby(zip(work, made, strict=True), lambda pair: pair[0][0]):
         path, results = sources[k].path, [result for _, result in of_log]
         if broken := [result.reason for result in results if isinstance(result, Failure)]:
             failed[path] = broken[0]
@@ -287,7 +277,13 @@ def _parts(
         if not moments.counts.any():
             failed[path] = "it is too short for its cut-off"
             continue
-        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
+        notes = (*sources[k].notes(), *clocks[k].notes)
+        about: dict[str, Any] = {
+            "seconds": clocks[k].seconds,
+            "samples": clocks[k].rows,
+            "logs": (path,),
+            "notes": notes,
+        }
         part = replace(start, moments=moments, doubts=(), **about)
         yield part, [sentence for _, sentences in fine for sentence in sentences]
 
@@ -335,18 +331,15 @@ def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) ->
     return found
 
 
-def _pieces(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Piece]]:
-    """Pieces of all logs, by the number of the log: the same whoever works."""
-    cuts: list[tuple[int, int, int | None]] = []
-    for k, clock in clocks.items():
-        whole = clock.rows <= PIECE or not sources[k].in_parts
-        cuts += [(k, 0, None)] if whole else [(k, a, min(a + PIECE, clock.rows)) for a in range(0, clock.rows, PIECE)]
+def _chunks(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Chunk]]:
+    """Chunks of all logs, with the number of the log; they do not depend on the workers."""
+    cuts = [(k, a, min(a + CHUNK, clock.rows)) for k, clock in clocks.items() for a in range(0, clock.rows, CHUNK)]
     found = []
     for k, begin, end in cuts:
         clock = clocks[k]
-        seconds = clock.seconds * ((clock.rows if end is None else end) - begin) / clock.rows
+        seconds = clock.seconds * (end - begin) / clock.rows
         blocks = int(np.clip(min(MOST_BLOCKS // len(cuts), seconds / _BLOCK), 1, MOST_BLOCKS))
-        found.append((k, Piece(frame, sources[k], clock, begin, end, blocks)))
+        found.append((k, Chunk(frame, sources[k], clock, begin, end, blocks)))
     return found
 
 
@@ -403,8 +396,4 @@ class _Windows:
 
     def of(self, source: LogSource) -> list[Motion]:
         """Runs of rows of one log, cut to no more than asked for."""
-        found = source.excerpts(max(2, self.count), WINDOW)
-        whole = found[0]
-        if len(found) == 1 and len(whole) > self.count * WINDOW:
-            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, WINDOW)
-        return found[: self.count] if len(found) > self.count else found
+        return source.excerpts(self.count, WINDOW)

@@ -24,7 +24,7 @@ from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from .array_stream import (
-    NpzFile,
+    ArrayFile,
     array_header,
     check_archive,
     check_unpacked,
@@ -36,7 +36,7 @@ from .array_stream import (
 _HDF5 = b"\x89HDF"
 
 
-def array_file(path: Path) -> NpzFile | None:
+def array_file(path: Path) -> ArrayFile | None:
     """The file read whole, or None where its name and first bytes are of no such file.
 
     Raises NotFoundError, MissingExtraError where a package is missing, and TrajectoryError for what cannot be read.
@@ -85,22 +85,14 @@ def _numbers(values: Array) -> Array:
     return values.astype(float)
 
 
-def _made(path: Path, read: Callable[[Path], Mapping[str, Any]]) -> NpzFile:
+def _made(path: Path, read: Callable[[Path], Mapping[str, Any]]) -> ArrayFile:
     if not path.is_file():
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a file.")
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {path.suffix[1:]}: {reason}.")):
         arrays = dict(read(path))
         notes = arrays.pop(_NOTES, ())
         header, table = column_table(arrays, str(path))
-    return checked(path, header, table, path.stat().st_size, notes)
-
-
-def checked(path: Path, header: list[str], table: Array, size: int, notes: tuple[str, ...] = ()) -> NpzFile:
-    """The table as a file, whose numbers are finite; rows before all columns have begun are left out."""
-    bad = ~np.isfinite(table).all(axis=1)
-    if bad.any():
-        raise TrajectoryError(f"{path}: row {int(bad.argmax()) + 1} has a number that is not finite. Remove the row.")
-    return NpzFile(path, tuple(header), table, size, notes)
+    return ArrayFile.of_table(path, header, table, path.stat().st_size, notes)
 
 
 def _npz(path: Path) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""Binary files of columns: archives read whole, and npy, npz, parquet and HDF5 read in blocks of bounded memory."""
+"""Binary files of columns: simulation archives, and large npy, npz, parquet and HDF5 files decoded in portions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import json
 import math
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,14 @@ from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
+from . import log_table
 from .column_names import SUFFIX, time_column
-from .csv_reader import Block
+from .log_table import slices, table_of
 
 MOST_UNPACKED = 1 << 30
 """Bytes that a file read whole may unpack to."""
 _MARK = "twistwrench simulation"
 _MARK_BYTES = 1 << 12
-_ROWS_of_npz_file = 1 << 14
 
 
 def check_unpacked(path: Path, size: int) -> None:
@@ -87,59 +87,75 @@ def is_simulation(path: Path) -> bool:
         return True
 
 
+Read = Callable[[Sequence[int]], Iterator[Array]]
+"""Portions (n, k) of the rows of some columns."""
+
+
 @dataclass(frozen=True, eq=False)
-class NpzFile:
-    """A motion that is in memory whole."""
+class ArrayFile:
+    """File of columns whose header has been read."""
 
     path: Path
     header: tuple[str, ...]
-    table: Array
     size: int
-    """Of the file [bytes]."""
+    """Size of the file, or of its columns unpacked if that is more [bytes]."""
+    read: Read
     notes: tuple[str, ...] = ()
     """A sentence for each thing in the file that is not read."""
+    advice: str = "remove the row"
+    """Remedy of numbers that are not finite."""
 
     @classmethod
-    def open(cls, path: str | Path) -> NpzFile:
-        """Read it all; raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`."""
-        path = as_path(path)
-        if not path.is_file():
-            raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.")
-        advice = "Give one that simulate --npz wrote, whole, or a CSV file."
-        unreadable = f"{path}: an archive that cannot be read as a motion"
-        with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
-            header, table = _read(path)
-        bad = ~np.isfinite(table).all(axis=1)
-        if bad.any():
-            raise TrajectoryError(
-                f"{path}: row {int(bad.argmax()) + 1} has a number that is not finite. Remove the row."
-            )
-        return cls(path, tuple(header), table, path.stat().st_size)
+    def of_table(
+        cls, path: Path, header: Sequence[str], table: Array, size: int, notes: tuple[str, ...] = ()
+    ) -> ArrayFile:
+        """File whose columns (n, k) are in memory."""
+        return cls(path, tuple(header), size, lambda used: iter([table[:, list(used)]]), notes)
 
-    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
-        """All rows, in blocks: of the ``used`` columns."""
-        for k in range(0, len(self.table), _ROWS_of_npz_file):
-            rows = self.table[k : k + _ROWS_of_npz_file, list(used)]
-            if not np.isfinite(rows).all():
-                raise TrajectoryError(self._gap(rows, k, used))
-            share = len(rows) / len(self.table)
-            yield Block(rows, int(self.size * share), lambda row, k=k: f"row {k + row + 1}")  # type: ignore[misc]
+    def table(self, used: Sequence[int]) -> Array:
+        """Table (n, len(used)) of those columns; raises TrajectoryError for numbers that are not finite."""
+        return table_of(self._portions(used), len(used), self.path)
 
-    def _gap(self, rows: Array, first: int, used: Sequence[int]) -> str:
-        """What is not finite in ``rows``, of which the first has that number; a DataFrame's, as files are read whole."""
-        odd = ~np.isfinite(rows)
-        row = int(odd.any(axis=1).argmax())
-        column, count = int(odd[row].argmax()), int(odd.any(axis=1).sum())
-        more = f", and {count - 1} more row{'s' if count > 2 else ''} here" if count > 1 else ""
-        return (
-            f"{self.path}: row {first + row + 1}, column {self.header[used[column]]!r} is {rows[row, column]}{more}. Samples "
-            "must be finite: frame.dropna() leaves such rows out, frame.interpolate() fills them."
-        )
+    def first(self, column: int) -> Array:
+        """First numbers of a column, as many as a portion has."""
+        return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
 
-    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
-        """None: it is read whole."""
-        del used, count, rows
-        return None
+    def place(self, row: int) -> str:
+        """Place of a row, ``row 3``."""
+        return f"row {row + 1}"
+
+    def _portions(self, used: Sequence[int]) -> Iterator[Array]:
+        row, portions = 0, self.read(list(used))
+        while True:
+            reason = f"{self.path}: cannot be read from row {row + 1} on"
+            with third_party_errors(
+                lambda said, reason=reason: TrajectoryError(f"{reason}: {said}. Is the file cut short?")  # type: ignore[misc]
+            ):
+                table = next(portions, None)
+            if table is None:
+                return
+            if (odd := ~np.isfinite(table)).any():
+                bad = int(odd.any(axis=1).argmax())
+                k, count = int(odd[bad].argmax()), int(odd.any(axis=1).sum())
+                more = f", and {count - 1} more row{'s' if count > 2 else ''} here" if count > 1 else ""
+                raise TrajectoryError(
+                    f"{self.path}: row {row + bad + 1}, column {self.header[used[k]]!r} is {table[bad, k]}{more}. Samples must "
+                    f"be finite: {self.advice}."
+                )
+            yield table
+            row += len(table)
+
+
+def simulation_file(path: str | Path) -> ArrayFile:
+    """Motion of a simulation that ``simulate --npz`` wrote; raises NotFoundError and TrajectoryError."""
+    path = as_path(path)
+    if not path.is_file():
+        raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.")
+    advice = "Give one that simulate --npz wrote, whole, or a CSV file."
+    unreadable = f"{path}: an archive that cannot be read as a motion"
+    with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
+        header, table = _read(path)
+    return ArrayFile.of_table(path, header, table, path.stat().st_size)
 
 
 def _read(path: Path) -> tuple[list[str], Array]:
@@ -159,88 +175,24 @@ def _read(path: Path) -> tuple[list[str], Array]:
         return header, np.concatenate(columns, axis=1)
 
 
-# ── Blocks of large files: npy, npz, parquet and HDF5
+# ── Large files: npy, npz, parquet and HDF5
 
-LARGE = 1 << 25
-"""Bytes of all columns once unpacked, beyond which a file is not read whole."""
-_ROWS = 1 << 14
 _NUMBERS = "iufb"
 
-Read = Callable[[Sequence[int], int, int], Iterator[Array]]
-"""Of columns, the first row, and the row after the last: portions (n, columns)."""
 
-
-@dataclass(frozen=True, eq=False)
-class ArrayStream:
-    """A file of columns whose rows stay in it.
-
-    Attributes
-    ----------
-    path : Path
-    header : tuple of str
-    rows : int, of the file
-    size : int, of the file, or of its columns unpacked where that is more [bytes]
-    read : callable, portions of some columns between two rows
-    begin, end : int, the rows that are given
-    """
-
-    path: Path
-    header: tuple[str, ...]
-    rows: int
-    size: int
-    read: Read
-    begin: int = 0
-    end: int = -1
-    notes: tuple[str, ...] = ()
-    """A sentence for each thing in the file that is not read."""
-
-    @classmethod
-    def open(cls, path: Path) -> ArrayStream | None:
-        """Look at the file; None where it is small, or not made of columns that can be read in portions."""
-        suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
-        reader = _READERS.get(suffix)
-        if reader is None or not path.is_file():
-            return None
-        with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
-            found = reader(path)
-        if found is None:
-            return None
-        header, rows, read = found[:3]
-        size = max(path.stat().st_size, 8 * rows * len(header))
-        return None if size < LARGE else cls(path, tuple(header), rows, size, read, 0, rows, *found[3:])
-
-    def part(self, begin: int, end: int) -> ArrayStream:
-        """The same file from one row to another, as far as it has them."""
-        return replace(self, begin=max(0, begin), end=min(self.rows, end))
-
-    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
-        """All rows, in blocks: of the ``used`` columns, which must be finite numbers."""
-        row, bytes_per_row = self.begin, self.size / max(1, self.rows)
-        portions = self.read(list(used), self.begin, self.end)
-        reason = f"{self.path}: cannot be read from row {row + 1} on"
-        while True:
-            with third_party_errors(lambda said: TrajectoryError(f"{reason}: {said}. Is the file cut short?")):
-                table = next(portions, None)
-            if table is None:
-                return
-            if not np.isfinite(table).all():
-                bad = row + int((~np.isfinite(table).all(axis=1)).argmax())
-                raise TrajectoryError(f"{self.path}: row {bad + 1} has a number that is not finite. Remove the row.")
-            yield Block(table, int(bytes_per_row * len(table)), lambda k, row=row: f"row {row + k + 1}")  # type: ignore[misc]
-            row += len(table)
-
-    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
-        """Up to ``count`` runs of ``rows`` consecutive rows spread evenly over the file, its ends included."""
-        whole = self.end - self.begin
-        if whole <= count * rows:
-            return None
-        found = []
-        for k in range(count):
-            first = self.begin + (whole - rows) * k // (count - 1)
-            blocks = list(self.part(first, first + rows).blocks(used))
-            table = np.concatenate([b.table for b in blocks])
-            found.append(Block(table, 0, blocks[0].place))
-        return found
+def large_array_file(path: Path) -> ArrayFile | None:
+    """File that is decoded in portions; None if it is small, or its columns cannot be read in portions."""
+    suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
+    reader = _READERS.get(suffix)
+    if reader is None or not path.is_file():
+        return None
+    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
+        found = reader(path)
+    if found is None:
+        return None
+    header, rows, read = found[:3]
+    size = max(path.stat().st_size, 8 * rows * len(header))
+    return None if size < log_table.LARGE else ArrayFile(path, tuple(header), size, read, *found[3:])
 
 
 def _npy(path: Path) -> tuple[list[str], int, Read] | None:
@@ -257,11 +209,11 @@ def _npy(path: Path) -> tuple[list[str], int, Read] | None:
     if path.stat().st_size < offset + width * shape[0]:
         raise TrajectoryError(f"{path}: has fewer rows than the {shape[0]} that it says. Is the file cut short?")
 
-    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+    def read(used: Sequence[int]) -> Iterator[Array]:
         with path.open("rb") as file:
-            file.seek(offset + begin * width)
-            for first in range(begin, end, _ROWS):
-                count = min(_ROWS, end - first)
+            file.seek(offset)
+            for s in slices(shape[0]):
+                count = s.stop - s.start
                 data = file.read(count * width)
                 if len(data) < count * width:
                     raise TrajectoryError("there are fewer rows than its header says")
@@ -298,16 +250,16 @@ def _npz(path: Path) -> tuple[list[str], int, Read] | None:
         return None
     rows, places = told
 
-    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+    def read(used: Sequence[int]) -> Iterator[Array]:
         wanted = [places[k][:2] for k in used]
         with zipfile.ZipFile(path) as archive, contextlib.ExitStack() as open_files:
             files = {}
             for name in dict.fromkeys(name for name, _ in wanted):
-                member, offset, dtype, width = heads[name]
+                member, offset, _, _ = heads[name]
                 files[name] = open_files.enter_context(archive.open(member))
-                files[name].seek(offset + begin * width * dtype.itemsize)
-            for first in range(begin, end, _ROWS):
-                count, parts = min(_ROWS, end - first), {}
+                files[name].seek(offset)
+            for s in slices(rows):
+                count, parts = s.stop - s.start, {}
                 for name, file in files.items():
                     _, _, dtype, width = heads[name]
                     data = file.read(count * width * dtype.itemsize)
@@ -327,29 +279,21 @@ def _parquet(path: Path) -> tuple[list[str], int, Read, tuple[str, ...]] | None:
         raise MissingExtraError.of("pyarrow", "logs", "Reading parquet") from None
     with pyarrow.parquet.ParquetFile(path) as file:
         fields = list(file.schema_arrow)
-        starts = np.cumsum([0, *(file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups))])
+        rows = int(file.metadata.num_rows)
     is_number = (pyarrow.types.is_floating, pyarrow.types.is_integer)
     header = [f.name for f in fields if any(test(f.type) for test in is_number)]
     if not header or any(pyarrow.types.is_temporal(f.type) for f in fields):
         return None  # dates are seconds since the first of them
     notes = lists_left_out(fields)
 
-    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+    def read(used: Sequence[int]) -> Iterator[Array]:
         names = [header[k] for k in used]
-        groups = [k for k in range(len(starts) - 1) if starts[k] < end and starts[k + 1] > begin]
-        row = int(starts[groups[0]]) if groups else 0
         with pyarrow.parquet.ParquetFile(path) as file:
-            for batch in file.iter_batches(_ROWS, row_groups=groups, columns=names, use_threads=False):
-                a, b = max(begin, row) - row, min(end, row + batch.num_rows) - row
-                row += batch.num_rows
-                if a < b:
-                    part = batch.slice(a, b - a)
-                    yield np.stack(
-                        [part.column(name).to_numpy(zero_copy_only=False).astype(float, copy=False) for name in names],
-                        axis=1,
-                    )
+            for batch in file.iter_batches(log_table.ROWS, columns=names, use_threads=False):
+                columns = [batch.column(name).to_numpy(zero_copy_only=False) for name in names]
+                yield np.stack([column.astype(float, copy=False) for column in columns], axis=1)
 
-    return header, int(starts[-1]), read, notes
+    return header, rows, read, notes
 
 
 def lists_left_out(fields: Sequence[Any]) -> tuple[str, ...]:
@@ -379,12 +323,11 @@ def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
         return None
     rows, places = told
 
-    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+    def read(used: Sequence[int]) -> Iterator[Array]:
         wanted = [places[k][:2] for k in used]
         with h5py.File(path, "r") as file:
-            for first in range(begin, end, _ROWS):
-                last = min(end, first + _ROWS)
-                parts = {name: file[name][first:last] for name in dict.fromkeys(name for name, _ in wanted)}
+            for s in slices(rows):
+                parts = {name: file[name][s] for name in dict.fromkeys(name for name, _ in wanted)}
                 yield np.stack([parts[name] if k is None else parts[name][:, k] for name, k in wanted], axis=1).astype(
                     float, copy=False
                 )
@@ -413,30 +356,3 @@ _READERS: dict[str, Callable[[Path], Any]] = {
     ".parquet": _parquet,
     **dict.fromkeys((".h5", ".hdf5"), _hdf5),
 }
-
-
-# ── Buffered rows of a table that can only be read from its beginning
-
-
-def passing_runs(tables: Callable[[], Iterable[Array]], count: int, rows: int, *, whole: bool) -> list[Array]:
-    """Up to ``count`` runs of ``rows`` rows spread evenly over blocks of a table, which are passed over twice.
-
-    All rows as one run where ``whole``, or where there are no more.
-
-    >>> blocks = [np.arange(6.0).reshape(3, 2), np.arange(6.0, 14.0).reshape(4, 2)]
-    >>> [run[:, 0].tolist() for run in passing_runs(lambda: blocks, 2, 2, whole=False)]
-    [[0.0, 2.0], [10.0, 12.0]]
-    """
-    total = 0 if whole else sum(len(table) for table in tables())
-    if whole or total <= count * rows:
-        return [np.concatenate(list(tables()))]
-    firsts = [(total - rows) * k // max(1, count - 1) for k in range(count)]
-    runs: list[list[Array]] = [[] for _ in firsts]
-    at = 0
-    for table in tables():
-        for k, first in enumerate(firsts):
-            inside = table[max(0, first - at) : max(0, first + rows - at)]
-            if len(inside):
-                runs[k].append(inside.copy())
-        at += len(table)
-    return [np.concatenate(run) for run in runs]

@@ -6,19 +6,19 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.files import as_path
 from ..core.tables import unescape_cell
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..typing import Array
+from .log_table import table_of
 from .text_source import TextSource
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
@@ -285,22 +285,7 @@ def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
     return table if np.isfinite(table).all() else None
 
 
-# ── Consecutive rows, and their places in the file
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Rows as they were read."""
-
-    table: NDArray[Any]
-    """(n, columns), as the numbers stand in the file."""
-    size: int
-    """Bytes of the file that they took."""
-    place: Callable[[int], str]
-    """Of a row: ``line 12``, or ``row 3`` where the file has no lines."""
-
-
-# ── The file, read in blocks of lines
+# ── The file, decoded in blocks of lines
 
 _BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
 _LONGEST_LINE = 1 << 22
@@ -356,8 +341,8 @@ class CsvFile:
         ...     path = pathlib.Path(folder, "log.csv")
         ...     _ = path.write_text("time;elbow [deg]\n0;1,5\n1;2,5\n")
         ...     file = CsvFile.open(path)
-        ...     file.header, [block.table.tolist() for block in file.blocks([0, 1])]
-        (('time', 'elbow [deg]'), [[[0.0, 1.5], [1.0, 2.5]]])
+        ...     file.header, file.table([0, 1]).tolist()
+        (('time', 'elbow [deg]'), [[0.0, 1.5], [1.0, 2.5]])
         """
         source = TextSource.of(as_path(path))
         with source.open() as file:
@@ -392,14 +377,37 @@ class CsvFile:
             "short there. Complete or remove the row.",
         )
 
-    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
-        """All rows, in blocks: of the ``used`` columns. Rows are checked to be whole, and numbers to be finite numbers."""
+    def table(self, used: Sequence[int]) -> Array:
+        """Table (n, len(used)) of those columns; raises TrajectoryError for cut rows and cells that are not finite numbers."""
+        return table_of(self._portions(used), len(used), self.path)
+
+    def first(self, column: int) -> Array:
+        """First numbers of a column, as many as a block has."""
+        return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
+
+    def _portions(self, used: Sequence[int]) -> Iterator[Array]:
         line = self.header_line + 1
         with self.source.open() as file:
             file.seek(self.data_offset)
-            for text, size in _lines(file, self.path):
-                yield self._block(text, size, line, used)
-                line += text.count(b"\n")
+            for lines in _lines(file, self.path):
+                text = normalise_newlines(lines)
+                table = parse_block(text, self.dialect, len(self.header), used)
+                if table is None:
+                    raise blame(text, self.path, line, self.header, used, self.dialect)
+                yield table
+                line += lines.count(b"\n")
+
+    def place(self, row: int) -> str:
+        """Place of a row, ``line 12``."""
+        line = self.header_line
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            for raw in file:
+                line += 1
+                row -= _is_row(raw)
+                if row < 0:
+                    break
+        return f"line {line}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """The number of each line of a short file, counting from 1, and its cells; no blank lines and comments.
@@ -417,43 +425,6 @@ class CsvFile:
                 if len(cells) != len(self.header):
                     raise blame(raw, self.path, line, self.header, (), self.dialect)
                 yield line, cells
-
-    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
-        """Up to ``count`` runs of about ``rows`` consecutive rows spread evenly over the file, its ends included.
-
-        Their rows' places are unknown. None of a file so short that it is better read whole.
-        """
-        width = self._bytes_per_row() * rows
-        body = self.size - self.data_offset
-        if body <= count * width:
-            return None
-        found = []
-        with self.source.open() as file:
-            for k in range(count):
-                file.seek(self.data_offset + (body - width) * k // (count - 1))
-                if k:
-                    file.readline(_LONGEST_LINE)  # the rest of a line that was cut
-                text = file.read(width)
-                found.append(self._block(text[: text.rfind(b"\n") + 1], 0, 0, used))
-        return found
-
-    def _bytes_per_row(self) -> int:
-        with self.source.open() as file:
-            file.seek(self.data_offset)
-            text = file.read(_BLOCK)
-        return max(1, len(text) // max(1, text.count(b"\n")))
-
-    def _block(self, text: bytes, size: int, line: int, used: Sequence[int]) -> Block:
-        text = normalise_newlines(text)
-        table = parse_block(text, self.dialect, len(self.header), used)
-        if table is None:
-            raise blame(text, self.path, line, self.header, used, self.dialect)
-
-        def place(row: int) -> str:
-            lines = [k for k, raw in enumerate(text.split(b"\n")) if _is_row(raw)]
-            return f"line {line + lines[row]}"
-
-        return Block(table, size, place)
 
 
 def _numeric(cell: str) -> bool:
@@ -511,19 +482,19 @@ def _is_row(raw: bytes) -> bool:
     return bool(raw.strip()) and not raw.lstrip(b" \t").startswith(b"#")
 
 
-def _lines(file: BinaryIO, path: Path) -> Iterator[tuple[bytes, int]]:
-    """Blocks of whole lines, and how many bytes were read for each."""
+def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
+    """Blocks of whole lines."""
     rest = b""
     while text := file.read(_BLOCK):
-        size, text = len(text), rest + text
+        text = rest + text
         cut = text.rfind(b"\n") + 1
         if not cut and len(text) > _LONGEST_LINE:
             raise _long_line(path)
         rest = text[cut:]
         if cut:
-            yield text[:cut], size
+            yield text[:cut]
     if rest:
-        yield rest, len(rest)
+        yield rest
 
 
 def _long_line(path: Path) -> TrajectoryError:

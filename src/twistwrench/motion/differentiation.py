@@ -13,8 +13,9 @@ from ..errors import TrajectoryError
 from ..model.model import Model
 from ..typing import Array
 from .coordinates import Continuity, Coordinates, joint_rates
+from .log_table import windows
 from .motion_log import LogRows, MotionLog
-from .noise import SampleErrors, Survey, sample_errors, survey, windows
+from .noise import SampleErrors, Survey, sample_errors, survey
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates
 
 SURE = 5.0
@@ -368,20 +369,24 @@ class Differentiation:
         return found
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
-        """The motion in runs of about ``core`` rows; the same values whatever ``core``, to round-off."""
+        """Samples of the motion in runs of about ``core`` rows; values do not depend on ``core``, to round-off."""
         for states, _, inner in self.surrounded_states(core, progress):
             yield states.at(inner)
 
     def surrounded_states(
         self, core: int, progress: Callable[[int], None] | None = None
     ) -> Iterator[tuple[MotionSamples, LogRows, slice]]:
-        """The motion in overlapping runs, what the file says there, and the slice that is new in each.
+        """Samples in overlapping runs, the rows of the log there, and the slice that is new in each.
 
-        Around that slice are :attr:`margin` rows more, or as many as there are: all that its values depend on.
+        Around that slice are up to :attr:`margin` rows, on which its values depend. ``progress`` is called with the number of
+        new rows.
         """
-        for rows, inner in windows(self.trajectory.tables(progress), max(core, self.margin), self.margin):
-            motion = self.trajectory.motion(rows)
+        table = self.trajectory.table
+        for rows, inner in windows(len(table), max(core, self.margin), self.margin):
+            motion = self.trajectory.motion(table[rows])
             yield self.complete(motion), motion, inner
+            if progress is not None:
+                progress(inner.stop - inner.start)
 
     @property
     def margin(self) -> int:

@@ -212,7 +212,7 @@ class Motion(MotionFiles):
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
-        rows = log.motion(log.whole())
+        rows = log.motion(log.table)
         doubts = (*(f"LOOK AGAIN: {doubt}" for doubt in log.contradictions(robot.limits)), *log.hints(robot.limits))
         given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
         return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *doubts), in_seconds=True)

@@ -10,9 +10,8 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -21,42 +20,19 @@ from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError, TwistWrenchError
 from ..model.model import Model
 from ..typing import Array
-from .array_files import array_file, checked
-from .array_stream import LARGE, ArrayStream, NpzFile, is_archive
+from .array_files import array_file
+from .array_stream import ArrayFile, is_archive, large_array_file, simulation_file
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning
 from .columns import absent_joints
 from .coordinates import Coordinates
-from .csv_reader import Block, CsvFile
+from .csv_reader import CsvFile
+from .log_table import slices, table_of
 
 JOINS = "+"
-_ROWS = 1 << 14
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
 """What words of a file's name say of the columns in it."""
 _SAME_STAMPS = 1e-6
 """s."""
-
-
-class Table(Protocol):
-    """A file of columns, as each reader gives it."""
-
-    @property
-    def path(self) -> Path:
-        """Of the file."""
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Names of its columns."""
-
-    @property
-    def size(self) -> int:
-        """Of the file [bytes]."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A sentence for each thing in the file that is not read."""
-
-    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
-        """All rows of some columns, in blocks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +41,7 @@ class JoinedFile:
 
     path: Path
     header: tuple[str, ...]
-    parts: tuple[Table, ...]
+    parts: tuple[MotionFile, ...]
     places: tuple[tuple[int, int], ...]
     """Of each column of the header: the file, and the column in it."""
     stamps: tuple[int | None, ...]
@@ -74,7 +50,7 @@ class JoinedFile:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def open(cls, path: str | Path, reader: Callable[[str], Table]) -> JoinedFile:
+    def open(cls, path: str | Path, reader: Callable[[str], MotionFile]) -> JoinedFile:
         """Open each of the files that ``a.csv+b.csv`` names; raises what their readers raise, and TrajectoryError."""
         names = [name.strip() for name in str(path).split(JOINS)]
         if not all(names):
@@ -99,68 +75,45 @@ class JoinedFile:
         size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
 
-    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
-        """All rows, in blocks: of the ``used`` columns. Files whose stamps differ are read whole, as they may be anywhere."""
-        if self.size > LARGE and self._one_clock:
-            yield from self._side_by_side(used)
-            return
+    def table(self, used: Sequence[int]) -> Array:
+        """Table (n, len(used)) of those columns, resampled at the stamps of the first file if those of others differ."""
         wanted = [self.places[k] for k in used]
-        tables, times = [], []
-        for k, part in enumerate(self.parts):
+        tables, times = list[Array](), list[Array | None]()
+        for k, (part, stamp) in enumerate(zip(self.parts, self.stamps, strict=True)):
             own = [c for file, c in wanted if file == k]
-            stamp = self.stamps[k]
-            columns = own if stamp is None else [*own, stamp]
-            whole = np.concatenate([b.table for b in part.blocks(columns)] or [np.zeros((0, len(columns)))])
+            whole = part.table(own if stamp is None else [*own, stamp])
             times.append(None if stamp is None else whole[:, -1] * _seconds(part.header[stamp]))
             tables.append(whole[:, : len(own)])
-        table = self._joined(tables, times)
-        table = table[:, _in_order(wanted)]
-        for k in range(0, len(table), _ROWS):
-            rows = table[k : k + _ROWS]
-            yield Block(rows, int(self.size * len(rows) / len(table)), lambda row, k=k: f"row {k + row + 1}")  # type: ignore[misc]
-
-    @cached_property
-    def _one_clock(self) -> bool:
-        """Whether rows of one number belong together: no file has stamps, or all have the same."""
-        if self.stamps[0] is None:
-            return True
-        columns = [([s], _seconds(p.header[s])) for p, s in zip(self.parts, self.stamps, strict=True) if s is not None]
-        stamps = [
-            (b.table[:, 0] * factor for b in part.blocks(column))
-            for part, (column, factor) in zip(self.parts, columns, strict=True)
+        rows, columns, first = self._matched(tables, times), _in_order(wanted), times[0]
+        alike = [
+            first is None or t is None or (len(t) == len(first) and bool(np.abs(t - first).max() <= _SAME_STAMPS))
+            for t in times
         ]
-        try:
-            return all(np.abs(t - t[0]).max(initial=0.0) <= _SAME_STAMPS for t in _abreast(stamps))
-        except _UnevenError:
-            return False
 
-    def _side_by_side(self, used: Sequence[int]) -> Iterator[Block]:
-        """Rows of one number, block by block; raises TrajectoryError where one file has more of them."""
-        wanted, row = [self.places[k] for k in used], 0
-        order = _in_order(wanted)
-        mine = [[c for file, c in wanted if file == k] for k in range(len(self.parts))]
-        files = [k for k, columns in enumerate(mine) if columns]
-        share = self.size / sum(self.parts[k].size for k in files)
-        read = [(b.table for b in self.parts[k].blocks(mine[k])) for k in files]
-        try:
-            for tables in _abreast(read):
-                first = row
-                row += len(tables[0])
-                table = np.concatenate(tables, axis=1)[:, order]
-                yield Block(table, int(share * 8 * table.size), lambda k, first=first: f"row {first + k + 1}")  # type: ignore[misc]
-        except _UnevenError as problem:
-            raise TrajectoryError(
-                f"{self.path}: files without a time are joined row by row, and their rows differ: "
-                f"{self.parts[files[problem.which]].path.name} has more than the {row} of another. Cut them alike, or "
-                "give each a column of time."
-            ) from None
+        def portions() -> Iterator[Array]:
+            for s in slices(len(rows)):
+                kept = np.arange(s.start, s.stop)[rows[s]]
+                if not kept.size:
+                    continue
+                found = [
+                    table[kept] if same or t is None or first is None else _resampled(table, t, first[kept])
+                    for table, t, same in zip(tables, times, alike, strict=True)
+                ]
+                yield np.concatenate(found, axis=1)[:, columns]
 
-    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
-        """None: it is read whole."""
-        del used, count, rows
-        return None
+        return table_of(portions(), len(used), self.path)
 
-    def _joined(self, tables: list[Array], times: list[Array | None]) -> Array:
+    def first(self, column: int) -> Array:
+        """First numbers of a column."""
+        file, own = self.places[column]
+        return self.parts[file].first(own)
+
+    def place(self, row: int) -> str:
+        """Place of a row, ``row 3``."""
+        return f"row {row + 1}"
+
+    def _matched(self, tables: list[Array], times: list[Array | None]) -> Array:
+        """(n,) bool: rows of the first file that all others reach; raises TrajectoryError if the files do not match."""
         first = times[0]
         if first is None:
             counts = [len(table) for table in tables]
@@ -170,43 +123,21 @@ class JoinedFile:
                     f"{self.path}: files without a time are joined row by row, and their rows differ: {said}. Cut them alike, "
                     "or give each a column of time."
                 )
-            return np.concatenate(tables, axis=1)
+            return np.ones(counts[0], bool)
         begin = max(float(t[0]) for t in times if t is not None and len(t))
         end = min(float(t[-1]) for t in times if t is not None and len(t))
         kept = (first >= begin) & (first <= end)
         if not kept.any():
-            raise TrajectoryError(f"{self.path}: the stamps of the files do not overlap, so they are no one recording.")
-        found = [tables[0][kept]]
-        for table, time in zip(tables[1:], times[1:], strict=True):
-            if time is None:
-                continue
-            if len(time) == len(first) and np.abs(time - first).max() <= _SAME_STAMPS:
-                found.append(table[kept])
-            else:
-                found.append(
-                    np.stack([np.interp(first[kept], time, x) for x in table.T], axis=1).reshape(kept.sum(), -1)
-                )
-        return np.concatenate(found, axis=1)
+            raise TrajectoryError(
+                f"{self.path}: the stamps of the files do not overlap, so they are not one recording."
+            )
+        return np.asarray(kept)
 
 
-class _UnevenError(Exception):
-    """One of several files has rows left when another has none."""
-
-    def __init__(self, which: int) -> None:
-        super().__init__()
-        self.which = which
-
-
-def _abreast(parts: Sequence[Iterator[Array]]) -> Iterator[list[Array]]:
-    """Portions of equally many rows from each of several, which come in portions of any length."""
-    kept = [next(part, None) for part in parts]
-    while all(x is not None for x in kept):
-        some = [x for x in kept if x is not None]
-        count = min(map(len, some))
-        yield [x[:count] for x in some]
-        kept = [x[count:] if len(x) > count else next(part, None) for x, part in zip(some, parts, strict=True)]
-    if (left := [k for k, x in enumerate(kept) if x is not None and len(x)]) and len(left) < len(kept):
-        raise _UnevenError(left[0])
+def _resampled(table: Array, time: Array, at: Array) -> Array:
+    """Rows of a table (n, k) with stamps (n,), interpolated at times (m,) that ascend."""
+    near = slice(max(0, int(np.searchsorted(time, at[0])) - 1), int(np.searchsorted(time, at[-1], side="right")) + 1)
+    return np.stack([np.interp(at, time[near], x) for x in table[near].T], axis=1).reshape(len(at), -1)
 
 
 def _in_order(wanted: Sequence[tuple[int, int]]) -> Array:
@@ -251,7 +182,7 @@ def is_recording(path: Path) -> bool:
         return False
 
 
-def ros_file(path: Path) -> NpzFile:
+def ros_file(path: Path) -> ArrayFile:
     """Stamps, positions, velocities and efforts of the topic of joint states that has most messages.
 
     Raises NotFoundError, MissingExtraError where a package is missing, and TrajectoryError for what cannot be read.
@@ -267,7 +198,7 @@ def ros_file(path: Path) -> NpzFile:
     topic = max(messages, key=lambda name: len(messages[name]))
     header, table = _table(messages[topic], f"{path}, topic {topic}")
     size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
-    return checked(path, header, table, size)
+    return ArrayFile.of_table(path, header, table, size)
 
 
 def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
@@ -329,7 +260,7 @@ def _bag(path: Path) -> Iterator[tuple[str, Any]]:
 
 # ── Opening a file by its name and first bytes
 
-MotionFile = CsvFile | NpzFile | JoinedFile | ArrayStream
+MotionFile = CsvFile | ArrayFile | JoinedFile
 
 
 def open_motion_file(path: str | Path) -> MotionFile:
@@ -338,11 +269,11 @@ def open_motion_file(path: str | Path) -> MotionFile:
         return JoinedFile.open(path, open_motion_file)
     if is_recording(as_path(path)):
         return ros_file(as_path(path))
-    if (stream := ArrayStream.open(as_path(path))) is not None:
-        return stream
+    if (large := large_array_file(as_path(path))) is not None:
+        return large
     if (arrays := array_file(as_path(path))) is not None:
         return arrays
-    return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)
+    return simulation_file(path) if is_archive(as_path(path)) else CsvFile.open(path)
 
 
 def _is_there(path: Path) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..errors import MissingExtraError, ShapeError, TrajectoryError
 from ..joints.units import unit_of, units_of
 from ..model.model import Model
 from ..typing import Array
-from .array_stream import NpzFile
+from .array_stream import ArrayFile
 from .column_names import time_column, time_meaning
 from .coordinates import Coordinates
 
@@ -193,7 +194,7 @@ _COLUMN = re.compile(r"--columns '([^'=]+)=([^']*)'( …)?")
 _HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
-def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
+def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     """Its index, where it is a time, and its columns of numbers; and a sentence on those that are none.
 
     Raises ShapeError for what is no DataFrame.
@@ -214,7 +215,8 @@ def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
     found = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in named] + found
     table = np.column_stack([x for _, x in found]) if found else np.zeros((len(frame), 0))
     said = (f"Columns that are no numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
-    return NpzFile(Path(_NAME), tuple(name for name, _ in found), table, 8 * table.size), said
+    file = ArrayFile.of_table(Path(_NAME), [name for name, _ in found], table, 8 * table.size)
+    return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), said
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:

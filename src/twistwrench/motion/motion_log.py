@@ -1,10 +1,11 @@
-"""Logs of motions, read in blocks: time, coordinates, and velocities, accelerations and torques, one row of each time."""
+"""Logs of motions, decoded once: time, coordinates, and velocities, accelerations and torques, one row of each time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,16 @@ import numpy as np
 
 from ..core.numbers import number, printed
 from ..core.text import listed
-from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
+from ..errors import TrajectoryError, ValueRangeError
 from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
-from .array_stream import LARGE, ArrayStream, NpzFile, passing_runs
+from . import log_table
 from .columns import Columns, MimicJointCheck, varying_columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
-from .csv_reader import Block, CsvFile
+from .csv_reader import CsvFile
+from .log_table import excerpts, keep_rows, slices, table_of
 from .motion_file import MotionFile, open_motion_file
 from .rate_checks import LEFT_OUT, stamp_words
 
@@ -33,42 +35,37 @@ _ROUNDED = 0.65
 """Steps of the grid that a rounded stamp is off at most: half of one, and what few rows leave open of the clock."""
 
 
+@dataclass
 class DuplicateTimestamps:
-    """Rows come in any portions; the last time of each is held back, as more rows of it may follow.
+    """Rows of one time in a log: repeated rows are dropped, others are replaced by their mean.
 
-    Rows that equal the one before are dropped. Others of one time become their mean, which is the best estimate of two
-    readings that a coarse clock does not tell apart.
+    The mean is the best estimate of readings that a coarse clock does not tell apart.
     """
 
-    def __init__(self, time: int, turning: Array, half_turn: Array, where: str) -> None:
-        self._time, self._turning, self._half_turn, self._where = time, turning, half_turn, where
-        self._held: Array | None = None
-        self.dropped = self.averaged = 0
-        self.first: float | None = None
-        """When rows that differ first had one time."""
+    dropped: int = 0
+    averaged: int = 0
+    first: float | None = None
+    """Time of the first rows that differ."""
 
-    def add(self, rows: Array) -> Array:
-        """Consecutive rows (n, columns) whose times do not decrease; those of times that are surely over."""
-        rows = rows if self._held is None else np.concatenate([self._held, rows])
-        if not len(rows):
-            return rows
-        time = rows[:, self._time]
-        starts = np.r_[0, np.flatnonzero(time[1:] != time[:-1]) + 1]
-        self._held = rows[starts[-1] :].copy()
-        if len(self._held) > _MOST:
-            raise TrajectoryError(
-                f"{self._where}: time stands at {float(time[-1])!r} for more than {_MOST} rows. Say how many rows a second has "
-                "(--rate HZ), after removing the column of time."
-            )
-        return self._one_each(rows[: starts[-1]])
+    def merge(self, table: Array, turning: Array, half_turn: Array, where: str) -> Array:
+        """Table (n, k) with one row a time, in place; time is its first column. Raises TrajectoryError."""
+        begin = end = 0
+        while begin < len(table):
+            stop = min(begin + log_table.ROWS, len(table))
+            while stop < len(table) and table[stop, 0] == table[stop - 1, 0]:
+                stop += 1
+                if stop - begin - log_table.ROWS > _MOST:
+                    raise TrajectoryError(
+                        f"{where}: time stands at {float(table[stop - 1, 0])!r} for more than {_MOST} rows. Say how many rows "
+                        "a second has (--rate HZ), after removing the column of time."
+                    )
+            rows = self._merged(table[begin:stop], turning, half_turn, where)
+            table[end : end + len(rows)] = rows
+            begin, end = stop, end + len(rows)
+        return table[:end]
 
-    def rest(self) -> Array | None:
-        """What was held back; None if no row came at all."""
-        held, self._held = self._held, None
-        return None if held is None else self._one_each(held)
-
-    def _one_each(self, rows: Array) -> Array:
-        time = rows[:, self._time]
+    def _merged(self, rows: Array, turning: Array, half_turn: Array, where: str) -> Array:
+        time = rows[:, 0]
         again = np.r_[False, time[1:] == time[:-1]]
         if not again.any():
             return rows
@@ -81,20 +78,20 @@ class DuplicateTimestamps:
         counts = np.diff(np.r_[starts, len(rows)])
         spread = np.maximum.reduceat(rows, starts) - np.minimum.reduceat(rows, starts)
         at = np.flatnonzero(counts > 1)
-        if (spread[np.ix_(at, self._turning)] > self._half_turn).any():
-            k = at[int((spread[np.ix_(at, self._turning)] > self._half_turn).any(axis=1).argmax())]
+        if (far := (spread[np.ix_(at, turning)] > half_turn).any(axis=1)).any():
+            k = at[int(far.argmax())]
             raise TrajectoryError(
-                f"{self._where}: rows of one time, {float(rows[starts[k], self._time])!r}, differ by more than half a turn. "
+                f"{where}: rows of one time, {float(rows[starts[k], 0])!r}, differ by more than half a turn. "
                 "Keep one of them."
             )
-        self.first = float(rows[starts[at[0]], self._time]) if self.first is None else self.first
+        self.first = float(rows[starts[at[0]], 0]) if self.first is None else self.first
         self.averaged += int(counts[at].sum())
         found = np.add.reduceat(rows, starts) / counts[:, None]
-        found[:, self._time] = rows[starts, self._time]
+        found[:, 0] = rows[starts, 0]
         return np.asarray(found)
 
     def notes(self) -> list[str]:
-        """A sentence for what was dropped, and one for what was averaged."""
+        """A sentence for dropped rows, and one for averaged rows."""
         said = []
         if self.dropped:
             said.append(
@@ -138,6 +135,8 @@ def steady_times(stamps: Array) -> Array | None:
 
 _MOST_STAMPS = 1 << 24
 """Rows whose stamps are looked at together: 128 MiB."""
+_FIRST = 1 << 12
+"""Rows that show whether stamps are rounded."""
 _NO_ROTATION = 1e-6  # norm of a quaternion
 
 
@@ -157,18 +156,16 @@ class LogRows:
     """(n, nv) N m or N: what was logged, for comparison."""
 
 
-@dataclass(eq=False)
-class _Pass:
-    """What one pass over all rows found."""
-
-    repeats: DuplicateTimestamps | None = None
-    contradictions: Contradictions | None = None
-    followers: MimicJointCheck | None = None
-    stamps: dict[float, float] = field(default_factory=dict)
-    """Times of rows whose stamp alone is wrong, which later passes leave out, and what it is late by [s]."""
-    clock: Array | None = None
-    """(n,) times of all rows, where their stamps are rounded so coarsely that several are alike [s]."""
-    clock_known: bool = False
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    table: Array
+    duplicates: DuplicateTimestamps
+    clock: float | None
+    """Rate of the steady clock that takes the place of rounded stamps [Hz]."""
+    stamps: dict[float, float]
+    """Times of rows left out because their stamp alone is wrong, and its delay [s]."""
+    contradictions: Contradictions
+    mimic_joints: MimicJointCheck
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +178,10 @@ class MotionLog:
     """Which column is which."""
     coordinates: Coordinates
     """Names and units of the robot's coordinates."""
-    first_row: int = 0
-    """Number of the first row that is given, of a part of a file."""
     held: tuple[str, ...] = ()
     """Joints that are held still as the file has no column for them."""
     unused: tuple[str, ...] = ()
     """Columns that may be theirs: numbers that vary and are not used."""
-    _last: _Pass = field(default_factory=_Pass)
 
     @classmethod
     def open(
@@ -235,7 +229,7 @@ class MotionLog:
         ...     path = pathlib.Path(folder, "log.csv")
         ...     _ = path.write_text("encoder [deg]\n0\n90\n")
         ...     log = MotionLog.open(path, model, columns={model.leaders[0].joint.name: "encoder"}, rate=100.0)
-        ...     motion = log.motion(np.concatenate(list(log.tables())))
+        ...     motion = log.motion(log.table)
         >>> motion.time.tolist(), motion.q.round(6).tolist()
         ([0.0, 0.01], [[0.0], [1.570796]])
         """
@@ -249,9 +243,9 @@ class MotionLog:
         coordinates = Coordinates.of(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
         options: dict[str, Any] = {"degrees": degrees, "locked": locked, "columns": columns, "rate": rate}
-        options["look"] = look = lambda column: next((b.table[:, 0] for b in file.blocks([column])), np.zeros(0))
+        options["look"] = file.first
         found = Columns.of(file.header, coordinates, where, **options)
-        unused = varying_columns(file.header, found.extra, look) if held else ()
+        unused = varying_columns(file.header, found.extra, file.first) if held else ()
         return cls(file, found, coordinates, held=tuple(held), unused=tuple(unused))
 
     @property
@@ -264,163 +258,74 @@ class MotionLog:
         """Of the file [bytes]."""
         return self.file.size
 
-    def tables(self, progress: Callable[[int], None] | None = None) -> Iterator[Array]:
-        """Rows of the file in blocks: time in seconds, all else as it stands in the file.
+    @property
+    def table(self) -> Array:
+        """Rows of the log (n, columns), one a time: time in seconds, all else in the units of the file.
 
-        Parameters
-        ----------
-        progress : callable, optional, told the bytes of each block
-
-        Returns
-        -------
-        blocks : iterator of (n, columns) arrays
-
-        Raises
-        ------
-        TrajectoryError
-            A value is no number or not finite, a row is not whole, or time runs back.
-
-        Notes
-        -----
-        One row of each time is given. What was found is in :attr:`notes` and :meth:`contradictions` afterwards. Rows whose
-        stamp alone is wrong are known after a pass over all rows, and are left out in the next.
+        The file is decoded at the first use, which raises TrajectoryError if a value is not a finite number, a row is cut or
+        time runs back. Rows whose stamp alone is wrong are left out.
 
         Examples
         --------
         >>> import twistwrench as tw
         >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> sum(len(table) for table in log.tables())
+        >>> len(log.table)
         751
         """
-        self._last.repeats = repeats = self._repeats()
-        self._last.contradictions = found = Contradictions(
+        return self._decoded.table
+
+    @cached_property
+    def _decoded(self) -> _Decoded:
+        table = self.file.table(self.columns.used)
+        if not len(table):
+            line = self.file.header_line if isinstance(self.file, CsvFile) else 0
+            raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
+        if self.columns.counted:
+            timed = (np.c_[self.columns.seconds * np.arange(s.start, s.stop), table[s]] for s in slices(len(table)))
+            table = table_of(timed, table.shape[1] + 1, self.path)
+        elif self.columns.seconds != 1.0:
+            table[:, 0] *= self.columns.seconds
+        clock = None if self.columns.counted else self._steady_clock(table)
+        self._check_rows(table)
+        turning, duplicates = np.flatnonzero(self.coordinates.angular), DuplicateTimestamps()
+        half_turn, where = math.pi / self.columns.angle[turning], self.columns.places["q"]
+        table = duplicates.merge(
+            table, np.zeros(0, int) if where is None else where[turning], half_turn, str(self.path)
+        )
+        stamps, wrong = dict[float, float](), None
+        while wrong or wrong is None:
+            found, mimic = self._examined(table)
+            wrong = found.stamps()
+            if wrong:
+                stamps |= wrong
+                table = keep_rows(table, lambda rows, wrong=wrong: ~np.isin(rows[:, 0], list(wrong)))  # type: ignore[misc]
+        return _Decoded(table, duplicates, clock, stamps, found, mimic)
+
+    def _examined(self, table: Array) -> tuple[Contradictions, MimicJointCheck]:
+        found = Contradictions(
             self.coordinates,
             time_stated=self.columns.time_stated,
             angle=self.columns.angle,
             angle_stated=self.columns.angle_stated,
         )
-        self._last.followers = followers = MimicJointCheck(self.columns.mimic_joints)
-
-        def take_in(table: Array) -> Array:
-            motion = self.motion(table)
+        mimic = MimicJointCheck(self.columns.mimic_joints)
+        for s in slices(len(table)):
+            motion = self.motion(table[s])
             found.add(motion)
-            followers.add(motion.time, motion.q, table)
-            return table
-
-        last, rows = -math.inf, self.first_row
-        for block in self.file.blocks(self.columns.used):
-            self._look_at_clock(block.table)
-            table = self._timed(block, rows, last)
-            if len(table):
-                last, rows = float(table[-1, 0]), rows + len(table)
-                table = self._without(repeats.add(table))
-                if len(table):
-                    yield take_in(table)
-            if progress:
-                progress(block.size)
-        final = repeats.rest()
-        if final is None:
-            line = self.file.header_line if isinstance(self.file, CsvFile) else 0
-            raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
-        final = self._without(final)
-        if len(final):
-            yield take_in(final)
-        self._last.stamps |= found.stamps()
-
-    def whole(self) -> Array:
-        """All rows at once, as :meth:`tables` gives them, without those whose stamp is wrong.
-
-        Returns
-        -------
-        table : (n, columns) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> len(log.whole())
-        751
-        """
-        return self._without(np.concatenate(list(self.tables())))
-
-    @property
-    def stamps_left_out(self) -> int:
-        """How many rows are left out for their stamps, as known so far."""
-        return len(self._last.stamps)
-
-    def _without(self, table: Array) -> Array:
-        """The rows but those whose stamp is known to be wrong."""
-        return table[~np.isin(table[:, 0], list(self._last.stamps))] if self._last.stamps else table
-
-    def part(self, begin: int, end: int) -> MotionLog | None:
-        """Rows of the log from one to another, with their own times; None where the file is read from its beginning only.
-
-        Parameters
-        ----------
-        begin, end : int, numbers of rows
-
-        Returns
-        -------
-        part : MotionLog or None
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> log.part(0, 10) is None
-        True
-        """
-        if isinstance(self.file, NpzFile):
-            rows = replace(self.file, table=self.file.table[max(0, begin) : end])
-            return replace(self, file=rows, first_row=max(0, begin), _last=self._same_clock())
-        if isinstance(self.file, ArrayStream):
-            part = self.file.part(begin, end)
-            return replace(self, file=part, first_row=max(0, begin), _last=self._same_clock())
-        return None
-
-    def stamps(self) -> Iterator[Array]:
-        """Times of all rows, in blocks [s], as they stand in the file.
-
-        Returns
-        -------
-        times : iterator of (n,) arrays
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> sum(len(times) for times in log.stamps())
-        751
-        """
-        rows = 0
-        for block in self.file.blocks(self.columns.used):
-            self._look_at_clock(block.table)
-            break
-        if self._last.clock is not None:
-            yield self._last.clock
-            return
-        for block in self.file.blocks(self.columns.used[:1]):
-            yield (
-                np.arange(rows, rows + len(block.table)) if self.columns.counted else block.table[:, 0]
-            ) * self.columns.seconds
-            rows += len(block.table)
+            mimic.add(motion.time, motion.q, table[s])
+        return found, mimic
 
     def excerpts(self, count: int, rows: int) -> list[Array]:
-        """Runs of consecutive rows spread evenly over the file, its ends included.
+        """Runs of consecutive rows spread evenly over the log, its ends included.
 
         Parameters
         ----------
         count : int, up to so many runs
-        rows : int, about so many rows each; a short file comes whole, as one
+        rows : int, rows of each; a short log comes whole, as one
 
         Returns
         -------
         tables : list of (n, columns) arrays
-
-        Raises
-        ------
-        TrajectoryError
-            Values are no numbers, as in :meth:`tables`.
 
         Examples
         --------
@@ -429,24 +334,7 @@ class MotionLog:
         >>> len(log.excerpts(2, 10))
         2
         """
-        try:
-            blocks = self.file.excerpts(self.columns.used, count, rows)
-            blocks = None if blocks is None else list(blocks)
-            for block in blocks or []:
-                self._look_at_clock(block.table)
-            if blocks is None or self._last.clock is not None:
-                return [self._without(x) for x in passing_runs(self.tables, count, rows, whole=self.size <= LARGE)]
-            found = []
-            for block in blocks:
-                repeats = self._repeats()
-                begun = repeats.add(self._timed(block, 0, -math.inf))
-                rest = repeats.rest()
-                found.append(begun if rest is None else np.concatenate([begun, rest]))
-        except TwistWrenchError:
-            for _ in self.tables():  # fails at the same row, and knows its line
-                pass
-            raise
-        return [table for table in found if len(table)]
+        return excerpts(self.table, count, rows)
 
     def motion(self, table: Array) -> LogRows:
         """Columns of a table sorted into q, dq, ddq and torques, in SI units.
@@ -463,7 +351,7 @@ class MotionLog:
         --------
         >>> import twistwrench as tw
         >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> log.motion(next(log.tables())).q.shape[1]
+        >>> log.motion(log.table).q.shape[1]
         6
         """
         return LogRows(table[:, 0].copy(), *(self.columns.take(table, part) for part in ("q", "dq", "ddq", "tau")))
@@ -471,7 +359,7 @@ class MotionLog:
     @property
     def notes(self) -> tuple[str, ...]:
         """A sentence for each thing that was taken to be meant: of the header, and of the rows once they were read."""
-        columns, last = self.columns, self._last
+        columns, last = self.columns, self._decoded
         said = list(columns.notes)
         if columns.of_locked:
             said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
@@ -480,12 +368,12 @@ class MotionLog:
         if last.clock is not None:
             said.append(
                 "Time stamps are rounded so that several rows share one: a steady clock of "
-                f"{number(1.0 / float(np.median(np.diff(last.clock))), 4)} Hz is taken."
+                f"{number(last.clock, 4)} Hz is taken."
             )
-        said += last.repeats.notes() if last.repeats else []
+        said += last.duplicates.notes()
         said += [f"{LEFT_OUT}{stamp_words(last.stamps)}."] if last.stamps else []
         said += self.file.notes
-        return (*said, *(last.contradictions.notes() if last.contradictions else ()))
+        return (*said, *last.contradictions.notes())
 
     def contradictions(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
         """Contradictions: a sentence for each thing by which the motion contradicts itself.
@@ -497,27 +385,23 @@ class MotionLog:
 
         Returns
         -------
-        sentences : tuple of str, after all rows of :meth:`tables` were read
+        sentences : tuple of str
 
         Examples
         --------
         >>> import twistwrench as tw
         >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> blocks = list(log.tables())
         >>> log.contradictions()
         ()
         """
-        found, followers = self._last.contradictions, self._last.followers
-        if found is None or followers is None:
-            return ()
-        misread = []
+        found, mimic, misread = self._decoded.contradictions, self._decoded.mimic_joints, []
         if self.unused:
             checked, held = len(self.coordinates.velocity_names), len(self.held)
             misread.append(
                 f"{checked} of {checked + held} joints checked: {listed(self.held, 6)} held still for want of a column, while "
                 f"columns that vary are not used, {listed(self.unused, 6)}. Say which they are with --columns"
             )
-        return (*misread, *found.sentences(limits, glitches=glitches), *followers.sentences())
+        return (*misread, *found.sentences(limits, glitches=glitches), *mimic.sentences())
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """Hints: a sentence for each thing that is odd, and may yet be meant.
@@ -528,72 +412,49 @@ class MotionLog:
 
         Returns
         -------
-        sentences : tuple of str, after all rows of :meth:`tables` were read
+        sentences : tuple of str
 
         Examples
         --------
         >>> import twistwrench as tw
         >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> blocks = list(log.tables())
         >>> log.hints()
         ()
         """
-        found = self._last.contradictions
-        return () if found is None else found.hints(limits)
+        return self._decoded.contradictions.hints(limits)
 
-    def _repeats(self) -> DuplicateTimestamps:
-        angles = np.flatnonzero(self.coordinates.angular)
-        where = self.columns.places["q"]
-        turning = np.zeros(0, int) if where is None else where[angles]
-        return DuplicateTimestamps(0, turning, math.pi / self.columns.angle[angles], str(self.path))
+    def _steady_clock(self, table: Array) -> float | None:
+        """Replace stamps that rounding makes equal, as the first rows show, by a steady clock and return its rate [Hz]."""
+        first = table[:_FIRST]
+        again = np.diff(first[:, 0]) == 0
+        differ = (first[1:, 1:] != first[:-1, 1:]).any(axis=1)
+        if len(table) > _MOST_STAMPS or not (again & differ).any() or 2 * (again & differ).sum() < again.sum():
+            return None
+        times = steady_times(np.array(table[:, 0]))
+        if times is None:
+            return None
+        table[:, 0] = times
+        return 1.0 / float(np.median(np.diff(times)))
 
-    def _same_clock(self) -> _Pass:
-        """Nothing known yet of a part, but for the clock of the whole."""
-        return _Pass(clock=self._last.clock, clock_known=self._last.clock_known)
-
-    def _look_at_clock(self, table: Array) -> None:
-        """Take all stamps for those of a steady clock, where the first rows show that rounding makes rows share them."""
-        last = self._last
-        if last.clock_known or self.columns.counted or not len(table):
-            return
-        last.clock_known = True
-        again = np.diff(table[:, 0]) == 0
-        differ = (table[1:, 1:] != table[:-1, 1:]).any(axis=1)
-        if not (again & differ).any() or 2 * (again & differ).sum() < again.sum():
-            return
-        stamps, rows = [], 0
-        for block in self.file.blocks(self.columns.used[:1]):
-            rows += len(block.table)
-            if rows > _MOST_STAMPS:
-                return
-            stamps.append(block.table[:, 0] * self.columns.seconds)
-        last.clock = steady_times(np.concatenate(stamps))
-
-    def _timed(self, block: Block, rows: int, last: float) -> Array:
-        """The block with time in seconds first, which is checked not to run back from ``last``; ``rows`` were before it."""
-        if self.columns.counted:
-            time = (rows + np.arange(len(block.table))) * self.columns.seconds
-            table = np.concatenate([time[:, None], block.table], axis=1)
-        else:
-            table = block.table
-            if self.columns.seconds != 1.0:
-                table = table.copy()
-                table[:, 0] *= self.columns.seconds
-        if self._last.clock is not None:
-            table = table if table is not block.table else table.copy()
-            table[:, 0] = self._last.clock[rows : rows + len(table)]
-        before = np.r_[last, table[:-1, 0]][: len(table)]
-        if (back := table[:, 0] < before).any():
-            k = int(back.argmax())
-            raise TrajectoryError(
-                f"{self.path}: {block.place(k)}, column {self.columns.header[0]!r}: time {float(table[k, 0])!r} comes before "
-                f"{float(before[k])!r} of the row above. Sort the rows by time, and give one recording at a time."
-            )
-        for place in self.columns.quaternions:
-            none = np.linalg.norm(table[:, place], axis=1) < _NO_ROTATION
-            if none.any():
+    def _check_rows(self, table: Array) -> None:
+        """Raise TrajectoryError if time runs back, or a quaternion is zero."""
+        before = -math.inf
+        for s in slices(len(table)):
+            rows = table[s]
+            times = np.r_[before, rows[:, 0]]
+            if (back := times[1:] < times[:-1]).any():
+                k = int(back.argmax())
                 raise TrajectoryError(
-                    f"{self.path}: {block.place(int(none.argmax()))}, column {self.columns.header[place[0]]!r}: the "
-                    "quaternion is zero, which is no rotation. Write 1, 0, 0, 0 for none, or remove the row."
+                    f"{self.path}: {self.file.place(s.start + k)}, column {self.columns.header[0]!r}: time "
+                    f"{float(times[k + 1])!r} comes before {float(times[k])!r} of the row above. Sort the rows by time, and "
+                    "give one recording at a time."
                 )
-        return table
+            before = times[-1]
+            for place in self.columns.quaternions:
+                none = np.linalg.norm(rows[:, place], axis=1) < _NO_ROTATION
+                if none.any():
+                    raise TrajectoryError(
+                        f"{self.path}: {self.file.place(s.start + int(none.argmax()))}, column "
+                        f"{self.columns.header[place[0]]!r}: the quaternion is zero, which is not a rotation. Write 1, 0, 0, 0 "
+                        "for none, or remove the row."
+                    )

@@ -11,6 +11,7 @@ import numpy as np
 from ..core.numbers import number, percent
 from ..errors import TrajectoryError
 from ..motion.column_names import split_unit, time_factor, time_meaning
+from ..motion.log_table import LARGE, excerpts
 from ..motion.motion_file import MotionFile, open_motion_file
 from ..motion.noise import RunningExtrema, noise, quantum
 from ..typing import Array
@@ -19,80 +20,8 @@ GAP = 3.0
 """Times the usual step, from which a step is a gap."""
 
 
-class ColumnTally:
-    """Least and greatest numbers of columns, how many rows are exactly there, and how many are exactly zero."""
-
-    def __init__(self, columns: int) -> None:
-        self.rows = 0
-        self.least, self.most = np.full(columns, np.inf), np.full(columns, -np.inf)
-        self._at_least, self._at_most = np.zeros(columns, int), np.zeros(columns, int)
-        self.zeros = np.zeros(columns, int)
-
-    def add(self, table: Array) -> None:
-        """Take in rows (n, columns)."""
-        if not len(table):
-            return
-        self.rows += len(table)
-        self.zeros += (table == 0).sum(axis=0)
-        for extreme, count, found in (
-            (self.least, self._at_least, np.minimum(self.least, table.min(axis=0))),
-            (self.most, self._at_most, np.maximum(self.most, table.max(axis=0))),
-        ):
-            count[found != extreme] = 0
-            extreme[:] = found
-            count += (table == found).sum(axis=0)
-
-    def cut(self, column: int, share: float, rows: int) -> float:
-        """Share of the rows at the extreme that has most of them; 0 for fewer than so many, of a zero, and of one number."""
-        if self.least[column] == self.most[column]:
-            return 0.0
-        pairs = ((self.least, self._at_least), (self.most, self._at_most))
-        count = max((int(n[column]) for extreme, n in pairs if extreme[column] != 0), default=0)
-        return count / self.rows if count >= rows and count >= share * self.rows else 0.0
-
-
-class StampTally:
-    """Steps of a clock, by the usual step of its first block."""
-
-    def __init__(self) -> None:
-        self._first = self._last = np.nan
-        self._usual = 0.0
-        self._gaps = self._repeated = self._backward = self._regular = 0
-        self._longest = self._sum = self._squares = 0.0
-
-    def add(self, t: Array) -> None:
-        """Take in times (n,) [s]."""
-        if not len(t):
-            return
-        steps = np.diff(t) if np.isnan(self._last) else np.diff(t, prepend=self._last)
-        self._first = float(t[0]) if np.isnan(self._first) else self._first
-        self._last = float(t[-1])
-        ahead = steps[steps > 0]
-        if not self._usual and ahead.size:
-            self._usual = float(np.median(ahead))
-        self._repeated += int((steps == 0).sum())
-        self._backward += int((steps < 0).sum())
-        self._longest = max(self._longest, float(ahead.max(initial=0.0)))
-        off = ahead[ahead < GAP * self._usual] - self._usual
-        self._gaps += len(ahead) - len(off)
-        self._regular += len(off)
-        self._sum += float(off.sum())
-        self._squares += float((off**2).sum())
-
-    def found(self) -> tuple[float, float, int, float, int, int, float]:
-        """Seconds, rate, gaps, longest step, repeated and backward stamps, and how much regular steps vary."""
-        usual = self._usual or np.nan
-        mean = self._sum / max(1, self._regular)
-        jitter = np.sqrt(max(self._squares / self._regular - mean**2, 0.0)) if self._regular else np.nan
-        return (
-            self._last - self._first, 1.0 / usual, self._gaps, self._longest, self._repeated, self._backward, float(jitter)
-        )  # fmt: skip
-
-
 # ── The log's quality, without a robot
 
-_LARGE = 1 << 25
-"""Bytes, from which a file is looked at block by block."""
 _RUNS = 16, 4096
 _FEWEST = 16
 _CUT, _CUT_ROWS = 0.01, 20
@@ -161,55 +90,24 @@ class LogQuality:
     def of(cls, path: str | Path) -> LogQuality:
         """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it."""
         file = open_motion_file(path)
-        if (large := large_quality(file)) is not None:
-            return large
-        table = np.concatenate([block.table for block in file.blocks(range(len(file.header)))] or [np.zeros((0, 1))])
+        table = file.table(range(len(file.header)))
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
         place = _time_of(file)
         clock = _clock(table[:, place[0]] * place[1]) if place is not None else _no_clock()
+        runs = excerpts(table, *_RUNS) if 8 * table.size > LARGE else [table]
         return cls(
             file.path,
             len(table),
             "" if place is None else file.header[place[0]],
             *clock,
             tuple(
-                _column(file.header[k], table[:, k]) for k in range(table.shape[1]) if place is None or k != place[0]
+                _column(file.header[k], table[:, k], [run[:, k] for run in runs])
+                for k in range(table.shape[1])
+                if place is None or k != place[0]
             ),
             file.notes,
         )
-
-
-def large_quality(file: MotionFile) -> LogQuality | None:
-    """In one pass over the file, block by block; None of a file that is small, or in memory whole."""
-    everything = range(len(file.header))
-    if file.size < _LARGE or (runs := file.excerpts(everything, *_RUNS)) is None:
-        return None
-    place, tally = _time_of(file), ColumnTally(len(file.header))
-    clock = None if place is None else StampTally()
-    for block in file.blocks(everything):
-        tally.add(block.table)
-        if clock is not None and place is not None:
-            clock.add(block.table[:, place[0]] * place[1])
-    if not tally.rows:
-        raise TrajectoryError(f"{file.path}: no rows after the header.")
-    columns = []
-    for k in everything:
-        if place is not None and k == place[0]:
-            continue
-        least, most = float(tally.least[k]), float(tally.most[k])
-        grid, size = _grid_and_noise([run.table[:, k] for run in runs])
-        cut = tally.cut(k, _CUT, _CUT_ROWS)
-        zeros = float(tally.zeros[k]) / tally.rows
-        columns.append(LogColumn(file.header[k], least, most, grid, size, cut, least == most, zeros))
-    return LogQuality(
-        file.path,
-        tally.rows,
-        "" if place is None else file.header[place[0]],
-        *(_no_clock() if clock is None else clock.found()),
-        tuple(columns),
-        file.notes,
-    )
 
 
 def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
@@ -257,12 +155,12 @@ def _no_clock() -> tuple[float, float, int, float, int, int, float]:
     return np.nan, np.nan, 0, np.nan, 0, 0, np.nan
 
 
-def _column(name: str, x: Array) -> LogColumn:
+def _column(name: str, x: Array, runs: list[Array]) -> LogColumn:
     least, most = float(x.min()), float(x.max())
     dead = least == most
     counts = [int((x == extreme).sum()) for extreme in (least, most) if extreme != 0]
     cut = max(counts, default=0)
-    grid, size = _grid_and_noise([x])
+    grid, size = _grid_and_noise(runs)
     share = cut / len(x) if not dead and cut >= _CUT_ROWS and cut >= _CUT * len(x) else 0.0
     return LogColumn(name, least, most, grid, size, share, dead, float((x == 0).mean()))
 

@@ -469,25 +469,8 @@ class _Run:
         beside: Differentiation | None = None,
         estimating: bool = False,
     ) -> MotionTally:
-        """One pass. With ``write`` the file is of it, and has the torques of the plan ``beside`` as well.
-
-        Where it finds rows that are to be left out, it is made again without them.
-        """
-        known, told = plan.trajectory.stamps_left_out, self.steps.next(plan.trajectory.size)
-        found = self._pass(plan, told, write=write, beside=beside, estimating=estimating)
-        if plan.trajectory.stamps_left_out > known:
-            found = self._pass(plan, told, write=write, beside=beside, estimating=estimating)
-        return found
-
-    def _pass(
-        self,
-        plan: Differentiation,
-        told: Callable[[int], None] | None,
-        *,
-        write: bool,
-        beside: Differentiation | None,
-        estimating: bool,
-    ) -> MotionTally:
+        """One pass; with ``write`` it writes the file, with the torques of the plan ``beside`` as well."""
+        told = self.steps.next(len(plan.trajectory.table))
         tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
         header = _csv_header(tally.coordinates.velocity_names, self.split, derived=beside is not None)
         with TableFile.writing(self.csv if write else None, header) as table:

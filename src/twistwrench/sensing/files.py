@@ -22,7 +22,7 @@ from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..lie.labelled import TWIST, WRENCH
 from ..motion.array_files import TableFile
-from ..motion.csv_reader import Block, CsvFile, table_errors
+from ..motion.csv_reader import CsvFile, table_errors
 from ..typing import Array
 from .contact_detection import checked_noise
 from .fit import Uncertainty
@@ -262,26 +262,16 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
         names = [name for name in header if name in _KNOWN]
         ignored = [name for name in header if name not in _KNOWN]
         _check_complete(names, ignored, f"{path}: line {file.header_line}")
-        blocks = list(file.blocks([k for k, name in enumerate(header) if name in _KNOWN]))
-    table = np.concatenate([np.zeros((0, len(names))), *(block.table for block in blocks)])
+        table = file.table([k for k, name in enumerate(header) if name in _KNOWN])
     if not len(table):
         raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
     columns = {name: table[:, k] for k, name in enumerate(names)}
     if "time" in columns and (k := late(columns["time"])) is not None:
         raise ValueRangeError(
-            f"{path}: {_place(blocks, k)}: time {printed(columns['time'][k])} s is not after the "
+            f"{path}: {file.place(k)}: time {printed(columns['time'][k])} s is not after the "
             f"{printed(columns['time'][k - 1])} s of the row before. Times must increase: sort the rows, or remove the column."
         )
     return replace(_log(path, columns, gravity), notes=_notes(ignored))
-
-
-def _place(blocks: list[Block], row: int) -> str:
-    """Position of a row in the file."""
-    for block in blocks:
-        if row < len(block.table):
-            return block.place(row)
-        row -= len(block.table)
-    return "the last line"
 
 
 def _names(cells: Sequence[str], where: str) -> list[str]:
