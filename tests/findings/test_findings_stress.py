@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from ros_logs import write_bag, write_mcap
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -150,6 +151,9 @@ def log_of(kind, folder):
         with pytest.importorskip("h5py").File(path, "w") as file:
             for name, values in columns.items():
                 file[name] = values
+    elif kind in ("mcap", "bag"):
+        q = np.c_[columns["joint1"], columns["joint2"]]
+        (write_mcap if kind == "mcap" else write_bag)(path, ("joint1", "joint2"), t, q, q)
     else:
         pytest.importorskip("pyarrow")
         import pyarrow
@@ -181,14 +185,20 @@ def test_finding_46_a_mat_file_that_ended_the_process(tmp_path):
 
 
 FUZZ = """
-import random, sys, warnings
+import random, shutil, sys, warnings
 from pathlib import Path
 import twistwrench as tw
 robot, (count, *paths) = tw.robots.planar_2r(), sys.argv[1:]
 warnings.simplefilter("ignore")
 read = 0
 for path in map(Path, paths):
-    whole, made = path.read_bytes(), path.with_name("fuzzed." + path.name.split(".", 1)[1])
+    made = target = path.with_name("fuzzed." + path.name.split(".", 1)[1])
+    if path.is_dir():
+        shutil.copytree(path, made)
+        (target,) = made.glob("*.db3")
+        whole = target.read_bytes()
+    else:
+        whole = path.read_bytes()
     for seed in range(int(count)):
         rng, raw = random.Random(seed), bytearray(whole)
         for _ in range(rng.choice((1, 1, 2, 8))):
@@ -196,7 +206,7 @@ for path in map(Path, paths):
             raw[where] = rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))
         if rng.random() < 0.1:
             del raw[rng.randrange(len(raw)):]
-        made.write_bytes(raw)
+        target.write_bytes(raw)
         print(path.name, seed, file=sys.stderr, flush=True)
         try:
             tw.Motion.from_file(made, robot)
@@ -211,10 +221,10 @@ print(read)
 @pytest.mark.parametrize("count", [25, pytest.param(2_000, marks=SLOW)])
 def test_finding_46_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path):
     """In a child process with 3 GB of memory, which names the file that it looked at last."""
-    paths = [log_of(kind, tmp_path) for kind in KINDS]
+    paths = [log_of(kind, tmp_path) for kind in (*KINDS, "mcap", "bag")]
     done = in_child(FUZZ, count, *paths, limit=3_000_000_000, env=SYSTEM_MEMORY)
     assert done.returncode == 0, (done.returncode, done.stderr[-1500:])
-    assert 0 < int(done.stdout) < count * len(KINDS)
+    assert 0 < int(done.stdout) < count * len(paths)
 
 
 def test_finding_40_columns_of_lists_are_remarked(tmp_path):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from ros_logs import write_bag, write_mcap
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -66,56 +68,10 @@ def reading(request, monkeypatch):
         monkeypatch.setattr("twistwrench.motion.log_table.ROWS", 7)
 
 
-JOINT_STATE = """
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-
-
-def write_mcap(path):
-    writer = pytest.importorskip("mcap_ros2.writer").Writer(str(path))
-    schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
-    for t, q, tau in zip(TIME, Q, TAU, strict=True):
-        nano = round(t * 1e9) + 1_700_000_000 * 10**9
-        stamp = {"sec": nano // 10**9, "nanosec": nano % 10**9}
-        message = {"header": {"stamp": stamp, "frame_id": ""}, "name": list(NAMES)[::-1]}
-        message |= {"position": q[::-1].tolist(), "velocity": [], "effort": tau[::-1].tolist()}
-        writer.write_message("/joint_states", schema, message, log_time=nano, publish_time=nano)
-    writer.finish()
-
-
-def write_bag(path):
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    state, header, stamp = (
-        store.types[name]
-        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    with rosbag2.Writer(path, version=8) as writer:
-        connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
-        for t, q, tau in zip(TIME, Q, TAU, strict=True):
-            nano = round(t * 1e9)
-            at = header(stamp=stamp(sec=nano // 10**9, nanosec=nano % 10**9), frame_id="")
-            message = state(header=at, name=list(NAMES), position=q, velocity=np.zeros(0), effort=tau)
-            writer.write(connection, nano, store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
-
-
 FORMATS = {
     "log.npz": write_npz, "log.npy": write_npy, "log.mat": write_mat, "log.h5": write_hdf5, "log.parquet": write_parquet,
-    "log.feather": write_parquet, "log.mcap": write_mcap, "bag": write_bag,
+    "log.feather": write_parquet, "log.mcap": partial(write_mcap, names=NAMES, time=TIME, q=Q, tau=TAU),
+    "bag": partial(write_bag, names=NAMES, time=TIME, q=Q, tau=TAU),
 }  # fmt: skip
 
 

@@ -193,10 +193,10 @@ def ros_file(path: Path) -> ArrayFile:
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
         for topic, message in _mcap(path) if path.suffix.lower() == ".mcap" else _bag(path):
             messages.setdefault(topic, []).append(message)
-    if not messages:
-        raise TrajectoryError(f"{path}: has no messages of the type sensor_msgs/{_TYPE}. Record /joint_states.")
-    topic = max(messages, key=lambda name: len(messages[name]))
-    header, table = _table(messages[topic], f"{path}, topic {topic}")
+        if not messages:
+            raise TrajectoryError(f"{path}: has no messages of the type sensor_msgs/{_TYPE}. Record /joint_states.")
+        topic = max(messages, key=lambda name: len(messages[name]))
+        header, table = _table(messages[topic], f"{path}, topic {topic}")  # a file may define the messages' fields
     size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
     return ArrayFile.of_table(path, header, table, size)
 
