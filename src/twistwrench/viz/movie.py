@@ -177,13 +177,11 @@ def draw(
     Parameters
     ----------
     axes : Matplotlib's Axes
-    robot : Robot
     q : (nq,) or (n, nq) array_like, configurations; the first is the palest
     azimuth : float, where it is seen from, about z [rad]
     elevation : float, above the horizontal [rad]
     floor : float, optional, height where its shadow falls [m]; None: under its lowest point
     inertia : bool, draw ellipsoids of bodies without looks
-    scene : Scene, optional, the robot's looks
 
     Returns
     -------
@@ -192,8 +190,6 @@ def draw(
 
     Raises
     ------
-    ShapeError, ValueRangeError
-        ``q`` is of another size or not finite.
     MissingExtraError
         There is no matplotlib.
 
