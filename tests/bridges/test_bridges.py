@@ -20,7 +20,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.export.javascript import javascript_module
 from twistwrench.ir.tracer import trace
-from twistwrench.robot.derivatives import CONFIGURATIONS
+from twistwrench.robot.arguments import CONFIGURATIONS
 from twistwrench.robot.quantities import QUANTITIES
 
 PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.robot.derivatives import CONFIGURATIONS
+from twistwrench.robot.arguments import CONFIGURATIONS
 from twistwrench.robot.quantities import QUANTITIES
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")

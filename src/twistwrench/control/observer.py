@@ -29,7 +29,7 @@ from ..core.numbers import number, printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..lie.labelled import WRENCH
 from ..robot import Robot
-from ..robot.derivatives import Kind, Rows
+from ..robot.arguments import Kind, Rows
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .references import one_state

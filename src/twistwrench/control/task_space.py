@@ -26,8 +26,8 @@ from ..core.numbers import printed
 from ..errors import UnknownNameError, ValueRangeError
 from ..lie.labelled import TWIST
 from ..robot import Robot
+from ..robot.arguments import Kind, Rows
 from ..robot.closed.closed_robot import ClosedRobot
-from ..robot.derivatives import Kind, Rows
 from ..typing import Array
 from .references import Motion, Reference, gain, in_body, in_world, joint_motion, one_state, pose_motion, require_driven
 

@@ -14,7 +14,7 @@ from ..core import arguments
 from ..errors import KernelError, ShapeError
 from ..ir.program import Program, TensorSpec
 from ..ir.tracer import trace
-from ..robot.derivatives import CONFIGURATIONS
+from ..robot.arguments import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..robot import Robot

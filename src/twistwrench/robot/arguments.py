@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,11 +12,19 @@ from ..core import arguments
 from ..core.arguments import is_table
 from ..errors import FrameError, ShapeError
 from ..typing import Array
-from .derivatives import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..lie.twist_wrench import Wrench
     from ..model.model import Model
+
+
+Kind = Literal["body", "space", "world_aligned"]
+Rows = str | Iterable[int | str] | None
+"""Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""
+Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
+"""``{frame: (..., 6)}``, each (m, f) in the axes of its frame."""
+CONFIGURATIONS = ("q", "q0", "q1")
+"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
 
 
 def is_symbolic(arrays: Sequence[Any]) -> bool:
@@ -134,8 +142,6 @@ def _not_real(name: str, label: str, given: Any) -> ShapeError:
 
 
 # ── Wrenches ``{frame: (..., 6)}`` by and on the robot, summed for each frame
-
-Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
 
 
 def check_mapping(wrenches: Any) -> None:

@@ -14,6 +14,7 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..errors import MissingExtraError, ModelError, ModelWarning, ShapeError
 from ..model.notes import frames_to_user, grouped
+from .base import RobotBase
 from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 
-class EditMethods:
+class EditMethods(RobotBase):
     """The methods of a robot that give another one."""
 
-    def with_payload(self: Any, payload: SpatialInertia, frame: str | None = None) -> Robot:
+    def with_payload(self, payload: SpatialInertia, frame: str | None = None) -> Robot:
         """The robot with a payload: a body fixed to one of its frames.
 
         Parameters
@@ -59,7 +60,7 @@ class EditMethods:
             )
         return self._of_model(edit.with_payload(self.model, payload, frame))
 
-    def with_gravity(self: Any, gravity: ArrayLike) -> Robot:
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
         """The robot under another gravity.
 
         Returns
@@ -77,7 +78,7 @@ class EditMethods:
 
         return self._of_model(edit.with_gravity(self.model, gravity))
 
-    def with_actuators(self: Any, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
+    def with_actuators(self, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
         """The robot with motors, gears, rotors, elastic joints and friction laws.
 
         Parameters
@@ -111,7 +112,7 @@ class EditMethods:
 
         return self._of_model(add_actuators(self.model, source, stiff=stiff))
 
-    def with_armature(self: Any, joints: Mapping[str, ArrayLike]) -> Robot:
+    def with_armature(self, joints: Mapping[str, ArrayLike]) -> Robot:
         """The robot with other armature (reflected inertia of the drives) at the joints named.
 
         Parameters
@@ -140,7 +141,7 @@ class EditMethods:
 
         return self._of_model(edit.with_armature(self.model, joints))
 
-    def lock(self: Any, joints: Mapping[str, float | Sequence[float]]) -> Robot:
+    def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
         """The robot with some joints fixed at given coordinates.
 
         Parameters
@@ -164,7 +165,7 @@ class EditMethods:
         return self._of_model(edit.lock(self.model, joints))
 
     def attach(
-        self: Any, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = ""
+        self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = ""
     ) -> Robot:
         """The robot with another one fixed to a frame of it, such as a gripper on an arm.
 
@@ -204,7 +205,7 @@ class EditMethods:
         T = np.eye(4) if pose is None else arguments.pose(pose, "attach: pose")
         return self._of_model(joining.attach(self.model, require_robot(other, "attach").model, frame, T, prefix))
 
-    def chain(self: Any, base: str | None = None, tip: str | None = None) -> Robot:
+    def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
         """A part of the robot by itself: what a link carries, or the chain of joints between it and a tip.
 
         Parameters
@@ -242,10 +243,10 @@ class EditMethods:
         return self._of_model(joining.chain(self.model, base, tip))
 
 
-class FileMethods:
+class FileMethods(RobotBase):
     """The methods of a robot that write it."""
 
-    def to_urdf(self: Any) -> str:
+    def to_urdf(self) -> str:
         """URDF text of the robot: every link with its own inertia, fixed joints too.
 
         Returns
@@ -275,7 +276,7 @@ class FileMethods:
         """
         return _text(self, "urdf")
 
-    def to_mjcf(self: Any) -> str:
+    def to_mjcf(self) -> str:
         """MJCF text of the robot: each moving body with the inertia of all that is fixed to it, other links as empty bodies.
 
         Returns
@@ -301,7 +302,7 @@ class FileMethods:
         """
         return _text(self, "mjcf")
 
-    def to_sdf(self: Any) -> str:
+    def to_sdf(self) -> str:
         """SDF text of the robot: every link with its own inertia; fixed links without mass become frames.
 
         Returns
@@ -327,7 +328,7 @@ class FileMethods:
         """
         return _text(self, "sdf")
 
-    def to_mujoco(self: Any) -> Any:
+    def to_mujoco(self) -> Any:
         """MuJoCo's model of the robot, compiled from :meth:`to_mjcf`.
 
         Returns
@@ -367,7 +368,7 @@ class FileMethods:
         except ValueError as refusal:
             raise ModelError(f"MuJoCo refuses robot {self.name!r}: {' '.join(str(refusal).split())}.") from None
 
-    def to_pinocchio(self: Any) -> Any:
+    def to_pinocchio(self) -> Any:
         """Pinocchio's model of the robot, made joint by joint.
 
         Returns
@@ -419,11 +420,11 @@ def _warn(name: str, form: str, lost: Iterable[str]) -> None:
 # ── Quantities as functions of other packages
 
 
-class BridgeMethods:
+class BridgeMethods(RobotBase):
     """The methods of a robot that hand its programs to JAX, PyTorch, CasADi and JavaScript."""
 
     def to_jax(
-        self: Any, quantity: str, *, precision: Literal["double", "single"] = "double", **options: Unpack[KernelOptions]
+        self, quantity: str, *, precision: Literal["double", "single"] = "double", **options: Unpack[KernelOptions]
     ) -> Callable[..., Any]:
         """Function of JAX arrays that computes one quantity: it jits, vmaps, and differentiates in both modes.
 
@@ -460,9 +461,9 @@ class BridgeMethods:
         from ..export.bridge import BridgedQuantity
         from ..export.jax import jax_function
 
-        return jax_function(BridgedQuantity.of("to_jax", self, quantity, options, precision), precision)
+        return jax_function(BridgedQuantity.of("to_jax", self._open(), quantity, options, precision), precision)
 
-    def to_torch(self: Any, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
+    def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """Function of PyTorch tensors that computes one quantity by compiled kernels, differentiable twice.
 
         Parameters
@@ -498,9 +499,9 @@ class BridgeMethods:
         from ..export.bridge import BridgedQuantity
         from ..export.torch import torch_function
 
-        return torch_function(BridgedQuantity.of("to_torch", self, quantity, options, "double"))
+        return torch_function(BridgedQuantity.of("to_torch", self._open(), quantity, options, "double"))
 
-    def to_casadi(self: Any, quantity: str, **options: Unpack[KernelOptions]) -> Any:
+    def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity, in SX symbols, for optimal control and code generation.
 
         Parameters
@@ -531,9 +532,9 @@ class BridgeMethods:
         from ..export.bridge import BridgedQuantity
         from ..export.javascript import casadi_function
 
-        return casadi_function(BridgedQuantity.of("to_casadi", self, quantity, options, "double"))
+        return casadi_function(BridgedQuantity.of("to_casadi", self._open(), quantity, options, "double"))
 
-    def to_javascript(self: Any, quantity: str, **options: Unpack[KernelOptions]) -> str:
+    def to_javascript(self, quantity: str, **options: Unpack[KernelOptions]) -> str:
         """JavaScript module with one function that computes one quantity, for browsers and Node.
 
         Parameters
@@ -568,7 +569,7 @@ class BridgeMethods:
         from ..export.bridge import BridgedQuantity
         from ..export.javascript import javascript_module
 
-        return javascript_module(BridgedQuantity(self, quantity, options))
+        return javascript_module(BridgedQuantity(self._open(), quantity, options))
 
 
 complete(globals())

@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.glossary import complete
 from ..typing import Array
-
-Kind = Literal["body", "space", "world_aligned"]
-Rows = str | Iterable[int | str] | None
-"""Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""
-Wrenches = Mapping[str, Any]
-"""``{frame: (..., 6)}``, each (m, f) in the axes of its frame."""
-
-CONFIGURATIONS = ("q", "q0", "q1")
-"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
-
+from .arguments import Kind, Wrenches
+from .base import RobotBase
 
 # ── Derivatives of quantities as methods
 
 
-class DerivativeMethods:
+class DerivativeMethods(RobotBase):
     """Derivatives of a robot's dynamics and kinematics."""
-
-    _call: Callable[..., Any]
-    """(name, *arrays, out=, **options), results."""
-    _with_wrenches: Callable[..., Any]
-    """(name, arrays, wrenches by the robot, wrenches on the robot, out, **options), results."""
 
     def inverse_dynamics_derivatives(
         self,
@@ -239,10 +225,10 @@ class DerivativeMethods:
 # ── Linearised dynamics. Modern Robotics section 8.5
 
 
-class LinearizationMethods:
+class LinearizationMethods(RobotBase):
     """The method of a robot that linearises its dynamics."""
 
-    def linearize(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
+    def linearize(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """State-space matrices A and B of small deviations from a state: dx/dt = A x + B u, x = (δ, δdq), u = δτ.
 
         Returns
@@ -274,7 +260,7 @@ class LinearizationMethods:
         >>> A.round(9).tolist(), B.round(9).tolist()
         ([[0.0, 1.0], [9.81, 0.0]], [[0.0], [1.0]])
         """
-        by_q, by_dq, by_tau = self.forward_dynamics_derivatives(q, dq, tau)
+        by_q, by_dq, by_tau = self._open().forward_dynamics_derivatives(q, dq, tau)
         n, batch = self.nv, by_q.shape[:-2]
         A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
         from ..algorithms.kinematics import brackets

@@ -22,7 +22,7 @@ from ..ir.tracer import Trace, trace
 from ..model.model import Model
 from ..model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
 from ..typing import Array
-from .derivatives import CONFIGURATIONS
+from .arguments import CONFIGURATIONS
 from .quantities import QUANTITIES, Quantity, Shape
 
 FORMS = ("jacobian", "along", "weighted", "hessian", "hessian_along")

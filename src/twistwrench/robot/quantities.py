@@ -17,7 +17,7 @@ from ..algorithms import (
     operational_space,
 )
 from ..model.model import Model
-from .derivatives import CONFIGURATIONS
+from .arguments import CONFIGURATIONS
 
 Shape = tuple[int, ...]
 

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from ..core.glossary import complete
 from ..errors import UnknownNameError
 from ..typing import Array
-from .derivatives import DerivativeMethods, Kind, Wrenches
+from .arguments import Kind, Wrenches
+from .derivatives import DerivativeMethods
 
 if TYPE_CHECKING:
     from ..lie.twist_wrench import Wrench

@@ -1,41 +1,43 @@
-"""Robot: a model with an engine of compiled kernels; configurations, edits, and display."""
+"""Robot: the class with all methods, and those that only robots without closed loops have."""
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Mapping
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
-from weakref import WeakMethod
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ValueRangeError
+from ..core import arguments
+from ..core.arguments import taking_the_arguments_of
+from ..core.glossary import complete
+from ..errors import ShapeError
 from ..typing import Array
+from .arguments import Rows, check_mapping, names_of, states, wrench_at
+from .base import RobotBase
 from .conversion_methods import BridgeMethods, EditMethods, FileMethods
 from .derivatives import LinearizationMethods
-from .engine import Engine
 from .quantity_methods import QuantityMethods
-from .shortcuts import Shortcuts
+from .shared_methods import IKMethods, Method, SimulationMethods
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
-    from ..ir.program import Program
-    from ..model.actuators import Actuator
-    from ..model.limits import Limits
-    from ..model.model import Model, OfferedClosure
+    from ..algorithms.closed_form import ClosedForm
+    from ..model.model import Model
     from ..runtime.dispatch import CallSignature
-    from .model_cache import CachedModel
-    from .programs import KernelOptions
+    from ..simulation import SimulationBatch, SimulationResult
+    from ..simulation.rollout import Rollout
+    from .arguments import Wrenches
+    from .closed.closed_robot import ClosedRobot
+    from .explanation import Explanation
+    from .ik import IKResult
 
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 
 
-class DisplayMethods:
+class DisplayMethods(RobotBase):
     """The methods of a robot that describe it."""
 
-    def info(self: Any) -> dict[str, Any]:
+    def info(self) -> dict[str, Any]:
         """Robot description as plain data: joints, links with mass, frames, gravity, defects; what ``info --json`` prints.
 
         Returns
@@ -52,9 +54,9 @@ class DisplayMethods:
         """
         from ..reports.robot_summary import summary
 
-        return summary(self)
+        return summary(self._open())
 
-    def _repr_html_(self: Any) -> str:
+    def _repr_html_(self) -> str:
         from ..core.numbers import number
         from ..core.tables import html_table
         from ..reports.robot_summary import joint_rows
@@ -66,6 +68,199 @@ class DisplayMethods:
         return html_table(
             title, [name.replace("_", " ") for name in _SHOWN], ([row[name] for name in _SHOWN] for row in rows)
         )
+
+
+class OpenRobotMethods(RobotBase, IKMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):
+    """Methods of a robot that open what is built on it: simulation, closed loops, and what only open robots have."""
+
+    # ── what the methods that closed robots have, too, ask ──
+
+    def _closed(self) -> ClosedRobot:
+        from .closed.closed_robot import ClosedRobot
+
+        return ClosedRobot(self._open())
+
+    def _simulated(self, *start: Any, **given: Any) -> SimulationResult:
+        from ..simulation.preparation import simulated
+
+        return simulated(self._open(), *start, **given)
+
+    def _rolled_out(self, *start: Any, **given: Any) -> Rollout:
+        from ..simulation.rollout import rolled_out
+
+        return rolled_out(self._open(), *start, **given)
+
+    # ── methods of its own ──
+
+    def inverse_kinematics_branches(
+        self,
+        T: ArrayLike,
+        frame: str | None = None,
+        *,
+        rows: Rows = None,
+        starts: int = 256,
+        rng: np.random.Generator | int | None = 0,
+        angle: float = 1e-10,
+        distance: float = 1e-10,
+    ) -> IKResult:
+        """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
+
+        Parameters
+        ----------
+        T : (4, 4) array_like, wanted pose in the base frame [m]
+        rows : str or iterable, optional, rows of the twist that count
+        starts : int, how many places the search starts from
+        rng : numpy Generator or seed, for these places
+
+        Returns
+        -------
+        found : IKResult
+            A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
+
+        Notes
+        -----
+        Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
+        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1. At singular
+        configurations branches meet, or are points of curves on which the frame stays; a ``ModelWarning`` says so.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> T = arm.forward_kinematics([0.3, 0.8])
+        >>> arm.inverse_kinematics_branches(T, rows="vx vy").q.round(3) + 0.0
+        array([[ 0.3,  0.8],
+               [ 1.1, -0.8]])
+        """
+        from .ik import branches
+
+        return branches(self._open(), T, frame, rows, starts, rng, angle, distance)
+
+    @taking_the_arguments_of(SimulationMethods.simulate)
+    def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:
+        """Simulations from many states, each as :meth:`simulate` gives it, to the last bit.
+
+        Parameters
+        ----------
+        *start : q0 (..., nq), dq0 (..., nv), duration and dt, by these names too, as in :meth:`simulate`
+        **options : all others of :meth:`simulate`, the same for each
+
+        Returns
+        -------
+        batch : SimulationBatch, one SimulationResult for each state
+
+        Raises
+        ------
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        One that fails is in the batch as far as it came: ``batch.completed`` says which are whole, ``.stopped`` of a result
+        why. Steps of fixed length under constant torques and wrenches are taken side by side. Functions are asked by one
+        simulation after the other: a controller that remembers its last call meets the start of the next. States alone, of
+        many more samples, are what :meth:`rollout` is for.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swings = tw.robots.pendulum().simulate_batch([[1.0], [2.0]], duration=0.5, method="rk4")
+        >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
+        (2, True, array([2.]))
+        """
+        from ..simulation.preparation import simulate_batch
+
+        return simulate_batch(self._open(), *start, **options)
+
+    def explain(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> Explanation:
+        """Why a joint needs its torque: τ split by term and by the link, rotor or payload that causes it.
+
+        Returns
+        -------
+        why : Explanation, whose parts add up to τ
+
+        Notes
+        -----
+        Any batch shape; the table and the picture are of one state. Inverse dynamics is linear in the inertial
+        parameters, MR section 8.2.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r().with_payload(tw.SpatialInertia.from_com(2.0))
+        >>> why = arm.explain([0, 0], [0, 1], [0, 0])
+        >>> why.of("payload at tip", "gravity").round(2).tolist()
+        [39.24, 19.62]
+        """
+        wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        robot = self._open()
+        q, dq, ddq = map(np.asarray, states(self.model, "explain", q=q, dq=dq, ddq=ddq))
+        tau = np.asarray(robot.inverse_dynamics(q, dq, ddq, **wrenches), float)
+        apart: dict[str, Array] = {}
+        for sign, given in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
+            for frame, F in (given or {}).items():
+                found = sign * robot.wrench_torques(q, wrench_at(self.model, frame, F), frame)
+                apart[f"wrench at {frame}"] = found + apart.get(f"wrench at {frame}", 0.0)
+        if self.model.springs:
+            apart["springs"] = robot.holding_torques(q) - robot.gravity_forces(q)
+        if self.model.armature.any():
+            from ..algorithms.recursion import armature_forces
+
+            apart["armature"] = armature_forces(self.model, dq, ddq)
+        if friction and self.model.friction.any:
+            apart["friction"] = robot.friction_forces(dq, load=tau)
+        Y = self.engine.cached("regressor on NumPy", lambda: _on_numpy(robot))
+        from .explanation import explained
+
+        return explained(self.model, Y, (q, dq, ddq), apart)
+
+    def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
+        """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.
+
+        Returns
+        -------
+        terms : ClosedForm
+
+        Notes
+        -----
+        Slow, and without any of the recursions by which the terms are computed elsewhere.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0.5], [1, 1])
+        >>> terms.A.shape, terms.L.shape, terms.M.shape
+        ((12, 2), (12, 12), (2, 2))
+        """
+        q, dq = (
+            arguments.finite(
+                arguments.one(x, f"closed_form: {name}", n, names=names_of(self.model, name)), f"closed_form: {name}", n
+            )
+            for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
+        )
+        check_mapping(wrench_by_robot)
+        wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
+        if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
+            raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
+        from ..algorithms.closed_form import closed_form
+
+        return closed_form(self.model, q, dq, wrenches)
+
+
+def _on_numpy(robot: Robot) -> Any:
+    """The regressor, which is asked once in a while: not worth the second that compiling takes."""
+    from ..lowering.reference_interpreter import NumpyKernel
+
+    return NumpyKernel(robot.program("regressor"), "regressor", "")
 
 
 # ── Robot
@@ -80,7 +275,7 @@ class Robot(
     EditMethods,
     FileMethods,
     BridgeMethods,
-    Shortcuts,
+    OpenRobotMethods,
 ):
     """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled when first asked for.
 
@@ -100,24 +295,8 @@ class Robot(
     [[3.0, 1.0], [1.0, 1.0]]
     """
 
-    def __init__(self, model: Model | CachedModel) -> None:
-        self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
-        self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
-
-    @cached_property
-    def model(self) -> Model:
-        """The robot as data: its bodies, joints, frames and limits."""
-        return self.engine.model
-
-    def __repr__(self) -> str:
-        tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
-        return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}, {tip}>"
-
-    def __getstate__(self) -> Model:
-        return self.model
-
-    def __setstate__(self, model: Model) -> None:
-        self.__init__(model)  # type: ignore[misc]
+    def _open(self) -> Robot:
+        return self
 
     def _of_model(self, model: Model) -> Robot:
         """What an edit gives."""
@@ -145,331 +324,5 @@ class Robot(
             vars(self)[name] = direct
         return True
 
-    # ── what it is ──
 
-    @property
-    def name(self) -> str:
-        """The robot's name in its file."""
-        return self.model.name
-
-    @property
-    def nq(self) -> int:
-        """Number of coordinates nq, the entries of a configuration q."""
-        return self.model.nq
-
-    @property
-    def nv(self) -> int:
-        """Number of velocities nv, the entries of dq: the degrees of freedom of the tree."""
-        return self.model.nv
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The joints that have coordinates, in the order of q."""
-        return self.model.joint_names
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """A name for each entry of q: the joint's, with a suffix where it has several."""
-        return self.model.coordinate_names
-
-    @property
-    def velocity_names(self) -> tuple[str, ...]:
-        """A name for each entry of dq, ddq and tau: the joint's, with a suffix where it has several."""
-        return self.model.velocity_names
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """The moving bodies, each by the link its joint carries, in the order of :meth:`joint_wrenches`."""
-        return tuple(body.link for body in self.model.bodies)
-
-    @property
-    def link_names(self) -> tuple[str, ...]:
-        """Every link of the file, in document order."""
-        return tuple(self.model.frames)
-
-    @property
-    def frame_names(self) -> tuple[str, ...]:
-        """Every frame a method can be asked about: the links, then the sites of the file."""
-        return tuple(self.model.all_frames)
-
-    @property
-    def tip(self) -> str | None:
-        """The frame meant when none is named; None when the robot has no single tip."""
-        return self.model.tip
-
-    @property
-    def defects(self) -> tuple[str, ...]:
-        """What the robot's file says that is doubtful."""
-        return self.model.defects
-
-    @property
-    def limits(self) -> Limits:
-        """Joint limits, (nv,) each, inf where none is given."""
-        return self.model.limits
-
-    @property
-    def gravity(self) -> Array:
-        """Gravity in the base frame, (3,) m/s²."""
-        return self.model.gravity
-
-    @property
-    def actuators(self) -> Mapping[str, Actuator]:
-        """What drives the joints, by the joint whose coordinate it moves; see :meth:`with_actuators`."""
-        return self.model.actuators
-
-    @property
-    def armature(self) -> Array:
-        """The inertia of the drives that each velocity feels, (nv,) kg m² or kg: on the diagonal of M, in nothing else."""
-        return self.model.armature
-
-    @property
-    def configurations(self) -> Mapping[str, Array]:
-        """Configurations that the file names, such as the keyframes of MJCF; (nq,) each."""
-        return self.model.configurations
-
-    @property
-    def closures(self) -> Mapping[str, OfferedClosure]:
-        """Loops that the file closes, by name. The robot is the open tree; :meth:`close` closes them one by one."""
-        return self.model.closures
-
-    @property
-    def parameters(self) -> Array:
-        """Inertial parameters π, ten of each moving body, fixed links fused; (10 nbodies,) [kg, kg m, kg m²]. MR 8.2."""
-        return np.concatenate([np.zeros(0), *(body.inertia.parameters for body in self.model.bodies)])
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
-        from ..algorithms.inverse_dynamics import PARAMETER_NAMES
-
-        return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
-
-    @property
-    def neutral(self) -> Array:
-        """Neutral configuration: every joint at zero, inside its limits or not; (nq,), rad or m."""
-        return self.model.neutral
-
-    @property
-    def screws(self) -> Any:
-        """The book's M, Slist, Blist, Mlist, Glist, link frames as in the file; serial chains only."""
-        from ..formats.dh import screw_lists
-
-        return screw_lists(self.model)
-
-    def screws_at_com(self) -> Any:
-        """The book's lists with link frames at the centres of mass along principal axes: the diagonal G.
-
-        Returns
-        -------
-        lists : named tuple of M, Slist, Blist, Mlist, Glist, as :attr:`screws`
-
-        Raises
-        ------
-        ModelError
-            The robot is no serial chain of one-degree joints.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> G = np.asarray(tw.robots.ur5().screws_at_com().Glist)
-        >>> G.shape, bool(np.allclose(G, G * np.eye(6)))
-        ((6, 6, 6), True)
-        """
-        from ..formats.dh import screw_lists
-
-        return screw_lists(self.model, at_com=True)
-
-    # ── configurations ──
-
-    def coordinates(self, **joints: ArrayLike) -> Array:
-        """Configuration from joint names, the other joints neutral.
-
-        Parameters
-        ----------
-        **joints : joint=position [rad, m], as many numbers as the joint has coordinates
-
-        Returns
-        -------
-        q : (nq,) array
-
-        Raises
-        ------
-        ShapeError
-            A joint has another number of coordinates.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
-        [0.0, 0.5]
-        """
-        from ..model import assembly as configuration
-
-        return configuration.from_names(self.model, joints)
-
-    def random_configuration(
-        self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
-    ) -> Array:
-        """Random configuration inside the joint limits; unbounded joints within ±π or ±1 m.
-
-        Parameters
-        ----------
-        rng : numpy Generator or seed, optional
-        size : int or tuple of int, batch shape
-
-        Returns
-        -------
-        q : (*size, nq) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
-        (2, 3, 6)
-        """
-        from ..core import arguments
-        from ..model import assembly as configuration
-
-        try:
-            shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
-            generator = np.random.default_rng(rng)
-        except (TypeError, ValueError):
-            raise ValueRangeError(
-                f"rng={arguments.shown(rng)}, size={arguments.shown(size)}: give a seed or a numpy Generator, and whole "
-                "numbers of samples."
-            ) from None
-        if any(n < 0 for n in shape):
-            raise ValueRangeError(f"size={arguments.shown(size)} has a negative number of samples.")
-        return configuration.random_configuration(self.model, generator, shape)
-
-    # ── kernels ──
-
-    def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
-        """Compiled kernel of one quantity, or of several at once: a ``numpy.ufunc`` with the robot's own sizes.
-
-        Parameters
-        ----------
-        *names : str, quantities
-        **options : by quantity; an option goes to those that take it
-            ``frame=``, ``kind=``, ``rows=``: as for the methods.
-            ``wrenches=(frame, …)``: further inputs, one wrench each, applied by the robot, or by the world at those of
-            ``on_robot=(frame, …)``.
-            ``friction=True``: of inverse and forward dynamics.
-            ``gravity="input"``: a further input, (3,) m/s² in the base frame, in place of the robot's own.
-            ``parameters=(pattern, …)``: the last input, a number for each of ``robot.varying(*patterns)``, so that
-            every sample may have its own masses, inertias, lengths, friction.
-            ``constraints=``: those of a closed robot.
-            ``by="q"``: the derivative of any quantity by that input, or by several, along :meth:`add` on q; ``form``,
-            ``mode`` and ``values`` are those of :func:`twistwrench.differentiate`.
-
-        Returns
-        -------
-        kernel : ufunc, with a signature such as ``(7),(7)->(7,7)``
-
-        Raises
-        ------
-        KernelError
-            An option does not apply.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        Of several quantities, inputs of one name are one input, and what the quantities share is computed once.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().kernel("inverse_dynamics").signature
-        '(6),(6),(6)->(6)'
-        >>> tw.robots.ur5().kernel("mass_matrix", "bias_forces").signature
-        '(6),(6)->(6,6),(6)'
-        """
-        return self.engine.kernel(names, options)
-
-    def varying(self, *patterns: str) -> dict[str, float]:
-        """Parameters that a kernel takes as inputs (masses, inertias, lengths, friction), with the robot's own numbers.
-
-        Parameters
-        ----------
-        *patterns : str, names with wildcards such as ``"*.mass"``; none: all
-
-        Returns
-        -------
-        parameters : {name: float}, in a kernel's order [SI units]
-
-        Raises
-        ------
-        UnknownNameError
-            A pattern means no parameter.
-
-        Notes
-        -----
-        Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
-        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a
-        payload.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> ur5 = tw.robots.ur5()
-        >>> ur5.varying("*.viscous", "tool0.mass")["tool0.mass"]
-        0.0
-        >>> holding = ur5.kernel("gravity_forces", parameters=("tool0.mass",))
-        >>> payloads = np.array([[0.0], [5.0]])
-        >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
-        [-39.18, -69.68]
-        """
-        from ..model.parameters import matching, nominal
-
-        known = nominal(self.model)
-        return {name: known[name] for name in matching(self.model, patterns or ("*",))}
-
-    def program(self, *names: str, **options: Unpack[KernelOptions]) -> Program:
-        """Straight-line program behind a kernel, for counting its operations.
-
-        Parameters
-        ----------
-        *names : str, quantities
-        **options : as for :meth:`kernel`
-
-        Returns
-        -------
-        program : Program
-
-        Raises
-        ------
-        KernelError
-            An option does not apply.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.program("inverse_dynamics").signature
-        '(2),(2),(2)->(2)'
-        """
-        return self.engine.program(names, options)
-
-    def reference(self, name: str, *arrays: ArrayLike, **options: Unpack[KernelOptions]) -> Any:
-        """Reference value of a quantity: the algorithm itself on floats, one state at a time, nothing compiled.
-
-        Parameters
-        ----------
-        name : str, a quantity
-        *arrays : its inputs, of one state
-        **options : as for :meth:`kernel`
-
-        Returns
-        -------
-        result : array, or tuple of arrays where the quantity has several outputs; symbols of symbols, in a function
-            that is traced
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.reference("gravity_forces", [0, 0]).round(2).tolist()
-        [29.43, 9.81]
-        """
-        return self.engine.reference(name, arrays, options)
+complete(globals())

@@ -13,8 +13,8 @@ from ..core import arguments, third_party
 from ..core.glossary import complete
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..typing import Array
-from .arguments import brought, states
-from .derivatives import Kind, Rows
+from .arguments import Kind, Rows, brought, states
+from .base import RobotBase
 
 if TYPE_CHECKING:
     from ..algorithms.inverse_dynamics import MotorLoads, PowerBalance
@@ -28,13 +28,11 @@ def _count(given: Mapping[str, Any]) -> int:
     return len(row_numbers(given.get("rows")))
 
 
-class TaskSpaceMethods:
+class TaskSpaceMethods(RobotBase):
     """The methods of a robot that see its dynamics from a frame."""
 
     @third_party.by_blocks(lambda _, given: [(_count(given),) * 2])
-    def task_inertia(
-        self: Any, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
-    ) -> Array:
+    def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Task-space (operational-space) inertia Λ of F = Λ dV + η on the chosen rows of J: (J M⁻¹ J')⁻¹.
 
         Returns
@@ -64,11 +62,11 @@ class TaskSpaceMethods:
         >>> arm.task_inertia([0, np.pi / 2], kind="world_aligned", rows="vx vz").round(12).tolist()
         [[1.0, 0.0], [0.0, 2.0]]
         """
-        return _by_kernel(self, "task_inertia", (q,), frame, kind, rows)
+        return _by_kernel(self._open(), "task_inertia", (q,), frame, kind, rows)
 
     @third_party.by_blocks(lambda _, given: [(_count(given),)])
     def task_bias(
-        self: Any, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
         """Task-space bias η of F = Λ dV + η on the chosen rows of J: Λ (J M⁻¹ h - (dJ/dt) dq).
 
@@ -92,11 +90,9 @@ class TaskSpaceMethods:
         >>> arm.task_bias([0, 1], [0, 0], kind="world_aligned", rows="vx vz").round(2).tolist()
         [6.3, 19.62]
         """
-        return _by_kernel(self, "task_bias", (q, dq), frame, kind, rows)
+        return _by_kernel(self._open(), "task_bias", (q, dq), frame, kind, rows)
 
-    def lost_directions(
-        self: Any, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
-    ) -> Array:
+    def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Lost directions of a singular configuration: those of the chosen rows in which the frame cannot be moved.
 
         Returns
@@ -120,10 +116,9 @@ class TaskSpaceMethods:
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
-        sizes = _usual_ways(self, frame, kind)[2][chosen]
-        return ConstraintProjector.from_rows(
-            self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes
-        ).lost
+        robot = self._open()
+        J = robot.jacobian(q, frame, kind)[..., chosen, :]
+        return ConstraintProjector.from_rows(J, robot.mass_matrix(q), _usual_ways(robot, frame, kind)[2][chosen]).lost
 
 
 def _by_kernel(
@@ -221,20 +216,25 @@ def _of_powers(*found: Any) -> PowerBalance:
 class ActuationMethods:
     """The methods of a robot, open or closed, about its motors and its power."""
 
-    def _loads(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+    def _open(self) -> Robot:
+        """The robot with its loops open."""
+        raise NotImplementedError
+
+    def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """What goes through the gears, and what the rotors take before them, (nv,) each."""
-        carried, rotor = self.drive_torques(q, dq, ddq, **wrenches)
+        robot = self._open()
+        carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
-            carried = carried + self.friction_forces(dq, load=carried + rotor)
+            carried = carried + robot.friction_forces(dq, load=carried + rotor)
         return carried, rotor
 
-    def _moved(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+    def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """q̈ under torques τ, and what friction leaves of them, None where that is still to be found."""
-        return self.forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
+        return self._open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
     @third_party.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
     def motor_loads(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
@@ -292,7 +292,7 @@ class ActuationMethods:
 
     @third_party.by_blocks(lambda *_: [()] * 4, _of_powers)
     def power_balance(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         tau: ArrayLike,
@@ -350,7 +350,7 @@ def require_robot(robot: object, what: str) -> Robot:
     Traceback (most recent call last):
     twistwrench.errors.ValueRangeError: fastest: the robot is [0.1, 0.2]: give a tw.Robot, as tw.load(path) makes one.
     """
-    if isinstance(robot, TaskSpaceMethods):  # a base class of Robot's alone, which imports nothing that asks here
+    if isinstance(robot, RobotBase):
         return cast("Robot", robot)
     advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"
     raise ValueRangeError(f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, {advice}.")

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ..robot.shortcuts import SimulationMethods
+from ..robot.shared_methods import SimulationMethods
 from .contact import JointStops, Plane
 from .events import Event, Happening
 from .preparation import SimulationBatch

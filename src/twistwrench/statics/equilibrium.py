@@ -21,7 +21,7 @@ from .torque_limits import effort_limits, one_configuration, resting_torques
 if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..robot import Robot
-    from ..robot.derivatives import Kind
+    from ..robot.arguments import Kind
 
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
 _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"

@@ -27,7 +27,7 @@ from .torque_limits import (
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.derivatives import Kind
+    from ..robot.arguments import Kind
 
 PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
 """The rows of a wrench that each part means."""

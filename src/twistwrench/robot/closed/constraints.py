@@ -17,8 +17,7 @@ from ...core.glossary import complete
 from ...errors import ConstraintError, UnknownNameError
 from ...model.model import BASE, Model
 from ...typing import Array
-from ..arguments import finite_states
-from ..derivatives import Rows
+from ..arguments import Rows, finite_states
 
 if TYPE_CHECKING:
     from ...model.model import Model

@@ -22,8 +22,7 @@ from ...core import arguments, third_party
 from ...core.glossary import complete
 from ...typing import Array
 from ..arguments import Wrenches, finite_states
-from ..ik_methods import IKMethods
-from ..shortcuts import ClosedMethod, SimulationMethods
+from ..shared_methods import ClosedMethod, IKMethods, SimulationMethods
 from . import checks
 from .constraints import projector_at
 

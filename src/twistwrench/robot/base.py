@@ -1,0 +1,394 @@
+"""What every method of a robot stands on: its model, its engine, names and limits, configurations, kernels."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Unpack
+from weakref import WeakMethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.glossary import complete
+from ..errors import ValueRangeError
+from ..typing import Array
+from .engine import Engine
+
+if TYPE_CHECKING:
+    from ..ir.program import Program
+    from ..model.actuators import Actuator
+    from ..model.limits import Limits
+    from ..model.model import Model, OfferedClosure
+    from ..runtime.dispatch import CallSignature
+    from .model_cache import CachedModel
+    from .programs import KernelOptions
+    from .robot import Robot
+
+
+class RobotBase:
+    """Model and engine of a robot, with its properties, configurations and kernels."""
+
+    def __init__(self, model: Model | CachedModel) -> None:
+        self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
+        self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
+
+    @cached_property
+    def model(self) -> Model:
+        """The robot as data: its bodies, joints, frames and limits."""
+        return self.engine.model
+
+    def __repr__(self) -> str:
+        tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
+        return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}, {tip}>"
+
+    def __getstate__(self) -> Model:
+        return self.model
+
+    def __setstate__(self, model: Model) -> None:
+        self.__init__(model)  # type: ignore[misc]
+
+    def _open(self) -> Robot:
+        """The robot with all its methods."""
+        raise NotImplementedError
+
+    def _of_model(self, model: Model) -> Robot:
+        """What an edit gives."""
+        raise NotImplementedError
+
+    def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
+        """Let calls reach a kernel at once; see :class:`.robot.Robot`."""
+        raise NotImplementedError
+
+    # ── what it is ──
+
+    @property
+    def name(self) -> str:
+        """The robot's name in its file."""
+        return self.model.name
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates nq, the entries of a configuration q."""
+        return self.model.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities nv, the entries of dq: the degrees of freedom of the tree."""
+        return self.model.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that have coordinates, in the order of q."""
+        return self.model.joint_names
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """A name for each entry of q: the joint's, with a suffix where it has several."""
+        return self.model.coordinate_names
+
+    @property
+    def velocity_names(self) -> tuple[str, ...]:
+        """A name for each entry of dq, ddq and tau: the joint's, with a suffix where it has several."""
+        return self.model.velocity_names
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The moving bodies, each by the link its joint carries, in the order of :meth:`joint_wrenches`."""
+        return tuple(body.link for body in self.model.bodies)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Every link of the file, in document order."""
+        return tuple(self.model.frames)
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Every frame a method can be asked about: the links, then the sites of the file."""
+        return tuple(self.model.all_frames)
+
+    @property
+    def tip(self) -> str | None:
+        """The frame meant when none is named; None when the robot has no single tip."""
+        return self.model.tip
+
+    @property
+    def defects(self) -> tuple[str, ...]:
+        """What the robot's file says that is doubtful."""
+        return self.model.defects
+
+    @property
+    def limits(self) -> Limits:
+        """Joint limits, (nv,) each, inf where none is given."""
+        return self.model.limits
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity in the base frame, (3,) m/s²."""
+        return self.model.gravity
+
+    @property
+    def actuators(self) -> Mapping[str, Actuator]:
+        """What drives the joints, by the joint whose coordinate it moves; see :meth:`with_actuators`."""
+        return self.model.actuators
+
+    @property
+    def armature(self) -> Array:
+        """The inertia of the drives that each velocity feels, (nv,) kg m² or kg: on the diagonal of M, in nothing else."""
+        return self.model.armature
+
+    @property
+    def configurations(self) -> Mapping[str, Array]:
+        """Configurations that the file names, such as the keyframes of MJCF; (nq,) each."""
+        return self.model.configurations
+
+    @property
+    def closures(self) -> Mapping[str, OfferedClosure]:
+        """Loops that the file closes, by name. The robot is the open tree; :meth:`close` closes them one by one."""
+        return self.model.closures
+
+    @property
+    def parameters(self) -> Array:
+        """Inertial parameters π, ten of each moving body, fixed links fused; (10 nbodies,) [kg, kg m, kg m²]. MR 8.2."""
+        return np.concatenate([np.zeros(0), *(body.inertia.parameters for body in self.model.bodies)])
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
+        from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+
+        return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
+
+    @property
+    def neutral(self) -> Array:
+        """Neutral configuration: every joint at zero, inside its limits or not; (nq,), rad or m."""
+        return self.model.neutral
+
+    @property
+    def screws(self) -> Any:
+        """The book's M, Slist, Blist, Mlist, Glist, link frames as in the file; serial chains only."""
+        from ..formats.dh import screw_lists
+
+        return screw_lists(self.model)
+
+    def screws_at_com(self) -> Any:
+        """The book's lists with link frames at the centres of mass along principal axes: the diagonal G.
+
+        Returns
+        -------
+        lists : named tuple of M, Slist, Blist, Mlist, Glist, as :attr:`screws`
+
+        Raises
+        ------
+        ModelError
+            The robot is no serial chain of one-degree joints.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> G = np.asarray(tw.robots.ur5().screws_at_com().Glist)
+        >>> G.shape, bool(np.allclose(G, G * np.eye(6)))
+        ((6, 6, 6), True)
+        """
+        from ..formats.dh import screw_lists
+
+        return screw_lists(self.model, at_com=True)
+
+    # ── configurations ──
+
+    def coordinates(self, **joints: ArrayLike) -> Array:
+        """Configuration from joint names, the other joints neutral.
+
+        Parameters
+        ----------
+        **joints : joint=position [rad, m], as many numbers as the joint has coordinates
+
+        Returns
+        -------
+        q : (nq,) array
+
+        Raises
+        ------
+        ShapeError
+            A joint has another number of coordinates.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
+        [0.0, 0.5]
+        """
+        from ..model import assembly as configuration
+
+        return configuration.from_names(self.model, joints)
+
+    def random_configuration(
+        self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
+    ) -> Array:
+        """Random configuration inside the joint limits; unbounded joints within ±π or ±1 m.
+
+        Parameters
+        ----------
+        rng : numpy Generator or seed, optional
+        size : int or tuple of int, batch shape
+
+        Returns
+        -------
+        q : (*size, nq) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
+        (2, 3, 6)
+        """
+        from ..core import arguments
+        from ..model import assembly as configuration
+
+        try:
+            shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
+            generator = np.random.default_rng(rng)
+        except (TypeError, ValueError):
+            raise ValueRangeError(
+                f"rng={arguments.shown(rng)}, size={arguments.shown(size)}: give a seed or a numpy Generator, and whole "
+                "numbers of samples."
+            ) from None
+        if any(n < 0 for n in shape):
+            raise ValueRangeError(f"size={arguments.shown(size)} has a negative number of samples.")
+        return configuration.random_configuration(self.model, generator, shape)
+
+    # ── kernels ──
+
+    def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
+        """Compiled kernel of one quantity, or of several at once: a ``numpy.ufunc`` with the robot's own sizes.
+
+        Parameters
+        ----------
+        *names : str, quantities
+        **options : by quantity; an option goes to those that take it
+            ``frame=``, ``kind=``, ``rows=``: as for the methods.
+            ``wrenches=(frame, …)``: further inputs, one wrench each, applied by the robot, or by the world at those of
+            ``on_robot=(frame, …)``.
+            ``friction=True``: of inverse and forward dynamics.
+            ``gravity="input"``: a further input, (3,) m/s² in the base frame, in place of the robot's own.
+            ``parameters=(pattern, …)``: the last input, a number for each of ``robot.varying(*patterns)``, so that
+            every sample may have its own masses, inertias, lengths, friction.
+            ``constraints=``: those of a closed robot.
+            ``by="q"``: the derivative of any quantity by that input, or by several, along :meth:`add` on q; ``form``,
+            ``mode`` and ``values`` are those of :func:`twistwrench.differentiate`.
+
+        Returns
+        -------
+        kernel : ufunc, with a signature such as ``(7),(7)->(7,7)``
+
+        Raises
+        ------
+        KernelError
+            An option does not apply.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        Of several quantities, inputs of one name are one input, and what the quantities share is computed once.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().kernel("inverse_dynamics").signature
+        '(6),(6),(6)->(6)'
+        >>> tw.robots.ur5().kernel("mass_matrix", "bias_forces").signature
+        '(6),(6)->(6,6),(6)'
+        """
+        return self.engine.kernel(names, options)
+
+    def varying(self, *patterns: str) -> dict[str, float]:
+        """Parameters that a kernel takes as inputs (masses, inertias, lengths, friction), with the robot's own numbers.
+
+        Parameters
+        ----------
+        *patterns : str, names with wildcards such as ``"*.mass"``; none: all
+
+        Returns
+        -------
+        parameters : {name: float}, in a kernel's order [SI units]
+
+        Raises
+        ------
+        UnknownNameError
+            A pattern means no parameter.
+
+        Notes
+        -----
+        Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
+        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a
+        payload.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> ur5.varying("*.viscous", "tool0.mass")["tool0.mass"]
+        0.0
+        >>> holding = ur5.kernel("gravity_forces", parameters=("tool0.mass",))
+        >>> payloads = np.array([[0.0], [5.0]])
+        >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
+        [-39.18, -69.68]
+        """
+        from ..model.parameters import matching, nominal
+
+        known = nominal(self.model)
+        return {name: known[name] for name in matching(self.model, patterns or ("*",))}
+
+    def program(self, *names: str, **options: Unpack[KernelOptions]) -> Program:
+        """Straight-line program behind a kernel, for counting its operations.
+
+        Parameters
+        ----------
+        *names : str, quantities
+        **options : as for :meth:`kernel`
+
+        Returns
+        -------
+        program : Program
+
+        Raises
+        ------
+        KernelError
+            An option does not apply.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.program("inverse_dynamics").signature
+        '(2),(2),(2)->(2)'
+        """
+        return self.engine.program(names, options)
+
+    def reference(self, name: str, *arrays: ArrayLike, **options: Unpack[KernelOptions]) -> Any:
+        """Reference value of a quantity: the algorithm itself on floats, one state at a time, nothing compiled.
+
+        Parameters
+        ----------
+        name : str, a quantity
+        *arrays : its inputs, of one state
+        **options : as for :meth:`kernel`
+
+        Returns
+        -------
+        result : array, or tuple of arrays where the quantity has several outputs; symbols of symbols, in a function
+            that is traced
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.reference("gravity_forces", [0, 0]).round(2).tolist()
+        [29.43, 9.81]
+        """
+        return self.engine.reference(name, arrays, options)
+
+
+complete(globals())
