@@ -89,17 +89,17 @@ def by_blocks(
         parameters = inspect.signature(method)
 
         @wraps(method)
-        def called(self: Any, *args: Any, **options: Any) -> Any:
+        def called(owner: Any, *args: Any, **options: Any) -> Any:
             if not any_lazy((*args, *options.values())):
-                return method(self, *args, **options)
-            given = parameters.bind(self, *args, **options).arguments
+                return method(owner, *args, **options)
+            given = parameters.bind(owner, *args, **options).arguments
             del given["self"]
             places = _places(given)
             arrays = [_found(given, place) for place in places]
-            cores = [_size(self, method.__name__, place, a) for place, a in zip(places, arrays, strict=True)]
-            outputs = [",".join(map(str, shape)) for shape in shapes(self, given)]
+            cores = [_size(owner, method.__name__, place, a) for place, a in zip(places, arrays, strict=True)]
+            outputs = [",".join(map(str, shape)) for shape in shapes(owner, given)]
             signature = f"{','.join(f'({n})' for n in cores)}->{','.join(f'({axes})' for axes in outputs)}"
-            found = later(_Block(self, method.__name__, given, tuple(places)), signature, arrays, dtype)
+            found = later(_Block(owner, method.__name__, given, tuple(places)), signature, arrays, dtype)
             return found if result is None else result(*found)
 
         return called  # type: ignore[return-value]

@@ -11,13 +11,12 @@ shape goes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...algorithms.constraints import Closure, Constraint, independent_constraints, row_names, with_gaps
+from ...algorithms.constraints import Closure, Constraint, row_names, with_gaps
 from ...algorithms.loop_closure import closure_gaps, independent_rows, settled
 from ...core import arguments, third_party
 from ...core.glossary import complete
@@ -29,8 +28,8 @@ from ..arguments import finite_states
 from ..robot import Robot
 from ..task_space_methods import ActuationMethods
 from . import checks
-from .constraints import CLOSED, ConstraintMethods, gap_units, row_sizes
-from .methods import ClosedDynamicsMethods, ClosedLoadMethods, ClosedShortcuts
+from .constraints import CLOSED, gap_units, row_sizes
+from .methods import ClosedDynamicsMethods, ClosedLoadMethods, ClosedSharedMethods
 
 if TYPE_CHECKING:
     pass
@@ -38,10 +37,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosedRobot(
-    ConstraintMethods,
     ClosedDynamicsMethods,
     ClosedLoadMethods,
-    ClosedShortcuts,
+    ClosedSharedMethods,
     ActuationMethods,
 ):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
@@ -80,6 +78,9 @@ class ClosedRobot(
         vars(self).update(state)
         self.__post_init__()  # arrays come out of a pickle writable
 
+    def _closed(self) -> ClosedRobot:
+        return self
+
     def __repr__(self) -> str:
         held = ", ".join(f"{c.name} {' '.join(TWIST[k] for k in c.rows)}" for c in self.constraints)
         free = self.robot.nv - len(self.independent)
@@ -110,16 +111,6 @@ class ClosedRobot(
         return closed
 
     # ── what it is ──
-
-    @property
-    def nq(self) -> int:
-        """Number of coordinates nq, those of the open robot."""
-        return self.robot.nq
-
-    @property
-    def nv(self) -> int:
-        """Number of velocities, those of the open robot."""
-        return self.robot.nv
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -262,13 +253,6 @@ class ClosedRobot(
         if not any(isinstance(c, Closure) for c in self.constraints):
             return np.zeros((*q.shape[:-1], 0))
         return closure_gaps(self.constraints, self.robot.engine.call("closure_poses", q, constraints=self.constraints))
-
-    # ── inputs ──
-
-    @cached_property
-    def _independent_constraints(self) -> tuple[Constraint, ...]:
-        """The constraints with their independent rows alone."""
-        return independent_constraints(self.constraints, self.independent)
 
 
 complete(globals())

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...algorithms.constraints import Closure, Constraint, MotionForceSplit, Rolling, names, place_of
+from ...algorithms.constraints import (
+    Closure,
+    Constraint,
+    MotionForceSplit,
+    Rolling,
+    independent_constraints,
+    names,
+    place_of,
+)
 from ...algorithms.kinematics import KINDS
 from ...algorithms.loop_closure import ConstraintProjector, usual_sizes
 from ...algorithms.operational_space import row_numbers
@@ -25,11 +34,40 @@ if TYPE_CHECKING:
     from .closed_robot import ClosedRobot
 
 
-class ConstraintMethods:
+class ClosedRobotBase:
+    """What every method of a closed robot stands on: the open robot, the constraints and the scaling of their rows."""
+
+    robot: Robot
+    constraints: tuple[Constraint, ...]
+    sizes: Array
+    independent: tuple[int, ...]
+    spans: Array
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates nq, those of the open robot."""
+        return self.robot.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities, those of the open robot."""
+        return self.robot.nv
+
+    @cached_property
+    def _independent_constraints(self) -> tuple[Constraint, ...]:
+        """The constraints with their independent rows alone."""
+        return independent_constraints(self.constraints, self.independent)
+
+    def _closed(self) -> ClosedRobot:
+        """The closed robot with all its methods."""
+        raise NotImplementedError
+
+
+class ConstraintMethods(ClosedRobotBase):
     """The methods of a closed robot about its constraints: A, its rank, and projections."""
 
     @third_party.by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
-    def constraint_jacobian(self: Any, q: ArrayLike) -> Array:
+    def constraint_jacobian(self, q: ArrayLike) -> Array:
         """Constraint Jacobian A, with A dq = 0.
 
         Returns
@@ -55,7 +93,7 @@ class ConstraintMethods:
         return np.asarray(self.robot.engine.call("constraint_jacobian", q, constraints=self.constraints))
 
     @third_party.by_blocks(lambda closed, _: [(len(closed.sizes),)])
-    def constraint_bias(self: Any, q: ArrayLike, dq: ArrayLike) -> Array:
+    def constraint_bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """Constraint bias (dA/dt) dq, so that A q̈ + (dA/dt) dq = 0.
 
         Returns
@@ -77,7 +115,7 @@ class ConstraintMethods:
         return np.asarray(self.robot.engine.call("constraint_bias", q, dq, constraints=self.constraints))
 
     @third_party.by_blocks(lambda *_: [()], dtype=int)
-    def rank(self: Any, q: ArrayLike) -> Array:
+    def rank(self, q: ArrayLike) -> Array:
         """Rank of A at q: how many of its rows are independent; fewer than usual where the configuration is singular.
 
         Returns
@@ -93,10 +131,10 @@ class ConstraintMethods:
         >>> int(held.rank(q))
         2
         """
-        return projector_at(self, *finite_states(self.robot.model, "rank", q=q))[1].rank
+        return projector_at(self._closed(), *finite_states(self.robot.model, "rank", q=q))[1].rank
 
     @third_party.by_blocks(lambda *_: [()], dtype=int)
-    def degrees_of_freedom(self: Any, q: ArrayLike) -> Array:
+    def degrees_of_freedom(self, q: ArrayLike) -> Array:
         """Degrees of freedom at q: nv less the rank of A.
 
         Returns
@@ -115,7 +153,7 @@ class ConstraintMethods:
         return self.nv - self.rank(q)
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
-    def projector(self: Any, q: ArrayLike) -> Array:
+    def projector(self, q: ArrayLike) -> Array:
         """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints.
 
         Returns
@@ -142,10 +180,10 @@ class ConstraintMethods:
         True
         """
         (q,) = finite_states(self.robot.model, "projector", q=q)
-        return projector_at(self, q)[1].projector.astype(q.dtype, copy=False)
+        return projector_at(self._closed(), q)[1].projector.astype(q.dtype, copy=False)
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)] * 2, MotionForceSplit)
-    def split(self: Any, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
+    def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques split into those that move the robot, Pτ, and those that the constraints bear.
 
         Returns
@@ -168,13 +206,13 @@ class ConstraintMethods:
         [1.0, 2.0, 3.0]
         """
         q, tau = finite_states(self.robot.model, "split", q=q, tau=tau)
-        motion = (projector_at(self, q)[1].projector @ tau[..., None])[..., 0].astype(
+        motion = (projector_at(self._closed(), q)[1].projector @ tau[..., None])[..., 0].astype(
             np.result_type(q, tau), copy=False
         )
         return MotionForceSplit(motion, tau - motion)
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
-    def project_velocity(self: Any, q: ArrayLike, dq: ArrayLike) -> Array:
+    def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """Velocity nearest in the kinetic metric that meets A dq = 0: P'dq.
 
         Returns
@@ -199,7 +237,7 @@ class ConstraintMethods:
         return self._nearest(q, dq, 0.0)
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,)])
-    def project_acceleration(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+    def project_acceleration(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Acceleration nearest in the kinetic metric that meets A q̈ + (dA/dt) dq = 0.
 
         Returns
@@ -223,11 +261,11 @@ class ConstraintMethods:
         q, dq, ddq = finite_states(self.robot.model, "project_acceleration", q=q, dq=dq, ddq=ddq)
         return self._nearest(q, ddq, self.constraint_bias(q, dq))
 
-    def _nearest(self: Any, q: Array, v: Array, b: Array | float) -> Array:
-        A, projector = projector_at(self, q)
+    def _nearest(self, q: Array, v: Array, b: Array | float) -> Array:
+        A, projector = projector_at(self._closed(), q)
         return projector.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
 
-    def wrenches(self: Any, lam: ArrayLike) -> dict[str, Array]:
+    def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
         """Constraint wrenches: λ as wrenches (m, f) that the robot applies where it is held.
 
         Parameters

@@ -24,7 +24,7 @@ from ...typing import Array
 from ..arguments import Wrenches, finite_states
 from ..shared_methods import ClosedMethod, IKMethods, SimulationMethods
 from . import checks
-from .constraints import projector_at
+from .constraints import ConstraintMethods, projector_at
 
 if TYPE_CHECKING:
     from ...algorithms.constraints import ConstrainedTorques
@@ -34,46 +34,44 @@ if TYPE_CHECKING:
     from ..ik_search import LoopClosureSolver
     from ..programs import KernelOptions
     from ..robot import Robot
-    from .closed_robot import ClosedRobot
 
 
-class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"]):
+class ClosedSharedMethods(
+    ConstraintMethods, IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"]
+):
     """Methods of a closed robot that open what is built on it."""
 
     # ── what the methods that open robots have, too, ask ──
 
-    def _open(self: Any) -> Robot:
+    def _open(self) -> Robot:
         return self.robot
 
-    def _closed(self: Any) -> ClosedRobot:
-        return self
-
-    def _searched_loops(self: Any) -> LoopClosureSolver:
+    def _searched_loops(self) -> LoopClosureSolver:
         from ..ik_search import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
-        found: LoopClosureSolver = self.robot.engine.cached(key, lambda: LoopClosureSolver(self))
+        found: LoopClosureSolver = self.robot.engine.cached(key, lambda: LoopClosureSolver(self._closed()))
         return found
 
-    def _constraint_options(self: Any, name: str) -> Mapping[str, Any]:
+    def _constraint_options(self, name: str) -> Mapping[str, Any]:
         from ..programs import options_of
 
         return {"constraints": self._independent_constraints} if "constraints" in options_of(name) else {}
 
-    def _simulated(self: Any, *start: Any, **given: Any) -> ClosedSimulation:
+    def _simulated(self, *start: Any, **given: Any) -> ClosedSimulation:
         from ...simulation.closed_run import simulate_closed
 
-        return simulate_closed(self, *start, **given)
+        return simulate_closed(self._closed(), *start, **given)
 
-    def _rolled_out(self: Any, *start: Any, **given: Any) -> ClosedRollout:
+    def _rolled_out(self, *start: Any, **given: Any) -> ClosedRollout:
         from ...simulation.closed_run import rollout_closed
 
-        return rollout_closed(self, *start, **given)
+        return rollout_closed(self._closed(), *start, **given)
 
     # ── methods of its own ──
 
     def holding_torques(
-        self: Any,
+        self,
         q: ArrayLike,
         actuated: Iterable[str] | None = None,
         *,
@@ -107,11 +105,11 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
         True
         """
         rest = np.zeros(self.nv)
-        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        return self.inverse_dynamics(q, rest, rest, actuated, **given)
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        return self._closed().inverse_dynamics(q, rest, rest, actuated, **given)
 
     def joint_wrenches(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
@@ -147,14 +145,16 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
         """
         from .constraints import applied
 
-        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        lam = self.inverse_dynamics(q, dq, ddq, actuated, **given).lam
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        lam = self._closed().inverse_dynamics(q, dq, ddq, actuated, **given).lam
         found, free = (self.robot.joint_wrenches(q, dq, ddq, **more) for more in (given, {}))
-        for frame, F in applied(self, np.asarray(q, float), lam):  # one frame may stand in several constraints
+        for frame, F in applied(
+            self._closed(), np.asarray(q, float), lam
+        ):  # one frame may stand in several constraints
             found = found + (self.robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
         return found
 
-    def kernel(self: Any, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
+    def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
         """Compiled kernel of quantities with constraints, at the independent ones of this robot.
 
         Parameters
@@ -194,18 +194,19 @@ class ClosedShortcuts(IKMethods, SimulationMethods[ClosedMethod, "ClosedSimulati
                 f"{', '.join(names)}: nothing of this knows of constraints. Of the robot with its loops open: "
                 "closed.robot.kernel(…)."
             )
-        return self.robot.kernel(*names, **{"constraints": self._independent_constraints, **options})
+        given: dict[str, Any] = {"constraints": self._independent_constraints, **options}
+        return self.robot.kernel(*names, **given)
 
 
 # ── Forward and inverse dynamics with constraint forces. Modern Robotics section 8.7
 
 
-class ClosedDynamicsMethods:
+class ClosedDynamicsMethods(ConstraintMethods):
     """The methods of a closed robot about its dynamics."""
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
     def forward_dynamics(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         tau: ArrayLike,
@@ -250,7 +251,7 @@ class ClosedDynamicsMethods:
         True
         """
         q, dq, tau = finite_states(self.robot.model, "forward_dynamics", q=q, dq=dq, tau=tau)
-        checks.require_met(self, q, dq)
+        checks.require_met(self._closed(), q, dq)
         if friction:
             tau = self.robot.engine.call("torque_past_friction", dq, tau)
         by, on = wrench_by_robot, wrench_on_robot
@@ -267,22 +268,22 @@ class ClosedDynamicsMethods:
         again = doubtful(pivots, self.sizes[rows])
         if len(rows) < len(self.sizes) and not again.all():
             usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
-            lam[~again] = (projector_at(self, usual)[1].range @ lam[~again][..., None])[..., 0]
+            lam[~again] = (projector_at(self._closed(), usual)[1].range @ lam[~again][..., None])[..., 0]
         if again.any():
             h = call("bias_forces", (q, dq), by, on, None)
             q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
             ddq[again], lam[again] = self._by_singular_values(q, dq, force)
         return ConstrainedMotion(ddq, lam)
 
-    def _by_singular_values(self: Any, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
+    def _by_singular_values(self, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
         """The same from τ - h (n, nv), however singular A is."""
-        _, projector = projector_at(self, q)
+        _, projector = projector_at(self._closed(), q)
         checks.warn_of_singular(projector.rank, len(self.independent))
         return projector.constrained(force, self.constraint_bias(q, dq))
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
     def inverse_dynamics(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
@@ -326,7 +327,7 @@ class ClosedDynamicsMethods:
         [0]
         """
         q, dq, ddq = finite_states(self.robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
-        checks.require_met(self, q, dq, ddq)
+        checks.require_met(self._closed(), q, dq, ddq)
         driven = checks.driven(self.robot, actuated)
         by, on = wrench_by_robot, wrench_on_robot
         with np.errstate(all="ignore"):
@@ -334,9 +335,9 @@ class ClosedDynamicsMethods:
         f = arguments.finite(
             f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
         )
-        A, projector = projector_at(self, q)
+        A, projector = projector_at(self._closed(), q)
         lam, left = balance(f, projector.range @ A, self.sizes, driven)  # λ of what never moves would be any number
-        checks.require_made(self, left, f, driven)
+        checks.require_made(self._closed(), left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
         lam = (projector.range @ lam[..., None])[..., 0]
         return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
@@ -345,11 +346,11 @@ class ClosedDynamicsMethods:
 # ── Motor torques: explanation, derivatives and powers
 
 
-class ClosedLoadMethods:
+class ClosedLoadMethods(ConstraintMethods):
     """The methods of a closed robot about the loads of its motors."""
 
     def explain(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
@@ -389,7 +390,9 @@ class ClosedLoadMethods:
         True
         """
         given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        self.inverse_dynamics(q, dq, ddq, actuated, friction=friction, **given)  # judges the state and the motors
+        self._closed().inverse_dynamics(
+            q, dq, ddq, actuated, friction=friction, **given
+        )  # judges the state and the motors
         why = self.robot.explain(q, dq, ddq, friction=friction, **given)
         driven = checks.driven(self.robot, actuated)
         (q,) = finite_states(self.robot.model, "explain", q=q)
@@ -398,19 +401,19 @@ class ClosedLoadMethods:
         pressed = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
         return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
 
-    def _loads(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+    def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         robot = self.robot
-        tau = self.inverse_dynamics(q, dq, ddq, list(robot.actuators), friction=friction, **wrenches).tau
+        tau = self._closed().inverse_dynamics(q, dq, ddq, list(robot.actuators), friction=friction, **wrenches).tau
         _, rotor = robot.drive_torques(q, dq, ddq)
         return tau - rotor, rotor
 
-    def _moved(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        ddq = self.forward_dynamics(q, dq, tau, friction=friction, **wrenches).ddq
+    def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+        ddq = self._closed().forward_dynamics(q, dq, tau, friction=friction, **wrenches).ddq
         left = self.robot.engine.call("torque_past_friction", dq, tau) if friction else None
         return ddq, left
 
     def inverse_dynamics_derivatives(
-        self: Any,
+        self,
         q: ArrayLike,
         dq: ArrayLike,
         ddq: ArrayLike,
@@ -450,13 +453,14 @@ class ClosedLoadMethods:
         >>> held.inverse_dynamics_derivatives(q, [0, 0, 0], [0, 0, 0], ["joint1"]).tau_by_q.shape
         (1, 1)
         """
-        robot, given = self.robot, {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        robot = self.robot
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         driven = checks.driven(robot, actuated)
         q, dq, ddq = (x.astype(float) for x in finite_states(robot.model, "derivatives", q=q, dq=dq, ddq=ddq))
         batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, dq, ddq)))
         q, dq, ddq = (np.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, dq, ddq))
-        checks.require_met(self, q, dq, ddq)
-        checks.require_independent(self, q, driven)
+        checks.require_met(self._closed(), q, dq, ddq)
+        checks.require_independent(self._closed(), q, driven)
         f = robot.inverse_dynamics(q, dq, ddq, **given)
         f_by_q, f_by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq, **given)
         rows, empty = list(self.independent), np.zeros((*q.shape[:-1], 0, self.nv))
