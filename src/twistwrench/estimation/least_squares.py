@@ -10,6 +10,7 @@ keep the file's values.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,6 +26,26 @@ _ROUNDING = 1e-13
 
 Information = tuple[Array, Array, float]
 """N, c and |τ|² of weighted rows."""
+
+
+def sum_of(parts: Sequence[Information]) -> Information:
+    """Sum of the information of several parts."""
+    N, c, y = parts[0]
+    for other in parts[1:]:
+        N, c, y = N + other[0], c + other[1], y + other[2]
+    return N, c, y
+
+
+def left_out(parts: Sequence[Information]) -> Iterator[tuple[Information, Information]]:
+    """Each part with the sum of the others; a single one with itself."""
+    for k, part in enumerate(parts):
+        yield part, sum_of([p for j, p in enumerate(parts) if j != k] or [part])
+
+
+def squares_of(part: Information, x: Array) -> float:
+    """Sum of squared residuals at x (r,)."""
+    N, c, y = part
+    return max(y - 2.0 * float(c @ x) + float(x @ N @ x), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

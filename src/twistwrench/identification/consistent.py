@@ -23,7 +23,7 @@ from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number
 from ..core.text import listed
-from ..estimation.least_squares import Information, NormalEquations, Prior
+from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
 from ..model.actuation import with_friction
 from ..robot import Robot
 from ..typing import Array
@@ -451,11 +451,10 @@ def consistent_robot(
     )
     left = np.zeros(len(strengths))
     of_file = 0.0
-    for k, part in enumerate(parts):
-        rest = sum_of([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
+    for part, rest in left_out(parts):
         fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
-        left += [_squares(part, base.project(fit.values)) for fit in fits]
-        of_file += _squares(part, file_with_drives(base, rest, weak))
+        left += [squares_of(part, base.project(fit.values)) for fit in fits]
+        of_file += squares_of(part, file_with_drives(base, rest, weak))
     shares = np.sqrt(left / total[2])
     chosen = len(strengths) - 1 if strength is not None else int(np.argmax(shares <= _NEAR_BEST * shares.min()))
     fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
@@ -463,23 +462,10 @@ def consistent_robot(
     return ConsistentRobot(base, fit, curve, float(np.sqrt(of_file / total[2])), prior.repaired)
 
 
-def sum_of(parts: Sequence[Information]) -> Information:
-    """Sum of the information of several parts."""
-    N, c, y = parts[0]
-    for other in parts[1:]:
-        N, c, y = N + other[0], c + other[1], y + other[2]
-    return N, c, y
-
-
-def _squares(part: Information, x: Array) -> float:
-    N, c, y = part
-    return max(y - 2.0 * float(c @ x) + float(x @ N @ x), 0.0)
-
-
 def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
     """The file's bodies with the drives that fit best."""
     x = base.project(base.unknown.file_values)
-    drives = np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)
+    drives = base.drives
     if drives.size:
         N, c, _ = rest
         solver = Prior(np.zeros(len(drives)), weak.size[drives])
@@ -527,9 +513,7 @@ def model_residuals(
     )
     parts = [fold for fold in folds if fold.y.sum() > 0]
     left = np.zeros((len(models), base.unknown.model.nv))
-    for k, part in enumerate(parts):
-        others = [p.together() for j, p in enumerate(parts) if j != k] or [part.together()]
-        rest = sum_of(others)
+    for part, (_, rest) in zip(parts, left_out([part.together() for part in parts]), strict=True):
         left += [part.squares(model(rest)) for model in models]
     torques = np.sum([part.y for part in parts], axis=0)
     return ModelResiduals(*np.sqrt(left / np.where(torques > 0, torques, np.inf)))

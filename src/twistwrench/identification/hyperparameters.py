@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.numbers import number
 from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import FeltEquations, Information, NormalEquations, Prior
+from ..estimation.least_squares import FeltEquations, Information, NormalEquations, Prior, left_out, squares_of, sum_of
 from ..typing import Array
 from .parameters import BaseParameters
 from .rows import MOST_ROWS, FilteredRows, JudgedStates
@@ -208,16 +208,13 @@ def essential_groups(
 ) -> EssentialGroups:
     """The fewest groups that predict as well as any."""
     parts = [_less_known(fold, held, values) for fold in folds if fold[2] > 0]
-    total = _sum(parts)
+    total = sum_of(parts)
     order = _order(total, size, held)
     sets = [np.sort(order[k:]) for k in range(len(order))]
     left = np.zeros(len(sets))
-    for k, part in enumerate(parts):
-        rest = _sum([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
-        N, c, y = part
+    for (N, c, y), rest in left_out(parts):
         for n, kept in enumerate(sets):
-            x = _solved(rest, kept, size)
-            left[n] += max(y - 2.0 * float(c[kept] @ x) + float(x @ N[np.ix_(kept, kept)] @ x), 0.0)
+            left[n] += squares_of((N[np.ix_(kept, kept)], c[kept], y), _solved(rest, kept, size))
     shares = np.sqrt(left / max(sum(float(fold[2]) for fold in folds), 1e-300))
     chosen = int(np.flatnonzero(shares <= _NEAR_BEST * shares.min())[-1])
     kept = sets[chosen]
@@ -231,11 +228,6 @@ def _less_known(fold: Information, held: Array, values: Array) -> Information:
     N, c, y = fold
     x = np.where(held, values, 0.0)
     return N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)
-
-
-def _sum(parts: Sequence[Information]) -> Information:
-    N, c, y = (sum(x) for x in zip(*parts, strict=True))
-    return np.asarray(N), np.asarray(c), float(y)
 
 
 def _solved(information: Information, which: Array, size: Array) -> Array:

@@ -404,6 +404,11 @@ class BaseParameters:
         """(r,) bool, groups that are a parameter whose value is known."""
         return np.asarray(self.unknown.held[self.kept])
 
+    @property
+    def drives(self) -> Array:
+        """(k,) groups whose kept parameter is a drive's: friction, motor inertia or offset."""
+        return np.flatnonzero(self.unknown.of_bodies[self.kept] < 0)
+
     def weak_sizes(self, sizes: Array) -> Array:
         """Sizes that groups could have at most, where parameters could have sizes (p,); next to none for what is known.
 

@@ -221,7 +221,7 @@ def _of_folds(seen: FittedLog, columns: Array, tau: Array) -> tuple[Array, float
 
 def _by_file(seen: FittedLog, j: int, k: int) -> float:
     """|residual|² / |τ|² of torque k by the file's bodies at joint j and its drive."""
-    own = [d for d in drive_places(seen.base) if seen.W[:, j, d].any()]
+    own = [d for d in seen.base.drives if seen.W[:, j, d].any()]
     columns = np.concatenate([_file_part(seen)[:, j, None], seen.W[:, j][:, own]], axis=1)
     return _of_folds(seen, columns, seen.tau[:, k])[1]
 
@@ -234,11 +234,6 @@ def least(equations: NormalEquations) -> Array:
     return np.asarray(np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) @ (c / size) / size)
 
 
-def drive_places(base: BaseParameters) -> Array:
-    """Kept parameters that belong to drives."""
-    return np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)
-
-
 def _file_part(seen: FittedLog) -> Array:
     """(m, nv) torques of the file's bodies, without drives, in the rows."""
     own = seen.base.project(seen.base.unknown.file_values)
@@ -248,7 +243,7 @@ def _file_part(seen: FittedLog) -> Array:
 def _gains(seen: FittedLog) -> list[Doubt]:
     """Columns whose size or sign no robot has. The file's bodies may be wrong by much, so that they alone accuse nothing."""
     found = []
-    file, drives = _file_part(seen), drive_places(seen.base)
+    file, drives = _file_part(seen), seen.base.drives
     limits = np.asarray(seen.base.unknown.model.limits.effort, float)
     for j, name in enumerate(seen.names):
         if seen.dead[j] or not file[:, j].any():
@@ -398,7 +393,7 @@ def _late(seen: FittedLog) -> list[Doubt]:
 def _without(seen: FittedLog) -> list[Doubt]:
     """Fixed links that the file has, and the robot of the log does not carry."""
     base, model = seen.base, seen.base.unknown.model
-    drives = drive_places(base)
+    drives = base.drives
     live = ~seen.dead
 
     def left_by(values: Array) -> float:
