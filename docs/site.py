@@ -135,7 +135,8 @@ def _commands() -> str:
     from twistwrench.cli.main import main
 
     parts = ["# Command line\n\nWritten from `twistwrench COMMAND --help`.\n"]
-    for name, command in sorted(main.commands.items()):
+    for name in sorted(main.list_commands(click.Context(main))):
+        command = main.get_command(click.Context(main), name)
         context = click.Context(command, info_name=f"twistwrench {name}", max_content_width=100, terminal_width=100)
         parts.append(f"## {name}\n\n```text\n{command.get_help(context)}\n```\n")
     return "\n".join(parts)

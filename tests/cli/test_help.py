@@ -13,7 +13,9 @@ from twistwrench.cli.main import main
 
 def commands(group=main, path=()):
     """Every command that is no group, with the words that call it."""
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
         if isinstance(command, click.Group):
             yield from commands(command, (*path, name))
         else:

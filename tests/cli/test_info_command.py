@@ -14,7 +14,7 @@ from rich.console import Console
 
 import twistwrench as tw
 from twistwrench import NotFoundError, robots
-from twistwrench.cli.tables.robots import info_view
+from twistwrench.cli.info import info_view
 
 pytest_plugins = ("torque_fixtures",)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twistwrench.cli.console import console
-from twistwrench.cli.tables.plain_table import PlainTable, share_bar, verdict_word
+from twistwrench.cli.plain_table import PlainTable, share_bar, verdict_word
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
 from twistwrench.core.verdict import Word
 from twistwrench.joints.units import unit_of

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Group
 
 from twistwrench.cli.console import console
-from twistwrench.cli.tables.plain_table import PlainTable
+from twistwrench.cli.plain_table import PlainTable
 from twistwrench.core import numbers as printed_numbers
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]

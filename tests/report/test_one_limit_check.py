@@ -12,8 +12,8 @@ from motions import report_of
 from rich.console import Console
 
 import twistwrench as tw
-from twistwrench.cli.tables.payload import payload_view
-from twistwrench.cli.tables.torques import motors_table, report_view
+from twistwrench.cli.payload import payload_view
+from twistwrench.cli.torques import motors_table, report_view
 from twistwrench.core.verdict import Word
 from twistwrench.model.limits import TOLERANCE
 from twistwrench.plotting.style import OVER

@@ -18,7 +18,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench import ValueRangeError
-from twistwrench.cli.tables.payload import write_payload
+from twistwrench.cli.payload import write_payload
 from twistwrench.core import files as outputs
 from twistwrench.core.files import check_outputs, picture_path, replacing
 from twistwrench.core.tables import CsvWriter, harmless_text, unescape_cell

@@ -14,7 +14,7 @@ from rich.console import Console
 from robot_files import FILES
 
 from twistwrench import load, robots
-from twistwrench.cli.tables.torques import report_view
+from twistwrench.cli.torques import report_view
 from twistwrench.errors import ModelWarning
 from twistwrench.motion.noise import sample_errors, survey
 from twistwrench.motion.smoothing import best_strength

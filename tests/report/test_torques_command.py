@@ -91,7 +91,7 @@ def test_bad_input_exits_2_with_one_line(run, case):
     ],
 )
 def test_errors_speak_of_the_options_of_the_command(command, text, said):
-    assert said in with_option_names(text, main.commands[command])
+    assert said in with_option_names(text, main.get_command(None, command))
 
 
 def test_degrees_and_radians_give_the_same_torques(run, ur5, motion, tmp_path, motion_file):

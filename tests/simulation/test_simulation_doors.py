@@ -517,7 +517,7 @@ def test_tables_fold_names_and_cut_no_number(width):
     """In a terminal of any width, and in a pipe."""
     from rich.console import Console
 
-    from twistwrench.cli.tables.motion import simulation_view
+    from twistwrench.cli.simulate import simulation_view
 
     base = tw.robots.quadruped()
     long = "a_rather_long_namespace/and_a_long_name_of_a_link_"

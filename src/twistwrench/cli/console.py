@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.arguments import visible
+from ..core.files import picture_path
 from ..errors import ValueRangeError
-from .motion_options import option_group
+from .usage import option_group
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -42,6 +43,18 @@ def console() -> Console:
 
     made = Output(highlight=False)
     return made if made.is_terminal else Output(highlight=False, width=_WIDTH)
+
+
+def show(*parts: Any) -> None:
+    """Print on standard output."""
+    for part in parts:
+        console().print(part)
+
+
+def show_written(*paths: object) -> None:
+    """Print a line for each file that was written; None is none."""
+    for path in filter(None, paths):
+        click.echo(f"wrote {path}")
 
 
 # ── Progress bars on stderr, on a terminal only
@@ -115,8 +128,6 @@ def check_matplotlib(plot_path: str | None) -> None:
 
 def picture(plot_path: str | None) -> str | None:
     """The path of a picture with its suffix, where one is asked for and can be drawn."""
-    from ..core.files import picture_path
-
     check_matplotlib(plot_path)
     return None if plot_path is None else picture_path(plot_path)
 

@@ -1,23 +1,19 @@
-"""The command ``twistwrench derive``: its options, its files, and what it prints."""
+"""The command ``twistwrench derive``: equations of motion as text and files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from shutil import get_terminal_size
 from textwrap import wrap
-from typing import TYPE_CHECKING
 
 import click
 
+from ..core.files import check_outputs, replacing
 from ..core.numbers import number
 from ..errors import ValueRangeError
-from .motion_options import option_group
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from ..robot import Robot
-    from ..symbolic.derivation import Derivation
+from ..symbolic.derivation import Derivation
+from .robot_options import RobotOptions, robot_command
+from .usage import Given, option_group
 
 _FILES = {
     "latex": "Write LaTeX, a document that compiles.",
@@ -55,24 +51,34 @@ derive_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def run_derive(
-    robot: Robot, source: Mapping[str, str | None], *, symbols: str, form: str, steps: str | None, **paths: str | None
-) -> Iterator[RenderableType | str]:
-    """What the command prints; files are written on the way. ``source`` maps what the user calls the input files to them."""
-    from ..core.files import check_outputs, replacing
+@robot_command(
+    "derive",
+    derive_options,
+    examples=(
+        "derive planar_2r",
+        "derive cart_pole --latex -",
+    ),
+)
+def derive_command(options: RobotOptions, given: Given) -> None:
+    """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
     from ..symbolic.derivation import derive, require_sympy
 
+    robot = options.load()
     require_sympy("twistwrench derive")
-    outputs = {name: paths[f"{name}_path"] for name in _FILES if paths[f"{name}_path"] is not None}
+    outputs = {name: path for name in _FILES if (path := getattr(given, f"{name}_path")) is not None}
     shown = [name for name, path in outputs.items() if path == "-"]
     if len(shown) > 1:
         raise ValueRangeError(
             f"only one of {', '.join(f'--{n}' for n in shown)} can go to the terminal (-). Name files for the others."
         )
-    check_outputs({f"--{name}": path for name, path in outputs.items() if path != "-"}, source)
-    words = [word.strip() for word in symbols.split(",") if word.strip()]
-    derivation = derive(robot, symbols=words, form=form)
-    every = None if steps is None or steps.strip() == "all" else [word.strip() for word in steps.split(",")]
+    check_outputs({f"--{name}": path for name, path in outputs.items() if path != "-"}, options.files)
+    words = [word.strip() for word in given.symbols.split(",") if word.strip()]
+    derivation = derive(robot, symbols=words, form=given.form)
+    every = (
+        None
+        if given.steps is None or given.steps.strip() == "all"
+        else [word.strip() for word in given.steps.split(",")]
+    )
     chosen = tuple(step.name for step in derivation.chosen(every))
     made: dict[str, Callable[[], str]] = {
         "latex": lambda: derivation.latex(chosen),
@@ -84,23 +90,19 @@ def run_derive(
     for remark in derivation.remarks:
         click.echo(f"note: {remark}", err=True)
     if not shown:
-        yield _view(
-            derivation,
-            _SHORT
-            if steps is None and not outputs and derivation.form == "expanded"
-            else chosen
-            if not outputs
-            else (),
-        )
+        names = chosen if not outputs else ()
+        if given.steps is None and not outputs and derivation.form == "expanded":
+            names = _SHORT
+        click.echo(_view(derivation, names))
     for name, path in outputs.items():
         text = made[name]()
         if path == "-":
-            yield text
+            click.echo(text)
             continue
         with replacing(str(path)) as scratch:
             scratch.write_text(text, encoding="utf-8")
         if not shown:
-            yield f"wrote {path}"
+            click.echo(f"wrote {path}")
 
 
 def _view(derivation: Derivation, names: tuple[str, ...]) -> str:

@@ -1,22 +1,25 @@
-"""The command ``twistwrench doctor``: its options, and its answer."""
+"""The commands ``twistwrench doctor`` and ``verify``: errors of robot files, checks of the dynamics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
 
 from ..core.files import check_outputs, refuse_existing
+from ..core.numbers import residual
 from ..core.verdict import ExitCode
+from ..diagnosis import DoctorReport, Finding, Severity
 from ..errors import ValueRangeError
-from .motion_options import option_group
-from .robot_options import robot_source
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
+from ..verify import VerifyReport
+from .console import picture, show
+from .plain_table import PlainTable
+from .robot_options import RobotOptions, robot_command, robot_source
+from .usage import Given, command, option_group
 
 doctor_options = option_group(
     click.option("--floating-base", is_flag=True, help="Let the base move freely, so that its own inertia counts."),
@@ -50,63 +53,147 @@ doctor_options = option_group(
 """The options of the command and its ROBOT."""
 
 
-def run_doctor(
-    show: Callable[[RenderableType], None],
-    *,
-    source: str,
-    fix: str | None,
-    overwrite: bool,
-    plot_path: str | None,
-    page: str | None,
-    only: tuple[str, ...],
-    folders: tuple[str, ...],
-    metric: str,
-    mirror_from: str | None,
-    as_json: bool,
-    strict: bool,
-    floating_base: bool,
-    model: str | None,
-) -> ExitCode:
-    """Print the findings; what the command ends with. Raises errors of the library."""
-    from ..diagnosis import doctor
-    from .tables.robots import doctor_view
+@command(
+    "doctor",
+    doctor_options,
+    examples_=(
+        "doctor ur5",
+        "doctor quadruped --page quadruped.html --json",
+    ),
+)
+def doctor_command(given: Given) -> ExitCode:
+    """What is wrong with a robot file, what it does to M and to gravity torques, and the repair.
 
-    for folder in folders:
+    Exit code 1 with errors or warnings.
+    """
+    from ..diagnosis import doctor
+
+    given.plot_path = picture(given.plot_path)
+    for folder in given.folders:
         if not Path(folder).is_dir():
             raise ValueRangeError(
                 f"--meshes {folder!r} is no folder. Give the one that holds the meshes or their package."
             )
-    found = robot_source(source)
+    found = robot_source(given.source)
     check_outputs(
-        {"--fix": fix, "--plot": plot_path, "--page": page}, {"ROBOT": source if Path(source).is_file() else None}
+        {"--fix": given.fix, "--plot": given.plot_path, "--page": given.page},
+        {"ROBOT": given.source if Path(given.source).is_file() else None},
     )
-    if fix is not None:
-        refuse_existing(fix, overwrite=overwrite)
+    if given.fix is not None:
+        refuse_existing(given.fix, overwrite=given.overwrite)
     report = doctor(
         found,
-        only=only or None,
-        meshes=folders or True,
-        metric=metric,
-        mirror_from=mirror_from,
-        floating_base=floating_base or None,
-        model=model,
+        only=given.only or None,
+        meshes=given.folders or True,
+        metric=given.metric,
+        mirror_from=given.mirror_from,
+        floating_base=given.floating_base or None,
+        model=given.model,
     )
-    if as_json:
+    if given.as_json:
         click.echo(report.to_json(), nl=False)
     else:
-        show(doctor_view(report, every=strict))
-    if fix is not None:
-        repaired = report.write(fix, overwrite=overwrite)
-        click.echo(f"wrote {fix}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=as_json)
-    if plot_path is not None:
+        show(doctor_view(report, every=given.strict))
+    if given.fix is not None:
+        repaired = report.write(given.fix, overwrite=given.overwrite)
+        click.echo(
+            f"wrote {given.fix}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=given.as_json
+        )
+    if given.plot_path is not None:
         from ..plotting.identification import links_drawn, plot_diagnosis
 
         if links_drawn(report):
-            click.echo(f"wrote {plot_diagnosis(report, plot_path)}", err=as_json)
+            click.echo(f"wrote {plot_diagnosis(report, given.plot_path)}", err=given.as_json)
         else:
             click.echo("note: no finding changes an inertia, so there is nothing to draw.", err=True)
-    if page is not None:
+    if given.page is not None:
         from ..viz.page import write_findings_page
 
-        click.echo(f"wrote {write_findings_page(report, page)}", err=as_json)
-    return report.exit_code(strict=strict)
+        click.echo(f"wrote {write_findings_page(report, given.page)}", err=given.as_json)
+    return report.exit_code(strict=given.strict)
+
+
+# ── The report
+
+
+_COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
+_LISTED = 6
+"""Notes of one check that are listed; more are counted."""
+
+
+def doctor_view(report: DoctorReport, *, every: bool = False) -> RenderableType:
+    """A heading and a paragraph for each finding; all notes if ``every``."""
+    heading = Text.assemble((report.robot, "bold"), f"  {report.summary}")
+    if not report.findings:
+        return heading
+    shown = list(_shown(report, every=every))
+    left = len(report.findings) - len(shown)
+    parts: list[RenderableType] = [heading]
+    if str(report.effect) != "none":
+        parts.append(Text(f"all repairs together change: {report.effect}"))
+    parts.append(Text())
+    parts += [part for finding in shown for part in _paragraph(finding)]
+    if left:
+        parts.append(Text(f"{left} more notes; --json lists all.", "dim"))
+    return Group(*parts)
+
+
+def _shown(report: DoctorReport, *, every: bool) -> Iterator[Finding]:
+    notes: dict[str, int] = {}
+    for finding in report.findings:
+        if finding.severity is Severity.NOTE:
+            notes[finding.check] = notes.get(finding.check, 0) + 1
+            if notes[finding.check] > _LISTED and not every:
+                continue
+        yield finding
+
+
+def _paragraph(finding: Finding) -> Iterator[RenderableType]:
+    """Severity, check and place, and below them the sentence, the repair and its effect."""
+    line = f"{finding.file + ', ' if finding.file else ''}line {finding.line}" if finding.line else ""
+    head = ", ".join(x for x in (finding.check, finding.where, line) if x)
+    yield Text.assemble((str(finding.severity), _COLOURS[finding.severity]), f"  {head}")
+    yield Padding(Text(finding.sentence), (0, 0, 0, 2))
+    if finding.repair is not None:
+        yield Padding(Text(f"repair: {finding.repair.sentence}"), (0, 0, 0, 2))
+    if str(finding.effect) != "none":
+        yield Padding(Text(f"effect of the repair: {finding.effect}"), (0, 0, 0, 2))
+
+
+# ── ``verify``
+
+
+@robot_command("verify", examples=("verify ur5",))
+def verify_command(options: RobotOptions, _: Given) -> ExitCode:
+    """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
+    from ..verify import verify
+
+    robot = options.load()
+    if robot.nv == 0:
+        raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")
+    report = verify(robot)
+    show(verification_view(report))
+    return ExitCode.FINE if report.passed else ExitCode.NO
+
+
+def verification_view(report: VerifyReport) -> RenderableType:
+    """The verdict, and a row per check: what it compares, the residual, and what is allowed."""
+    made = [check for check in report.checks if not check.skipped]
+    failed = [check.name for check in made if not check.passed]
+    verdict = f"DISAGREES: {', '.join(failed)}." if failed else f"OK: {len(made)} checks agree."
+    return Group(Text(verdict, "bold red" if failed else "bold"), Text(), _table(report))
+
+
+def _table(report: VerifyReport) -> PlainTable:
+    table = PlainTable(f"{report.robot}: {report.states} random states, seed {report.seed}")
+    table.words("check", "compares")
+    table.numbers("residual", "allowed")
+    table.words("")
+    for check in report.checks:
+        if check.skipped:
+            reason = Text.assemble(f"{check.compares}\n", (f"skipped: {check.skipped}", "dim"))
+            table.row(check.name, reason, "", "", Text("skipped", "dim"))
+        else:
+            verdict = Text("agrees", "green") if check.passed else Text("DISAGREES", "bold red")
+            table.row(check.name, check.compares, residual(check.residual), residual(check.tolerance), verdict)
+    return table

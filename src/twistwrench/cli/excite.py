@@ -1,20 +1,25 @@
-"""The command ``twistwrench excite``: its options, and its run from the robot to the file of the motion."""
+"""The command ``twistwrench excite``: from the robot to the exciting motion, its report and its file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+import math
 
 import click
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
 
+from ..core.files import check_outputs
+from ..core.numbers import number, percent_of_limit
 from ..core.verdict import ExitCode
-from .console import progress_bar
-from .motion_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group, parse_friction
-from .robot_options import RobotOptions
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
+from ..identification import ExcitingMotion, exciting_trajectory
+from ..joints.units import heading_unit
+from ..motion.coordinates import Coordinates
+from .console import progress_bar, show
+from .motion_options import FRICTION_LAWS, NO_MOTOR_INERTIA, parse_friction
+from .plain_table import PlainTable, verdict_word
+from .robot_options import RobotOptions, robot_command
+from .usage import Given, option_group
 
 excite_options = option_group(
     click.option(
@@ -55,51 +60,103 @@ excite_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def run_excite(
-    options: RobotOptions,
-    show: Callable[[RenderableType], None],
-    *,
-    duration: float,
-    harmonics: int,
-    share: float,
-    acceleration: float | None,
-    floor: float | None,
-    ignore_self: bool,
-    criterion: Any,
-    friction: str,
-    no_motor_inertia: bool,
-    noise: float | None,
-    seed: int,
-    restarts: int,
-    step: float,
-    out_path: str | None,
-) -> ExitCode:
-    """Print what the motion will tell with ``show``, and write it; 0 where the verdict is OK. Raises errors of the library."""
-    from ..core.files import check_outputs
-    from ..identification import exciting_trajectory
-    from .tables.measurement import excitation_view
+@robot_command(
+    "excite", excite_options, examples=("excite panda --seconds 20 --harmonics 5 --out motion.csv",), robot_first=True
+)
+def excite_command(options: RobotOptions, given: Given) -> ExitCode:
+    """A motion whose log tells the robot's masses, inertias and friction best, at rest at both ends and within all limits.
 
-    check_outputs({"--out": out_path}, options.files)
+    The limits are those of positions, velocities, accelerations and torques, and the floor if one is given. Links stay 20 mm
+    away from it and from each other, by capsules around the shapes of the robot's file; of links without shapes capsules are
+    assumed. The first word is the verdict: OK ends with exit code 0; UNSURE with 1 where capsules are assumed or something was
+    not looked at. The motion is written in either case.
+    """
+    check_outputs({"--out": given.out_path}, options.files)
     robot = options.load()
     with progress_bar("looking for a motion") as progress:
         found = exciting_trajectory(
             robot,
-            duration,
-            harmonics,
-            share=share,
-            acceleration=acceleration,
-            floor=floor,
-            clear_of_itself=not ignore_self,
-            criterion=criterion,
-            motor_inertia=not no_motor_inertia,
-            friction=parse_friction(friction),
-            noise=noise,
-            seed=seed,
-            restarts=restarts,
-            step=step,
+            given.duration,
+            given.harmonics,
+            share=given.share,
+            acceleration=given.acceleration,
+            floor=given.floor,
+            clear_of_itself=not given.ignore_self,
+            criterion=given.criterion,
+            motor_inertia=not given.no_motor_inertia,
+            friction=parse_friction(given.friction),
+            noise=given.noise,
+            seed=given.seed,
+            restarts=given.restarts,
+            step=given.step,
             progress=progress,
         )
     show(excitation_view(found, degrees=options.degrees))
-    if out_path is not None:
-        click.echo(f"wrote {found.to_csv(out_path, degrees=options.degrees)}")
+    if given.out_path is not None:
+        click.echo(f"wrote {found.to_csv(given.out_path, degrees=options.degrees)}")
     return found.verdict.exit_code
+
+
+# ── The report
+
+
+def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
+    """The verdict, heading, a row per joint, and a row per group."""
+    deviations = found.predicted_deviations
+    return Group(
+        *_verdict(found),
+        Text(),
+        Text.assemble(
+            (found.robot.name, "bold"),
+            f"  ·  {number(found.duration)} s, {found.series.harmonics} harmonics, at rest at both ends  ·  condition "
+            f"{number(found.condition)}  ·  log det {number(found.log_det)}  ·  median deviation "
+            f"{number(np.median(deviations), 2)}",
+        ),
+        _joints(found, degrees=degrees),
+        _excited_groups(found),
+    )
+
+
+def _verdict(found: ExcitingMotion) -> list[Text]:
+    """The first word, with the least distances or what makes it unsure, a line each."""
+    words = {"itself": "of capsules around links from each other", "floor": "from the floor"}
+    least = [f"{number(1000.0 * value)} mm {words[name]}" for name, value in found.clearances.items()]
+    distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
+    reasons = found.verdict.reasons or (distances,)
+    lines = [Text.assemble(verdict_word(found.verdict.word), f": {reasons[0]}.")]
+    lines += [Text(f"  - {reason}.") for reason in reasons[1:]]
+    return lines + ([Text(f"{distances[0].upper()}{distances[1:]}.")] if found.verdict.reasons and least else [])
+
+
+def _joints(found: ExcitingMotion, *, degrees: bool) -> PlainTable:
+    robot, peaks = found.robot, found.peaks
+    turning = Coordinates.of(robot.model).angular_velocity
+    unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
+    place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
+    table = PlainTable()
+    table.words("joint", fold=False)
+    table.numbers(f"from [{place}]", "to", f"peak [{speed}]", "share", f"[{rate}]", f"[{torque}]", "share")
+    shares = [
+        [
+            percent_of_limit(v / m if math.isfinite(m) and m > 0 else None)
+            for v, m in zip(peaks[part], limits, strict=True)
+        ]
+        for part, limits in (("velocity", robot.limits.velocity), ("torque", robot.limits.effort))
+    ]
+    for k, name in enumerate(robot.model.velocity_names):
+        lower, upper, velocity, acceleration = (
+            peaks[part][k] * unit[k] for part in ("lower", "upper", "velocity", "acceleration")
+        )
+        table.row(name, lower, upper, velocity, shares[0][k], acceleration, peaks["torque"][k], shares[1][k])
+    return table
+
+
+def _excited_groups(found: ExcitingMotion) -> PlainTable:
+    base = found.information.base
+    table = PlainTable(f"{base.count} groups of parameters, and how sure a log of the motion makes them")
+    table.words("group")
+    table.numbers("file", "deviation")
+    file = base.project(base.unknown.file_values)
+    for name, deviation, value in zip(found.groups, found.predicted_deviations, file, strict=True):
+        table.row(name, value, number(deviation, 2))
+    return table

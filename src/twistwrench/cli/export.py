@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import click
 
+from ..core.files import check_outputs
+from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from .motion_options import option_group
-from .robot_options import RobotOptions
-
-if TYPE_CHECKING:
-    from ..robot import Robot
+from ..model.notes import grouped
+from ..robot.load import save
+from .console import show_written
+from .robot_options import RobotOptions, robot_command
+from .usage import Given, option_group
 
 _LISTS = ("by", "parameters", "rows", "wrenches")
 
@@ -43,34 +44,27 @@ export_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def run_export(
-    robot: Robot,
-    inputs: Mapping[str, str | None],
-    *,
-    path: str,
-    quantities: tuple[str, ...],
-    precision: Literal["double", "float"],
-    prefix: str | None,
-    no_test: bool,
-) -> Iterator[str]:
-    """Write the files, and say so; ``inputs`` maps what the user calls the files that were read to them."""
+@robot_command(
+    "export", export_options, examples=("export panda --c . --quantity inverse_dynamics --quantity mass_matrix",)
+)
+def export_command(options: RobotOptions, given: Given) -> None:
+    """The robot's quantities as C99 source that allocates nothing and needs math.h only, with a program that checks it."""
     from ..export.c99 import export_c
 
     written = export_c(
-        robot,
-        [_quantity(text) for text in quantities],
-        path,
-        precision=precision,
-        prefix=prefix,
-        test=not no_test,
+        options.load(),
+        [_quantity(text) for text in given.quantities],
+        given.path,
+        precision=given.precision,
+        prefix=given.prefix,
+        test=not given.no_test,
         label="--c",
-        inputs=inputs,
+        inputs=options.files,
     )
-    for file in written:
-        yield f"wrote {file}"
-    if not no_test:
+    show_written(*written)
+    if not given.no_test:
         _, source, test = written
-        yield f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out"
+        click.echo(f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out")
 
 
 def _quantity(text: str) -> tuple[str, dict[str, Any]]:
@@ -98,21 +92,21 @@ convert_options = option_group(
 """The arguments and options of the command, all but the robot's own."""
 
 
-def run_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, overwrite: bool) -> bool:
-    """Write the file, and say what is not in it; whether all is."""
-    from ..core.files import check_outputs
-    from ..model.notes import grouped
-    from ..robot.load import save
+@robot_command("convert", convert_options, examples=("convert panda panda.xml",), robot_first=True)
+def convert_command(options: RobotOptions, given: Given) -> ExitCode:
+    """The robot as a file of another format: OUT.urdf, OUT.xml (MJCF) or OUT.sdf.
 
-    check_outputs({"OUT": out}, options.files)
+    Exit code 1 if the format cannot say something of the robot, which is listed; the file is written all the same.
+    """
+    check_outputs({"OUT": given.out}, options.files)
     robot = options.load()
-    lost = save(robot, out, overwrite=overwrite)
-    say(f"wrote {out}")
+    lost = save(robot, given.out, overwrite=given.overwrite)
+    show_written(given.out)
     for sentence in grouped(lost):
-        say(f"lost: {sentence}")
+        click.echo(f"lost: {sentence}")
     if shaped := len(robot.model.shaped):
         click.echo(
             f"note: the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.",
             err=True,
         )
-    return not lost
+    return ExitCode.NO if lost else ExitCode.FINE

@@ -1,17 +1,40 @@
-"""The command ``twistwrench identify``: options, logs of any length, files of the result, and the robot's own file."""
+"""The command ``twistwrench identify``: options, logs of any length, files of the result, and its report."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
+from rich.console import Group, RenderableType
+from rich.text import Text
 
+from ..core.cluster import workers_of
+from ..core.files import check_outputs, picture_path, replacing
+from ..core.numbers import estimate, number, percent, plus_minus
+from ..core.tables import CsvWriter
+from ..core.text import listed
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
-from .console import check_matplotlib, expand_paths, progress_bar, total_bytes, worker_options
+from ..formats.actuators import actuator_content
+from ..identification import IdentifiedRobot, NormalEquationBlocks, accumulate, identify, without_links
+from ..identification.payload import motor_side, read_motion
+from ..joints.units import heading_unit
+from ..motion.coordinates import Coordinates
+from ..motion.motion_file import joints_without_column, open_motion_file
+from ..robot import Robot
+from .console import (
+    check_matplotlib,
+    expand_paths,
+    progress_bar,
+    show,
+    show_written,
+    total_bytes,
+    worker_options,
+)
 from .motion_options import (
     COLUMNS,
     FRICTION_LAWS,
@@ -19,76 +42,62 @@ from .motion_options import (
     NO_MOTOR_INERTIA,
     RATE,
     check_payload,
-    option_group,
     parse_columns,
     parse_friction,
     parse_known,
     with_torques,
 )
-from .robot_options import RobotOptions
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from ..identification import IdentifiedRobot, NormalEquationBlocks
-    from ..robot import Robot
+from .plain_table import PlainTable, verdict_word
+from .robot_options import RobotOptions, bundled, robot_command
+from .usage import Given, option_group
 
 
-class OutputFiles(NamedTuple):
-    """The files that are asked for, and how near to the file bodies are held; None: none, chosen."""
+class RobotFiles(NamedTuple):
+    """Files of the robot that were written, and notes on them; None: nothing is written after LOOK AGAIN."""
 
-    json: str | None
-    plot: str | Path | None
-    report: str | None
-    robot: str | None
-    actuators: str | None
-    csv: str | None
-    strength: float | None
+    written: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
-    def write(
-        self,
-        found: IdentifiedRobot,
-        logs: Sequence[str],
-        given: dict[str, Any] | None,
-        *,
-        essential: bool,
-        force: bool,
-    ) -> None:
-        """Write them and say so; after LOOK AGAIN only JSON and pictures, unless ``force``. ``given``: actuators to keep."""
-        if self.json is not None:
-            _write_text(found.to_json(essential=essential), self.json)
-        if self.plot is not None:
-            click.echo(f"wrote {found.plot(self.plot)}")
-        if self.report is not None:
-            click.echo(f"wrote {found.report(self.report)}")
-        if not any((self.robot, self.actuators, self.csv)):
-            return
-        if found.verdict.word is Word.LOOK_AGAIN and not force:
+
+def write_robot(
+    found: IdentifiedRobot, given: Given, strength: float | None, actuators: dict[str, Any] | None
+) -> RobotFiles | None:
+    """Write the robot's file and its actuators; ``actuators`` are those to keep. Raises errors of the library."""
+    if found.verdict.word is Word.LOOK_AGAIN and not given.force:
+        return None
+    paths = tuple(filter(None, (given.out_path, given.actuators_out)))
+    if not paths:
+        return RobotFiles()
+    if strength is not None:
+        found.__dict__["consistent"] = found.consistent_at(strength)
+    names = ["+".join(Path(part).name for part in x.split("+")) for x in given.logs]
+    notes = found.write(given.out_path, given.actuators_out, given=actuators, logs=names, force=given.force)
+    return RobotFiles(paths, tuple(notes))
+
+
+def write_results(found: IdentifiedRobot, given: Given, robot: RobotFiles | None) -> None:
+    """Write all other files, and print what was written; after LOOK AGAIN only JSON and pictures."""
+    if given.json_path is not None:
+        with replacing(given.json_path) as scratch:
+            scratch.write_text(found.to_json(essential=given.essential), encoding="utf-8")
+        show_written(given.json_path)
+    if given.plot_path is not None:
+        show_written(found.plot(given.plot_path))
+    if given.report_path is not None:
+        show_written(found.report(given.report_path))
+    if robot is None:
+        if any((given.out_path, given.actuators_out, given.csv_path)):
             click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
-            return
-        if self.robot is not None or self.actuators is not None:
-            if self.strength is not None:
-                found.__dict__["consistent"] = found.consistent_at(self.strength)
-            for note in found.write(self.robot, self.actuators, given=given, logs=logs, force=force):
-                click.echo(f"note: {note}", err=True)
-            for path in filter(None, (self.robot, self.actuators)):
-                click.echo(f"wrote {path}")
-        if self.csv is not None:
-            _write_table(found, self.csv)
-
-
-def _write_text(text: str, path: str | Path) -> None:
-    from ..core.files import replacing
-
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")
-    click.echo(f"wrote {path}")
+        return
+    for note in robot.notes:
+        click.echo(f"note: {note}", err=True)
+    show_written(*robot.written)
+    if given.csv_path is not None:
+        _write_table(found, given.csv_path)
+        show_written(given.csv_path)
 
 
 def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
-    from ..core.files import replacing
-    from ..core.tables import CsvWriter
-
     with replacing(path) as scratch, scratch.open("wb") as file:
         writer = CsvWriter(file)
         writer.row(["group", "value", "deviation", "low", "high", "file"])
@@ -96,7 +105,6 @@ def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
             found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
         ):
             writer.row([name, *map(float, (value, deviation, low, high, before))])
-    click.echo(f"wrote {path}")
 
 
 # ── Logs of any length: information in portions, added to what was saved
@@ -105,33 +113,19 @@ LARGE = 1 << 26
 """Bytes of all logs, from which they are read in portions."""
 
 
-def robot_from_portions(
-    robot: Robot,
-    logs: tuple[str, ...],
-    tests: tuple[str, ...],
-    options: dict[str, Any],
-    *,
-    old: str | None,
-    out: str | None,
-    workers: int | None,
-    scheduler: str | None,
-) -> IdentifiedRobot:
-    """What all rows of the logs tell, and those of the ``old`` file; ``options`` are those of :func:`accumulate`."""
-    from ..core.cluster import workers_of
-    from ..identification import accumulate
-
-    with workers_of(workers, scheduler) as team:
-        given = {**options, "client": team.client}
-        information = _accumulated(robot, logs, old, given)
-        tested = accumulate(robot, tests, like=information, **given) if tests else None
+def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> IdentifiedRobot:
+    """The robot by all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
+    with workers_of(given.workers, given.scheduler) as team:
+        settings = {**options, "client": team.client}
+        information = _accumulated(robot, given.logs, given.old_path, settings)
+        tested = accumulate(robot, given.tests, like=information, **settings) if given.tests else None
     found = information.identified(tested)
-    if out is not None:
-        click.echo(f"wrote {information.save(out)}")
+    if given.information_path is not None:
+        information.save(given.information_path)
     return found
 
 
 def _accumulated(robot: Robot, logs: tuple[str, ...], old: str | None, options: dict[str, Any]) -> NormalEquationBlocks:
-    from ..identification import NormalEquationBlocks, accumulate
 
     if old is None:
         return accumulate(robot, logs, **options)
@@ -215,107 +209,82 @@ identify_options = option_group(
 """The options of the command and its LOGs."""
 
 
-def run_identify(
-    options: RobotOptions,
-    show: Callable[[RenderableType], None],
-    *,
-    logs: tuple[str, ...],
-    tests: tuple[str, ...],
-    left_out: tuple[str, ...],
-    columns: tuple[str, ...],
-    rate: float | None,
-    lock_missing: bool,
-    cutoff: str,
-    shift: str,
-    method: Any,
-    no_motor_inertia: bool,
-    friction: str,
-    stribeck_speed: float,
-    plot_path: str | None,
-    report_path: str | None,
-    csv_path: str | None,
-    json_path: str | None,
-    out_path: str | None,
-    actuators_out: str | None,
-    keep_close: str,
-    force: bool,
-    known: tuple[str, ...],
-    payload_only: str | None,
-    essential: bool,
-    information_path: str | None,
-    old_path: str | None,
-    workers: int | None,
-    scheduler: str | None,
-) -> ExitCode:
-    """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
-    from ..core.files import check_outputs, picture_path
-    from ..identification import identify, without_links
-    from .tables.measurement import identification_view
+@robot_command(
+    "identify",
+    identify_options,
+    examples=("identify my_arm.urdf log.csv --test other_log.csv --report report.html",),
+    robot_first=True,
+)
+def identify_command(options: RobotOptions, given: Given) -> ExitCode:
+    """The robot's masses, inertias, friction and motor inertias from logs, with intervals, and what speaks against the logs.
 
-    logs, tests = _expanded(options, logs), _expanded(options, tests)
-    inputs = {f"LOG {path}": path for path in (*logs, *tests)}
-    check_matplotlib(plot_path or report_path)
-    plot_path = None if plot_path is None else picture_path(plot_path)
+    The first word is the verdict. OK ends with exit code 0; UNSURE and LOOK AGAIN with 1, and after LOOK AGAIN only --json is
+    written unless --force is given. Several files of one log are written a.csv+b.csv.
+    """
+    given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
+    inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
+    check_matplotlib(given.plot_path or given.report_path)
+    given.plot_path = None if given.plot_path is None else picture_path(given.plot_path)
     outputs: dict[str, str | Path | None] = {
-        "--plot": plot_path,
-        "--report": report_path,
-        "--out": out_path,
-        "--actuators-out": actuators_out,
-        "--csv": csv_path,
-        "--json": json_path,
-        "--information": information_path,
+        "--plot": given.plot_path,
+        "--report": given.report_path,
+        "--out": given.out_path,
+        "--actuators-out": given.actuators_out,
+        "--csv": given.csv_path,
+        "--json": given.json_path,
+        "--information": given.information_path,
     }
-    updated = old_path == information_path  # the one output that may be an input: it is replaced when it is whole
-    check_outputs(outputs, {**inputs, **options.files, "--add": None if updated else old_path})
-    laws, held, strength = parse_friction(friction), parse_known(known), _number(keep_close, "--keep-close")
-    check_payload(payload_only, [name for name, path in outputs.items() if path is not None])
-    robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
-    robot = without_links(robot, left_out)
+    # The one output that may be an input: it is replaced when it is whole.
+    updated = given.old_path == given.information_path
+    check_outputs(outputs, {**inputs, **options.files, "--add": None if updated else given.old_path})
+    fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
+    check_payload(given.payload_only, [name for name, path in outputs.items() if path is not None])
+    robot, side = _robot(options, given.logs[0], given.columns, lock_missing=given.lock_missing)
+    robot = without_links(robot, given.left_out)
     with progress_bar("identifying") as progress:
-        from ..identification.payload import read_motion
-
-        told = parse_columns(columns)
-        same: dict[str, Any] = {
-            "motor_inertia": not no_motor_inertia,
-            "friction": laws,
-            "cutoff": _number(cutoff, "--cutoff"),
-            "shift": _number(shift, "--shift"),
-            "method": method,
-            "motor_side": side,
-            "known": held,
-            "payload_only": payload_only,
-            "stribeck_speed": stribeck_speed,
-        }
-        portions = any(x is not None for x in (information_path, old_path, workers, scheduler))
-        if portions or total_bytes((*logs, *tests)) > LARGE:
-            given: dict[str, Any] = {"columns": told, "rate": rate, "degrees": options.degrees, "progress": progress}
-            files: dict[str, Any] = {
-                "old": old_path,
-                "out": information_path,
-                "workers": workers,
-                "scheduler": scheduler,
-            }
-            found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
-        else:
-            motions = {
-                path: with_torques(
-                    path, read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
-                )
-                for path in dict.fromkeys((*logs, *tests))
-            }
-            train, test = [motions[path] for path in logs], [motions[path] for path in tests]
-            found = identify(robot, train, test=test, **same, progress=progress)
-    show(identification_view(found, essential=essential))
-    asked = OutputFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
-    names = ["+".join(Path(part).name for part in x.split("+")) for x in logs]
-    asked.write(found, names, _given(options), essential=essential, force=force)
+        found = _identified(robot, options, given, {**fitting, "motor_side": side, "progress": progress})
+    files = write_robot(found, given, strength, _actuators(options))
+    show(identification_view(found, essential=given.essential))
+    show_written(given.information_path)
+    write_results(found, given, files)
     return found.verdict.exit_code
+
+
+def _fitting(given: Given) -> dict[str, Any]:
+    """Options of the fit as keyword arguments of :func:`identify`."""
+    return {
+        "friction": parse_friction(given.friction),
+        "known": parse_known(given.known),
+        "motor_inertia": not given.no_motor_inertia,
+        "cutoff": _number(given.cutoff, "--cutoff"),
+        "shift": _number(given.shift, "--shift"),
+        "method": given.method,
+        "payload_only": given.payload_only,
+        "stribeck_speed": given.stribeck_speed,
+    }
+
+
+def _identified(robot: Robot, options: RobotOptions, given: Given, fitting: dict[str, Any]) -> IdentifiedRobot:
+    """The fit to the logs: in memory, or by portions if they are long or are to be added up."""
+    reading: dict[str, Any] = {
+        "columns": parse_columns(given.columns),
+        "rate": given.rate,
+        "degrees": options.degrees,
+    }
+    paths = (*given.logs, *given.tests)
+    portions = any(x is not None for x in (given.information_path, given.old_path, given.workers, given.scheduler))
+    if portions or total_bytes(paths) > LARGE:
+        return robot_from_portions(robot, given, {**fitting, **reading})
+    side = fitting["motor_side"]
+    motions = {
+        path: with_torques(path, read_motion(path, robot, side=side, **reading)) for path in dict.fromkeys(paths)
+    }
+    train, test = [motions[path] for path in given.logs], [motions[path] for path in given.tests]
+    return identify(robot, train, test=test, **fitting)
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
-    from .robot_options import bundled
-
     found: list[str] = []
     for text in paths:
         found += expand_paths(bundled(text, options.source, "_log.csv", "log"), text)
@@ -324,12 +293,6 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:
     """The robot without its actuators, and what their file says of the logs."""
-    from functools import partial
-
-    from ..identification.payload import motor_side
-    from ..motion.motion_file import joints_without_column, open_motion_file
-    from .robot_options import bundled
-
     held = (
         partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
     )
@@ -340,12 +303,10 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
     return robot, motor_side(robot.model, bundled(options.actuators, options.source, ".yaml", "actuator file"))
 
 
-def _given(options: RobotOptions) -> dict[str, Any] | None:
+def _actuators(options: RobotOptions) -> dict[str, Any] | None:
     """What the actuator file says already."""
     if options.actuators is None:
         return None
-    from ..formats.actuators import actuator_content
-    from .robot_options import bundled
 
     return actuator_content(bundled(options.actuators, options.source, ".yaml", "actuator file"))
 
@@ -357,3 +318,83 @@ def _number(text: str, option: str) -> float | None:
         return float(text)
     except ValueError:
         raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
+
+
+# ── The report
+
+
+_KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, each predicted from the others"}
+_VAGUE = 5
+
+
+def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> RenderableType:
+    """The verdict first, then what it rests on; the essential groups where they are asked for."""
+    return Group(*_parts(found), *(_essential(found) if essential else ()))
+
+
+def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
+    verdict = found.verdict
+    yield Text.assemble(
+        verdict_word(verdict.word),
+        f"  {found.original.name}: {percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}",
+    )
+    for doubt in found.doubts:
+        yield Text(f"• {doubt.sentence}", "" if not doubt.refuses else "red")
+    for note in found.notes:
+        yield Text(note)
+    yield Text(
+        f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
+    )
+    yield _residuals(found)
+    yield from _payload(found)
+    yield _groups(found)
+    if found.base.held.any():
+        yield Text(f"{int(found.base.held.sum())} parameters were held at known values")
+    if vague := found.vague:
+        names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
+        yield Text(f"vague, deviation beyond 30 %: {names}")
+
+
+def _payload(found: IdentifiedRobot) -> Iterator[Text]:
+    payload = found.payload
+    if payload is None:
+        return
+    com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
+    yield Text(
+        f"payload at {payload.frame}: {plus_minus(payload.mass, payload.mass_deviation)} kg, centre of mass "
+        f"({com}) m in its frame"
+    )
+    if payload.untold:
+        yield Text(f"no torque of this robot tells {', '.join(payload.untold)}: taken as the file has it")
+
+
+def _essential(found: IdentifiedRobot) -> Iterator[Text]:
+    one = found.essential
+    names = "; ".join(
+        f"{name.split(' ')[0]} {number(value)}" for name, value in zip(one.names, one.values, strict=True)
+    )
+    yield Text(
+        f"{len(one.names)} essential groups of {int((~found.base.held).sum())} predict rows held out to "
+        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): {names}"
+    )
+
+
+def _residuals(found: IdentifiedRobot) -> PlainTable:
+    table = PlainTable("Residuals of rows held out")
+    table.words("joint")
+    table.numbers("held out", f"size [{heading_unit('tau', Coordinates.of(found.original.model).angular_velocity)}]")
+    for (name, share), sigma in zip(found.held_out.joints.items(), found.sigma, strict=True):
+        table.row(name, percent(share, 3), sigma)
+    return table
+
+
+def _groups(found: IdentifiedRobot) -> PlainTable:
+    table = PlainTable(f"{int((~found.base.held).sum())} groups of parameters")
+    table.words("group")
+    table.numbers("value", "deviation", "95 % from", "to", "file")
+    rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
+    for held, (name, value, deviation, (low, high), before) in zip(found.base.held, rows, strict=True):
+        if held:
+            continue
+        table.row(name, *estimate(value, deviation), low, high, before)
+    return table

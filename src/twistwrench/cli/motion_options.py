@@ -4,33 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import UnknownNameError, ValueRangeError
 from ..joints.units import units_of
 from .robot_options import RobotOptions, bundled
+from .usage import Decorator, option_group
 
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..motion.motion import Motion
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
-
-Decorator: TypeAlias = Callable[[Any], Any]
-
-
-def option_group(*options: Decorator) -> Decorator:
-    """Options as one decorator; a command's help lists them from the last to the first."""
-
-    def decorate(function: Any) -> Any:
-        for option in options:
-            function = option(function)
-        return function
-
-    return decorate
-
 
 LIMITS = click.option(
     "--limits",

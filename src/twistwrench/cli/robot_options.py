@@ -5,9 +5,9 @@ from __future__ import annotations
 import difflib
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ import click
 from ..core.numbers import printed
 from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..reports.load_case import joints_beside, joints_held
-from .usage import RobotOption, plain_errors
+from .usage import Decorator, Given, RobotOption, command, option_group
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -54,9 +54,6 @@ def robot_source(source: str) -> str | Path:
 
 
 # ── Files of bundled robots, called ``demo``
-
-if TYPE_CHECKING:
-    pass
 
 _DEMO = "demo"
 
@@ -195,57 +192,58 @@ class RobotOptions:
 _MIMIC, _INERTIA = click.Choice(["follow", "independent"]), click.Choice(["error", "accept", "repair"])
 _option = partial(click.option, cls=RobotOption)
 
-
-def robot_command(function: Callable[..., None]) -> Callable[..., None]:
-    """The ROBOT argument and the options shared by all commands; errors and warnings in a line each."""
-
-    @click.argument("source", metavar="ROBOT")
-    @_option("--floating-base", is_flag=True, help="Let the base move freely.")
-    @_option(
+_ROBOT = option_group(
+    _option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees."),
+    _option("--actuators", metavar="FILE.yaml", help="Motors, gears, rotors and friction; 'demo' is bundled."),
+    _option(
+        "--inertia", type=_INERTIA, default="error", show_default=True, help="What becomes of one no body can have."
+    ),
+    _option(
+        "--mimic", type=_MIMIC, default="follow", show_default=True, help="Whether mimic joints follow their leader."
+    ),
+    _option("--tip", metavar="FRAME", help="The frame meant where none is named."),
+    _option("--model", metavar="NAME", help="Of an SDF world: this model."),
+    _option("--keep", metavar="BODY", help="Of an MJCF scene: this body and all that it carries."),
+    _option("--chain", nargs=2, metavar="BASE TIP", help="Hold all joints still that are not between these frames."),
+    _option(
         "--lock",
         metavar="JOINT=VALUE",
         multiple=True,
         help="Hold a joint still there, or all of '*wheel*'; may be repeated.",
-    )
-    @_option("--chain", nargs=2, metavar="BASE TIP", help="Hold all joints still that are not between these frames.")
-    @_option("--keep", metavar="BODY", help="Of an MJCF scene: this body and all that it carries.")
-    @_option("--model", metavar="NAME", help="Of an SDF world: this model.")
-    @_option("--tip", metavar="FRAME", help="The frame meant where none is named.")
-    @_option(
-        "--mimic", type=_MIMIC, default="follow", show_default=True, help="Whether mimic joints follow their leader."
-    )
-    @_option(
-        "--inertia", type=_INERTIA, default="error", show_default=True, help="What becomes of one no body can have."
-    )
-    @_option("--actuators", metavar="FILE.yaml", help="Motors, gears, rotors and friction; 'demo' is bundled.")
-    @_option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees.")
-    @wraps(function)
-    def command(
-        source: str,
-        floating_base: bool,
-        lock: tuple[str, ...],
-        chain: tuple[str, str] | None,
-        keep: str | None,
-        model: str | None,
-        tip: str | None,
-        mimic: str,
-        inertia: str,
-        actuators: str | None,
-        degrees: bool,
-        **rest: Any,
-    ) -> None:
-        with plain_errors():
-            held: dict[str, float] = {}
-            for joint, value in map(_parse_lock, lock):
-                if joint in held:
-                    raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
-                held[joint] = value
-            options = RobotOptions(
-                source, floating_base, held, tip, mimic, inertia, actuators, degrees, chain, keep, model
-            )
-            function(options, **rest)
+    ),
+    _option("--floating-base", is_flag=True, help="Let the base move freely."),
+    click.argument("source", metavar="ROBOT"),
+)
+"""The ROBOT argument and the options shared by all commands."""
 
-    return command
+
+def robot_command(name: str, *options: Decorator, examples: Sequence[str], robot_first: bool = False) -> Decorator:
+    """A command with ROBOT and the options for reading it, from a function of those and of its own options.
+
+    ROBOT stands before the command's own arguments if ``robot_first``.
+    """
+
+    def decorate(function: Callable[[RobotOptions, Given], int | None]) -> click.Command:
+        @wraps(function)
+        def run(given: Given) -> int | None:
+            values = vars(given)
+            own = {field.name: values.pop(field.name) for field in fields(RobotOptions)}
+            return function(RobotOptions(**{**own, "lock": _parse_locks(own["lock"])}), given)
+
+        order = (*options, _ROBOT) if robot_first else (_ROBOT, *options)
+        made: click.Command = command(name, *order, examples_=examples)(run)
+        return made
+
+    return decorate
+
+
+def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
+    held: dict[str, float] = {}
+    for joint, value in map(_parse_lock, texts):
+        if joint in held:
+            raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
+        held[joint] = value
+    return held
 
 
 def _parse_lock(text: str) -> tuple[str, float]:

@@ -1,25 +1,35 @@
-"""The command ``twistwrench simulate``: its options, and its answer as things to print."""
+"""The command ``twistwrench simulate``: options, run and report of a simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
 
+from ..core.files import check_outputs
+from ..core.numbers import number, residual, seconds
 from ..core.verdict import ExitCode
 from ..errors import SimulationError, ValueRangeError
-from .console import progress_bar
-from .motion_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES, option_group
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from ..robot import Robot
-    from ..simulation.result import SimulationResult
-
+from ..joints.units import heading_unit
+from ..motion.bounds import LimitCheck, bounds_of
+from ..motion.coordinates import Coordinates
+from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
+from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, parse_rates
+from ..robot import Robot
+from ..simulation.contact import Plane
+from ..simulation.result import SimulationResult
+from ..typing import Array
+from .console import picture, progress_bar, show, show_written
+from .motion_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES
+from .plain_table import PlainTable, friction_words, remarks
+from .robot_options import RobotOptions, robot_command
+from .usage import Given, option_group
 
 _CONTACT = "1e5,0.3,0.5"
 
@@ -65,62 +75,44 @@ simulate_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def run_simulate(
-    robot: Robot,
-    show: Callable[[RenderableType], None],
-    *,
-    degrees: bool,
-    duration: float,
-    dt: float,
-    method: str,
-    at: tuple[str, ...],
-    configuration: str | None,
-    velocity: tuple[str, ...],
-    torque: tuple[str, ...],
-    payloads: tuple[str, ...],
-    wrenches: tuple[str, ...],
-    no_friction: bool,
-    stop_at_limits: bool,
-    touch: tuple[str, ...],
-    ground: float | None,
-    contact: str | None,
-    rtol: float,
-    every: int,
-    csv_path: str | None,
-    npz_path: str | None,
-    plot_path: str | None,
-) -> ExitCode:
-    """Print the answer with ``show``, and write the files.
+@robot_command(
+    "simulate",
+    simulate_options,
+    examples=(
+        "simulate ur5 --duration 0.5",
+        "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png",
+    ),
+)
+def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
+    """How the robot moves, falls or is thrown: states, energies with their drift, events, and why it stopped.
 
-    Returns FINE where the motion came to the end of its duration, NO where it ended before, at a limit or because it could
-    not go on. What was computed before a failure or an interrupt is printed and written too. Raises errors of the library,
-    and KeyboardInterrupt.
+    Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
+    what was computed until then is printed and written.
     """
-    from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
-    from ..reports.robot_summary import degrees_hint, parse_configuration, parse_rates
-    from .tables.motion import simulation_view
-
-    load = LoadCase(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
+    given.plot_path = picture(given.plot_path)
+    check_outputs({"--csv": given.csv_path, "--npz": given.npz_path, "--plot": given.plot_path}, options.files)
+    robot = options.load()
+    load = LoadCase(robot, tuple(map(parse_payload, given.payloads)), parse_wrenches(given.wrenches))
     loaded = load.with_load
-    friction = not no_friction
+    friction = not given.no_friction
     failure: BaseException | None = None
-    q0 = parse_configuration(loaded, at, configuration, degrees=degrees)
+    q0 = parse_configuration(loaded, given.at, given.configuration, degrees=options.degrees)
     if hint := degrees_hint(loaded, q0):
         show(f"! {hint}")
-    dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
-    options: dict[str, Any] = {
-        "method": method,
-        "tau": parse_rates(loaded, torque, "--torque", degrees=False) if torque else None,
+    dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
+    settings: dict[str, Any] = {
+        "method": given.method,
+        "tau": parse_rates(loaded, given.torque, "--torque", degrees=False) if given.torque else None,
         "wrench_on_robot": load.wrenches or None,
         "friction": friction and loaded.model.friction.any,
-        "limits": "stop" if stop_at_limits else None,
-        "contacts": _planes(loaded, touch, ground, contact),
-        "rtol": rtol,
-        "every": every,
+        "limits": "stop" if given.stop_at_limits else None,
+        "contacts": _planes(loaded, given.touch, given.ground, given.contact),
+        "rtol": given.rtol,
+        "every": given.every,
     }
     try:
-        with progress_bar(f"{loaded.name}: {options['method']}") as progress:
-            result = loaded.simulate(q0, dq0, duration, dt, **options, progress=progress)
+        with progress_bar(f"{loaded.name}: {given.method}") as progress:
+            result = loaded.simulate(q0, dq0, given.duration, given.dt, **settings, progress=progress)
     except SimulationError as problem:
         if problem.result is None:
             raise
@@ -129,15 +121,15 @@ def run_simulate(
         if not hasattr(interrupt, "result"):
             raise
         result, failure = interrupt.result, interrupt
-    show(simulation_view(loaded, result, degrees=degrees, friction=friction))
-    to_csv = partial(result.to_csv, degrees=degrees)
-    for path, write in ((csv_path, to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
+    show(simulation_view(loaded, result, degrees=options.degrees, friction=friction))
+    to_csv = partial(result.to_csv, degrees=options.degrees)
+    for path, write in ((given.csv_path, to_csv), (given.npz_path, result.to_npz), (given.plot_path, result.plot)):
         if path is not None and failure is not None and Path(path).is_file():
             click.echo(
                 f"note: {path} is kept as it was: the motion is not complete. Name another file for it.", err=True
             )
         elif path is not None:
-            show(f"wrote {write(path)}")
+            show_written(write(path))
     if isinstance(failure, KeyboardInterrupt):
         raise failure
     return ExitCode.FINE if failure is None and result.completed else ExitCode.NO
@@ -150,9 +142,6 @@ def _computed(problem: SimulationError) -> SimulationResult:
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
     """A plane for each frame that touches the ground."""
-    from ..reports.robot_summary import parse_numbers
-    from ..simulation.contact import Plane
-
     if ground is None:
         if touch:
             raise ValueRangeError("--touch names points that the ground holds up, and there is none. Add --ground 0.")
@@ -175,3 +164,108 @@ def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact:
     return [
         Plane(frame, rows, height=ground, stiffness=k, dissipation=c, friction=mu) for frame, rows in points.items()
     ]
+
+
+# ── The report
+
+
+_MOST = 20
+"""Events listed."""
+_ROUNDING = 12
+"""Decimals below which a coordinate, a velocity or an energy is zero."""
+
+
+def simulation_view(
+    robot: Robot, result: SimulationResult, *, degrees: bool = False, friction: bool = True
+) -> RenderableType:
+    """The verdict with what was not simulated, then rows for coordinates, velocities and energies, accuracy and events."""
+    c = Coordinates.of(robot.model)
+    word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
+    verdict = [
+        Text.assemble(word, f": {result.stopped}."),
+        *remarks(_limits_passed(robot, result)),
+        Text(),
+    ]
+    heading = Text.assemble(
+        (result.robot, "bold"),
+        f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
+        f", {result.rejected} taken again" if result.rejected else "",
+        f"  ·  {friction_words(robot.model, counted=friction)}",
+    )
+    parts: list[RenderableType] = [*verdict, heading, _coordinates(result, c, degrees=degrees)]
+    parts += [_velocities(result, c, degrees=degrees), _energies(result), _accuracy(result)]
+    parts += [Text(f"· {event}") for event in result.events[:_MOST]]
+    if len(result.events) > _MOST:
+        parts.append(Text(f"· … {len(result.events)} events in all"))
+    return Group(*parts, *remarks(result.remarks))
+
+
+_PASSED = {
+    "position": ("Joints were not held at their limits", "--stop-at-limits ends where the first is reached."),
+    "torque": (
+        "The torques given are more than the motors have",
+        "Give less, or raise the efforts in the robot's file.",
+    ),
+    "velocity": ("Joints are faster than their limits", "The robot's own drives would not let them."),
+}
+"""Of each kind of limit that a simulation does not keep: what it means that one is passed, and what to do."""
+
+
+def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
+    """A sentence for each kind of limit that the states or the torques given pass."""
+    check, said = LimitCheck(robot.model, bounds_of(robot)), []
+    check.add(result.times, result.q, result.dq, None, result.tau)
+    passed = check.violations()
+    for kind, (meaning, remedy) in _PASSED.items():
+        mine = [violation for violation in passed if violation.kind == kind]
+        if not mine:
+            continue
+        more = len(mine) - 1
+        others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
+        said.append(f"{meaning}: {mine[0]}{others}. {remedy}")
+    return said
+
+
+def _coordinates(result: SimulationResult, c: Coordinates, *, degrees: bool) -> PlainTable:
+    table = PlainTable(f"Coordinates [{heading_unit('q', (True, False), degrees=degrees)}]")
+    table.words("coordinate")
+    table.numbers("start", "end", "lowest", "highest")
+    for name, x, angular in zip(c.names, result.q.T, c.angular, strict=True):
+        unit = math.degrees(1.0) if degrees and angular else 1.0
+        table.row(name, *_cells(unit * np.array([x[0], x[-1], x.min(), x.max()])))
+    return table
+
+
+def _velocities(result: SimulationResult, c: Coordinates, *, degrees: bool) -> PlainTable:
+    table = PlainTable(f"Velocities [{heading_unit('dq', (True, False), degrees=degrees)}]")
+    table.words("velocity")
+    table.numbers("start", "end", "fastest", "at [s]")
+    for name, v, angular in zip(c.velocity_names, result.dq.T, c.angular_velocity, strict=True):
+        unit, peak = math.degrees(1.0) if degrees and angular else 1.0, int(np.abs(v).argmax())
+        table.row(name, *_cells(unit * v[[0, -1, peak]]), seconds(result.times[peak]))
+    return table
+
+
+def _energies(result: SimulationResult) -> PlainTable:
+    table = PlainTable("Energies [J]")
+    table.words("")
+    table.numbers("start", "end", "largest")
+    rows = {"kinetic": result.kinetic_energy, "potential": result.potential_energy, "both": result.energy}
+    rows |= {f"work of {name}": work for name, work in result.work.items() if np.any(work)}
+    for name, x in rows.items():
+        table.row(name, *_cells(x[[0, -1, int(np.abs(x).argmax())]]))
+    drift = result.drift
+    table.row("drift", "0", residual(drift[-1]), residual(drift[np.abs(drift).argmax()]))
+    return table
+
+
+def _accuracy(result: SimulationResult) -> Text:
+    """The drift and the error, each against what moved."""
+    said = f"drift {residual(result.relative_drift)} of the energy that moved"
+    if np.isfinite(result.relative_error):
+        said += f"; error of the steps {residual(result.relative_error)} of the motion"
+    return Text(said)
+
+
+def _cells(values: Array) -> list[str]:
+    return [number(x, decimals=_ROUNDING) for x in values]

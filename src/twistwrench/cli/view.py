@@ -1,4 +1,4 @@
-"""The commands ``twistwrench view`` and ``twistwrench plot``: their options, and what they do."""
+"""The commands ``twistwrench view`` and ``plot``: pages, films and pictures of a motion."""
 
 from __future__ import annotations
 
@@ -6,19 +6,21 @@ import os
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from ..core.files import check_outputs, picture_path
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
+from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
+from ..robot import Robot
+from ..viz.drawn_motion import DrawnMotion
 from .console import frame_progress
-from .motion_options import Load, loaded_motion_options, open_motion, option_group
-
-if TYPE_CHECKING:
-    from ..viz.drawn_motion import DrawnMotion
+from .motion_options import loaded_motion_options, open_motion
+from .robot_options import RobotOptions, motion_path, robot_command
+from .usage import Given, option_group
 
 _KINDS = ("split", "power", "phase")
 
@@ -55,111 +57,91 @@ plot_options = option_group(
 """The options of ``plot``, all but the robot's own."""
 
 
-def run_view(
-    load: Load,
-    path: Path | None,
-    files: Mapping[str, str | None],
-    *,
-    html: str | None,
-    movie: str | None,
-    speed: float,
-    no_browser: bool,
-    no_meshes: bool,
-    section: str | None,
-    **given: Any,
-) -> ExitCode:
-    """Write the page or film given by ``html`` and ``movie``; without either, a page in a temporary folder, and open it.
+@robot_command(
+    "view",
+    view_options,
+    examples=(
+        "view ur5 --trajectory demo --payload 5 --html ur5.html",
+        "view panda --section 8.1.3 --html mass_matrix.html",
+    ),
+)
+def view_command(options: RobotOptions, given: Given) -> ExitCode:
+    """Show the robot in a browser: joints to move, a motion to play, torques, forces at the tip; or write a page or a film.
 
-    Returns NO where the motion contradicts itself, which is shown all the same.
+    Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is shown all the same.
     """
-    from ..core.files import check_outputs
     from ..viz.movie import film, movie_path
     from ..viz.page import write_page
     from ..viz.scene import scene_of
 
-    if movie is not None:
+    path = None if given.trajectory is None else motion_path(options, given.trajectory)
+    if given.movie is not None:
         if path is None:
             raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
-        movie = movie_path(movie)
-    check_outputs({"--html": html, "--movie": movie}, {"--trajectory": path, **files})
-    if section is not None:
-        _require_page(section, html, path)
-    robot, wrenches, motion = _loaded(load, path, **given)
-    scene = scene_of(robot, meshes=not no_meshes)
+        given.movie = movie_path(given.movie)
+    check_outputs({"--html": given.html, "--movie": given.movie}, {"--trajectory": path, **options.files})
+    if given.section is not None:
+        _require_page(given.section, given.html, path)
+    robot, wrenches, motion = _loaded(options, path, given)
+    scene = scene_of(robot, meshes=not given.no_meshes)
     about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches, "scene": scene}
-    if html is not None:
-        click.echo(f"wrote {write_page(robot, html, section=section, **about)}")
-    if movie is not None and motion is not None:
+    if given.html is not None:
+        click.echo(f"wrote {write_page(robot, given.html, section=given.section, **about)}")
+    if given.movie is not None and motion is not None:
         with frame_progress("filming") as progress:
-            film(motion, movie, scene=scene, speed=speed, progress=progress)
-        click.echo(f"wrote {movie}")
-    if html is None and movie is None:
+            film(motion, given.movie, scene=scene, speed=given.speed, progress=progress)
+        click.echo(f"wrote {given.movie}")
+    if given.html is None and given.movie is None:
         path_of_page = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
         write_page(robot, path_of_page, **about)
         click.echo(f"wrote {path_of_page}")
-        if not no_browser and not _open_browser(path_of_page.as_uri()):
+        if not given.no_browser and not _open_browser(path_of_page.as_uri()):
             click.echo("note: no browser could be opened. Open the file in one.", err=True)
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
-def run_plot(
-    load: Load,
-    path: Path,
-    files: Mapping[str, str | None],
-    *,
-    what: str,
-    out: str,
-    joints: tuple[str, ...],
-    **given: Any,
-) -> ExitCode:
-    """Draw one picture of the motion in the file ``path``. Returns NO where the motion contradicts itself."""
-    from ..core.files import check_outputs, picture_path
+@robot_command("plot", plot_options, examples=("plot ur5 --trajectory demo --payload 5 --what power --out power.png",))
+def plot_command(options: RobotOptions, given: Given) -> ExitCode:
+    """Draw a motion: what each torque is made of, power and energy, or the phase plane of each joint.
+
+    Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is drawn all the same.
+    """
     from ..plotting.motion import PICTURES
     from ..plotting.style import require_matplotlib
 
+    path = motion_path(options, given.trajectory)
     require_matplotlib("Drawing (plot)")
-    out = picture_path(out)
-    if joints and what == "power":
+    given.out = picture_path(given.out)
+    if given.joints and given.what == "power":
         raise ValueRangeError("--joint chooses panels, and the picture of power has none. Leave it out.")
-    check_outputs({"--out": out}, {"--trajectory": path, **files})
-    _, _, motion = _loaded(load, path, **given)
+    check_outputs({"--out": given.out}, {"--trajectory": path, **options.files})
+    _, _, motion = _loaded(options, path, given)
     if motion is not None:
-        PICTURES[what](motion, out, *([joints] if joints else []))
-    click.echo(f"wrote {out}")
+        PICTURES[given.what](motion, given.out, *([given.joints] if given.joints else []))
+    click.echo(f"wrote {given.out}")
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
-def _loaded(
-    load: Load,
-    path: Path | None,
-    *,
-    degrees: bool,
-    payloads: tuple[str, ...],
-    wrenches: tuple[str, ...],
-    no_friction: bool,
-    columns: tuple[str, ...],
-    rate: float | None,
-    lock_missing: bool,
-    smooth: bool,
-) -> tuple[Any, dict[str, Any], DrawnMotion | None]:
+def _loaded(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
     """The robot with its payloads, the wrenches on it, and its motion; limits that this passes are said on stderr."""
-    from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
     from ..viz.drawn_motion import read_motion
 
-    if path is None and (columns or rate is not None or lock_missing or smooth):
+    if path is None and (given.columns or given.rate is not None or given.lock_missing or given.smooth):
         raise ValueRangeError(
             "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
         )
     trajectory = None
     if path is None:
-        robot, _ = load()
+        robot, _ = options.load_and_locked()
     else:
-        reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
-        robot, trajectory = open_motion(load, path, degrees=degrees, **reading)
-    loaded = LoadCase(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
+        reading: dict[str, Any] = {"columns": given.columns, "rate": given.rate, "lock_missing": given.lock_missing}
+        robot, trajectory = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
+    loaded = LoadCase(
+        robot, tuple(map(parse_payload, given.payloads)), parse_wrenches(given.wrenches), friction=not given.no_friction
+    )
     motion = None
     if trajectory is not None:
-        motion = read_motion(loaded, trajectory, smoothing=smooth)
+        motion = read_motion(loaded, trajectory, smoothing=given.smooth)
         for sentence in (*trajectory.notes, *motion.warnings):
             click.echo(f"note: {sentence}", err=True)
     return loaded.with_load, loaded.wrenches, motion

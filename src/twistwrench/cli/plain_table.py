@@ -14,10 +14,10 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from ...core.numbers import MISSING, number, percent_of_limit
-from ...core.verdict import Word
-from ...model.limits import over_limit
-from ...model.model import Model
+from ..core.numbers import MISSING, number, percent_of_limit
+from ..core.verdict import Word
+from ..model.limits import over_limit
+from ..model.model import Model
 
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""

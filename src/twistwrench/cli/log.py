@@ -1,0 +1,112 @@
+"""The command ``twistwrench log info``: quality of the files of motions."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ..core.cluster import Failure, workers_of
+from ..core.numbers import number, percent
+from ..core.verdict import ExitCode
+from ..reports.log_quality import LogColumn, LogQuality
+from .console import expand_paths, progress_bar, show, worker_options
+from .plain_table import PlainTable
+from .usage import Given, command
+
+
+@click.group(name="log", cls=click.Group)
+def log_command() -> None:
+    """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
+
+
+@command(
+    "info",
+    click.argument("files", metavar="FILE...", nargs=-1, required=True),
+    worker_options,
+    click.option("--json", "as_json", is_flag=True, help="Print everything as JSON."),
+    examples_=("log info log.csv",),
+    short_help="Rates, gaps, and the range and noise of each column.",
+)
+def info(given: Given) -> ExitCode:
+    """Rates, gaps, repeated stamps, and for each column its range, grid and noise, and whether it is cut off or dead.
+
+    FILE may be a folder, or a pattern in quotes. Files that cannot be read are reported last, with exit code 2.
+    """
+    failed: list[tuple[str, str]] = []
+    paths = [path for text in given.files for path in expand_paths(Path(text), text)]
+    found: list[LogQuality] = []
+    with progress_bar(f"{len(paths)} files") as progress, workers_of(given.workers, given.scheduler) as team:
+        for path, result in zip(paths, team.results(LogQuality.of, paths, progress), strict=True):
+            if isinstance(result, Failure):
+                failed.append((path, result.reason))
+            else:
+                found.append(result)
+    if given.as_json:
+        click.echo(json.dumps([_plain({**asdict(q), "path": str(q.path)}) for q in found], indent=2))
+    else:
+        show(*map(log_view, found))
+    for path, reason in failed:
+        click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
+    return ExitCode.BAD_INPUT if failed else ExitCode.FINE
+
+
+log_command.add_command(info)
+
+
+def _plain(value: Any) -> Any:
+    """None in place of what JSON has no number for."""
+    if isinstance(value, dict):
+        return {name: _plain(x) for name, x in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(x) for x in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_MANY_ZEROS, _FEW_STEPS = 0.1, 50
+"""Share of the rows that are exactly zero, and steps of the grid from end to end, that are worth a word."""
+
+
+def log_view(quality: LogQuality) -> RenderableType:
+    """A line on the clock, and a table of the columns."""
+    table = PlainTable()
+    table.words("column")
+    table.numbers("least", "most", "grid", "noise")
+    table.words("", style="yellow")
+    for column in quality.columns:
+        table.row(column.name, column.least, column.most, column.grid or None, column.noise or None, _said(column))
+    notes = [Text(f"note: {note}") for note in quality.notes]
+    return Group(Text.assemble((quality.path.name, "bold"), f"  {_clock(quality)}"), table, *notes)
+
+
+def _clock(quality: LogQuality) -> str:
+    if not quality.time:
+        return f"{quality.rows} rows, no column of time"
+    said = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
+    if math.isfinite(quality.jitter) and quality.jitter * quality.rate > 1e-3:
+        said.append(f"steps vary by {percent(quality.jitter * quality.rate, 2)}")
+    for count, what in (
+        (quality.gaps, f"gaps, the longest {number(quality.longest)} s"),
+        (quality.repeated, "stamps repeated"),
+        (quality.backward, "stamps run back"),
+    ):
+        if count:
+            said.append(f"{count} {what}")
+    return "; ".join(said)
+
+
+def _said(column: LogColumn) -> str:
+    if column.dead:
+        return "one number throughout"
+    said = [f"cut off: {percent(column.cut, 2)} of the rows at an extreme"] if column.cut else []
+    if column.zeros > _MANY_ZEROS:
+        said.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
+    if column.grid and column.most - column.least < _FEW_STEPS * column.grid:
+        said.append(f"no more than {round((column.most - column.least) / column.grid)} steps of its grid in all")
+    return "; ".join(said)
