@@ -14,8 +14,8 @@ from robot_files import FILES, NONE
 
 import twistwrench as tw
 from twistwrench import verify as module
-from twistwrench.cli.main import main
 from twistwrench.cli.doctor import verification_view
+from twistwrench.cli.main import main
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
 from twistwrench.verify import Check, verify
