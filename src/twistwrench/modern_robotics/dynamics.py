@@ -407,7 +407,6 @@ def SimulateControl(
     ----------
     thetalist : (n,) array_like, joint angles at the start
     dthetalist : (n,) array_like, joint rates at the start
-    dt : float, time step [s]
 
     Returns
     -------

@@ -438,11 +438,6 @@ def Normalize(V: ArrayLike) -> Array:
     -------
     unit : (..., n) array
 
-    Raises
-    ------
-    ValueRangeError
-        A vector is zero, which has no direction.
-
     Examples
     --------
     >>> Normalize([1, 2, 3]).round(8).tolist()

@@ -67,8 +67,6 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
     ------
     ValueRangeError
         ``method`` is neither 3 nor 5, ``N`` under 2 or ``Tf`` ≤ 0.
-    ShapeError
-        The two vectors are not of one size.
 
     Examples
     --------

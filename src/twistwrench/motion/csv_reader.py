@@ -333,16 +333,6 @@ class CsvFile:
         Commas, semicolons, tabs or blanks; decimal commas where commas separate nothing; UTF-8 or UTF-16; packed by gzip or
         not. Lines that begin with # are comments, but for one right above rows without another header: it is theirs, as
         ``numpy.savetxt`` writes it. Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`.
-
-        Examples
-        --------
-        >>> import pathlib, tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "log.csv")
-        ...     _ = path.write_text("time;elbow [deg]\n0;1,5\n1;2,5\n")
-        ...     file = CsvFile.open(path)
-        ...     file.header, file.table([0, 1]).tolist()
-        (('time', 'elbow [deg]'), [[0.0, 1.5], [1.0, 2.5]])
         """
         source = TextSource.of(as_path(path))
         with source.open() as file:

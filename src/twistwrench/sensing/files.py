@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.files import read_text, replacing
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
@@ -53,7 +54,6 @@ def write_sensor(
 
     Parameters
     ----------
-    sensor : ForceTorqueSensor
     path : str or Path, the file that is written
     noise : (moment [N m], force [N]), standard deviations of a reading
     uncertainty : Uncertainty, optional, how well it is known, as :attr:`Identification.uncertainty` has it
@@ -104,10 +104,6 @@ def write_sensor(
 
 def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float]]:
     """Read a sensor and its noise from a file that :func:`write_sensor` wrote.
-
-    Parameters
-    ----------
-    path : str or Path
 
     Returns
     -------
@@ -219,7 +215,6 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
 
     Parameters
     ----------
-    path : str or Path
     gravity : (3,) array_like, in {w} [m/s²]
 
     Returns
@@ -370,7 +365,6 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
 
     Parameters
     ----------
-    log : ReadingLog
     path : str or Path, the file that is written
 
     Raises
@@ -410,3 +404,6 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
 
 def _listed(names: Any) -> str:
     return ", ".join(names)
+
+
+complete(globals())

@@ -334,25 +334,11 @@ def wrench_from_torques(
 
     Parameters
     ----------
-    robot : Robot
-    q : (nq,) array_like, configuration
-    tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-    frame : str, optional, a link of the robot; its tip if None
-    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
     length : float, by which moments and forces are compared [m]
 
     Returns
     -------
     found : TorqueWrench, ``wrench`` (6,) and its company
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument is of another size, or the state is a batch.
-    UnknownNameError
-        The robot has no such frame.
-    FrameError
-        No frame is named, and the robot has no single tip.
 
     Notes
     -----

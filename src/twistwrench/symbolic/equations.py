@@ -213,11 +213,6 @@ class Equations:
         -------
         text : str
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such step.
-
         Examples
         --------
         >>> import twistwrench as tw
