@@ -28,7 +28,7 @@ CONFIGURATIONS = ("q", "q0", "q1")
 
 
 def is_symbolic(arrays: Sequence[Any]) -> bool:
-    """Whether any of the arrays holds symbols of a trace."""
+    """True if any of the arrays holds symbols of a trace."""
     if all(isinstance(x, np.ndarray) and x.dtype != object for x in arrays):
         return False
     from ..ir.expr import Expr
@@ -49,7 +49,7 @@ def names_of(model: Model, label: str) -> tuple[str, ...]:
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-    """Names and shapes of what the kernel of a quantity takes."""
+    """Names and shapes of a kernel's inputs."""
     from . import programs as quantity_programs
     from .programs import checked_options
 
@@ -151,7 +151,7 @@ def check_mapping(wrenches: Any) -> None:
 
 
 def unlabelled(F: Wrench, frame: str) -> Array:
-    """The numbers of a labelled wrench; raises FrameError where its label says another frame than ``frame``."""
+    """Numbers of a labelled wrench; raises FrameError if its label names another frame than ``frame``."""
     if F.frame != frame:
         raise FrameError(
             f"a wrench in {F.frame!r} was given for frame {frame!r}: move it first, T @ F with "

@@ -1,4 +1,4 @@
-"""What every method of a robot stands on: its model, its engine, names and limits, configurations, kernels."""
+"""Base of a robot's methods: model, engine, names and limits, configurations, kernels."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class RobotBase:
         raise NotImplementedError
 
     def _of_model(self, model: Model) -> Robot:
-        """What an edit gives."""
+        """Robot with another model, the result of an edit."""
         raise NotImplementedError
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
@@ -105,7 +105,7 @@ class RobotBase:
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Every frame a method can be asked about: the links, then the sites of the file."""
+        """Names of all frames: the links, then the sites of the file."""
         return tuple(self.model.all_frames)
 
     @property
@@ -115,7 +115,7 @@ class RobotBase:
 
     @property
     def defects(self) -> tuple[str, ...]:
-        """What the robot's file says that is doubtful."""
+        """Doubtful entries of the robot's file, a sentence each."""
         return self.model.defects
 
     @property
@@ -130,12 +130,12 @@ class RobotBase:
 
     @property
     def actuators(self) -> Mapping[str, Actuator]:
-        """What drives the joints, by the joint whose coordinate it moves; see :meth:`with_actuators`."""
+        """Actuators by the joint whose coordinate each moves; see :meth:`with_actuators`."""
         return self.model.actuators
 
     @property
     def armature(self) -> Array:
-        """The inertia of the drives that each velocity feels, (nv,) kg m² or kg: on the diagonal of M, in nothing else."""
+        """Reflected inertia of the drives, (nv,) kg m² or kg, part of the diagonal of M alone."""
         return self.model.armature
 
     @property
@@ -304,7 +304,7 @@ class RobotBase:
         return self.engine.kernel(names, options)
 
     def varying(self, *patterns: str) -> dict[str, float]:
-        """Parameters that a kernel takes as inputs (masses, inertias, lengths, friction), with the robot's own numbers.
+        """Parameters that can be inputs of a kernel (masses, inertias, lengths, friction), with the robot's own numbers.
 
         Parameters
         ----------

@@ -147,7 +147,7 @@ def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple
 
 
 def _results(what: str, returned: Any) -> list[Any]:
-    """What the function returned as arrays of symbols and real numbers."""
+    """Results of the function as arrays of symbols and real numbers."""
     found = []
     for result in returned if isinstance(returned, tuple) else (returned,):
         try:
@@ -166,5 +166,5 @@ def _results(what: str, returned: Any) -> list[Any]:
 
 
 def _one(array: Any) -> Any:
-    """As a function sees it: a number where there are no axes."""
+    """Scalar in place of an array without axes."""
     return array if array.ndim else array[()]

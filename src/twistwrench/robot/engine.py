@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 Options = Mapping[str, Any]
 
 LARGEST_COMPILED = 1_000_000
-"""Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so
-two minutes at most; the regressor of a chain of 100 links has 800,000."""
+"""Largest number of instructions that is compiled; longer programs run on NumPy. Compiling costs some 0.02 to 0.1 ms an
+instruction (bench/NOTES.md), so two minutes at most; the regressor of a chain of 100 links has 800,000."""
 
 
 class ModelKernels:
@@ -42,7 +42,7 @@ class ModelKernels:
 
     @cached_property
     def model(self) -> Model:
-        """The model; of a robot that was kept, read from its file when first asked for."""
+        """Model of the robot; of a cached robot, read from its file at first use."""
         return _model_of(self._given)
 
     def program(self, names: Sequence[str], options: Options) -> Program:
@@ -90,7 +90,7 @@ class ModelKernels:
         return found
 
     def cached(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What ``make`` gives, made once for each ``key``: kernels of programs that are no quantity, such as rollouts."""
+        """Return the result of ``make``, called once for each ``key``, such as the kernel of a rollout."""
         if key not in self._kernels:
             self._kernels[key] = make()
         return self._kernels[key]
@@ -234,7 +234,7 @@ def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> Shape
 # A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
 
 CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
-"""Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
+"""Callback (name, kernel, call signature, number of calls); True stops further counting."""
 
 ENOUGH = -1
 
@@ -247,12 +247,12 @@ class Engine(ModelKernels):
     ) -> None:
         super().__init__(model)
         self._called_again = called_again
-        """Gives whom to tell of calls with one state."""
+        """Weak reference to the callback for calls with one state."""
         self.single_poses: dict[Any, Any] = {}
-        """How single poses are looked for, by the options."""
+        """Searches for single poses, by their options."""
         self._called: dict[Any, Any] = {}
         self._calls: dict[Any, int] = {}
-        """How often each kind of call was made with one state; :data:`ENOUGH` where nobody wants to know any more."""
+        """Number of calls with one state, by call signature; :data:`ENOUGH` once counting has stopped."""
 
     def __getstate__(self) -> Model:
         return self.model
@@ -333,7 +333,7 @@ class Engine(ModelKernels):
         self._calls[key] = ENOUGH if done else calls + 1
 
     def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
-        """The quantity of Dask arrays: Dask arrays of the results, computed when asked for."""
+        """Evaluate a quantity on Dask arrays: the results are Dask arrays, computed later."""
         signature = self.kernel((name,), options).signature
         if (problem := misfit(self.model, name, arrays, options)) is not None:
             raise problem
@@ -363,7 +363,7 @@ SHAPES = {
     "rotation_log": ((3, 3), (3,)),
     "pose_log": ((4, 4), (6,)),
 }
-"""Of what is given, and of what comes out."""
+"""Types of the inputs and of the results."""
 
 
 class ExponentialKernel:
@@ -376,7 +376,7 @@ class ExponentialKernel:
         return kernel, (self.name,)
 
     def __call__(self, x: Array) -> tuple[Array, Any]:
-        """The result of x (..., n), and the number that says whether it counts."""
+        """Result for x (..., n), and the flag that marks valid rows."""
         if x.ndim > len(self.given):
             with np.errstate(all="ignore"):
                 several: tuple[Array, Array] = self._many(x)
@@ -385,7 +385,7 @@ class ExponentialKernel:
         return row[:-1].reshape(self.found), row[-1]
 
     def slower(self, x: Array) -> Array:
-        """What the builtin hands on: one row of float32, or one that is not in order in memory."""
+        """Calls that the builtin passes on: one row of float32, or one that is not contiguous."""
         with np.errstate(all="ignore"):
             return np.asarray(self._flat(x))
 
@@ -423,5 +423,5 @@ def kernel(name: str) -> ExponentialKernel | None:
 
 
 def install() -> None:
-    """Let exp and log of :mod:`~twistwrench.lie` ask here."""
+    """Install compiled kernels for exp and log of :mod:`~twistwrench.lie`."""
     lie.compiler = kernel

@@ -26,7 +26,7 @@ MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
-    """Joint torques τ split by term and by cause; what is no body's (friction, springs, wrenches) is both."""
+    """Joint torques τ split by term and by cause; a part without a body (friction, springs, wrenches) is both."""
 
     terms: tuple[str, ...]
     """Names of the terms: inertia, centripetal, Coriolis, gravity, and those that no body causes."""
@@ -35,7 +35,7 @@ class Explanation:
     joints: tuple[str, ...]
     """A name for each entry of τ."""
     units: tuple[str, ...]
-    """Of each joint: N m, or N where it slides."""
+    """Unit of each joint: N m, or N if it slides."""
     parts: Array
     """(..., terms, causes, nv)."""
 
@@ -55,7 +55,7 @@ class Explanation:
         return np.asarray(self.parts.sum(axis=-3))
 
     def of(self, cause: str, term: str | None = None) -> Array:
-        """Torque that one cause takes at each joint.
+        """Torque that one cause contributes at each joint.
 
         Parameters
         ----------
@@ -254,7 +254,7 @@ def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array
 
 
 def _causes(model: Model) -> dict[str, Array]:
-    """What has inertia, by name, with its parameters in the columns of the body it rides on; (10 nbodies,)."""
+    """Bodies, rotors and payloads by name, with their parameters in the columns of the carrying body; (10 nbodies,)."""
     causes: dict[str, Array] = {}
 
     def count(name: str, body: int, parameters: Array) -> None:

@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 _OPEN = 1e-9
-"""rad or m: gaps wider than this are told with what is left of a pose."""
+"""Smallest gap (rad or m) that is reported with the remaining pose error."""
 
 
 @dataclass(frozen=True)
 class Searched:
-    """What was looked for: all that results have in common."""
+    """Request of a search: joints, rows of the frames, number of loop rows."""
 
     joint_names: tuple[str, ...]
     frames: tuple[tuple[int, ...], ...]
     """The rows of each frame."""
     loops: int = 0
-    """How many rows of loops were to be closed, too."""
+    """Number of loop rows that were to be closed."""
 
 
 @dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
@@ -68,7 +68,7 @@ class IKResult:
 
     @property
     def distance(self) -> Array:
-        """(...) m between the origins, those of the frame and of the pose, or along the rows asked for."""
+        """(...) m between the origins of the frame and of the pose, or along the selected rows."""
         return self._length(turning=False)
 
     @property
@@ -95,11 +95,11 @@ class IKResult:
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Rows of the twist that were asked for, 0 to 5."""
+        """Selected rows of the twist, 0 to 5."""
         return tuple(row for rows in self._asked.frames for row in rows)
 
     def _length(self, *, turning: bool) -> Array:
-        """Of the angles that are left, or of the ways between the origins."""
+        """Norm of the remaining angles, or of the distances between the origins."""
         total, at = np.zeros(self._said.shape[:-1]), 3
         for rows in self._asked.frames:
             left = self._said[..., at : at + len(rows)]
@@ -156,7 +156,7 @@ class IKResult:
 
 
 def selected(found: IKResult, which: Array, q: Array) -> IKResult:
-    """Those of some poses of a batch with one axis, in an order; ``q`` is what they have."""
+    """Select poses of a batch with one axis, in an order, with configurations ``q``."""
     return IKResult(q, found._said[which], found._asked)
 
 
@@ -240,7 +240,7 @@ def solve(
 
 
 def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
-    """What finds the configuration near one q at which a frame has one pose, in a few steps that meet no limit, or None."""
+    """Solver for the configuration near one q at a pose, in a few steps that meet no limit; it returns None otherwise."""
     alone = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _drawn(0), (left, left))
     return alone.near_by
 
@@ -255,7 +255,7 @@ def _looked_at(
     distance: Any,
     loops: LoopClosureSolver | None,
 ) -> tuple[Searched, PoseSearch, tuple[int, int, tuple[float, float]]]:
-    """The options, checked: what is asked, who looks for it, and how often, the seed, and what may be left."""
+    """Check the options: the request, its search, and restarts, seed and tolerances."""
     frames = _frames(robot, frame, rows)
     try:
         again, seed = operator.index(restarts), _seed(rng)
@@ -340,7 +340,7 @@ def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None
 def _on_loops(
     search: PoseSearch, frames: Frames, loops: LoopClosureSolver, targets: Array, found: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """What was found, q (n, nq) and what is said of it; where poses were not reached, the loops are closed next to it."""
+    """Close the loops near configurations q (n, nq) whose poses were not reached; returns q and the search's status."""
     q, said = found
     some = np.flatnonzero(np.isfinite(q).all(axis=-1))
     count = sum(len(mine) for _, mine in frames)
@@ -378,8 +378,8 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
 SAME = 1e-6
 """rad or m: configurations nearer than this in all joints are one."""
 ALIKE = 10.0
-"""So are those on whose straight way the frame moves no more than so many times what may be left, to first order: only near a
-singular configuration is that far, and what is left tells them no better apart."""
+"""Largest displacement of the frame, in tolerances and to first order, between two configurations that count as
+one: only near a singular configuration are they further apart, and the tolerance cannot separate them."""
 SINGULAR = 1e-9
 """Singular values of J below this part of the largest are zero."""
 
@@ -434,7 +434,7 @@ def branches(
 
 
 def _turning(robot: Robot) -> Array:
-    """Which joints are the same after a full turn: those that only turn, and that nothing follows in another ratio."""
+    """Mask of joints that repeat after a full turn: revolute without pitch, and without a follower of another ratio."""
     followed = {body.v_index for body in robot.model.bodies if body.follows}
     found = np.zeros(robot.nv, bool)
     for body in robot.model.leaders:
@@ -445,7 +445,7 @@ def _turning(robot: Robot) -> Array:
 
 
 def _unwound(robot: Robot, q: Array) -> Array:
-    """q with full turns taken off, where the limits allow the smaller angle."""
+    """Remove full turns from q where the limits allow the smaller angle."""
     turn = 2.0 * np.pi * _turning(robot)
     smaller = q - turn * np.round(q / (2.0 * np.pi))
     fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
@@ -453,5 +453,5 @@ def _unwound(robot: Robot, q: Array) -> Array:
 
 
 def _apart(robot: Robot, a: Array, b: Array) -> Array:
-    """How far two configurations are apart, full turns taken off."""
+    """Difference of two configurations without full turns."""
     return (a - b) - 2.0 * np.pi * _turning(robot) * np.round((a - b) / (2.0 * np.pi))

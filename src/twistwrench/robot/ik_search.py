@@ -44,11 +44,11 @@ AT_ONCE = 1 << 18
 Frames = tuple[tuple[str, tuple[int, ...]], ...]
 """Names, each with rows of the frame's twist."""
 _HAIR = 1e-9
-"""What is there in squares is there by more than rounding."""
+"""Margin below 1 of squared tolerances, so that rounding does not decide."""
 
 
 class PoseSearch:
-    """What looks for some frames of one robot, each by some rows."""
+    """Search for the poses of some frames of one robot, each by some rows."""
 
     def __init__(
         self,
@@ -109,12 +109,12 @@ class PoseSearch:
 
     @cached_property
     def to_posture(self) -> Any:
-        """A kernel that goes on from where poses are, as near to a posture as they let."""
+        """Kernel that moves from reached poses as near to a posture as the poses allow."""
         doc = f"Search of {self.model.name} for postures, compiled."
         return compiled(self._search(replace(self._step, posture=True)), "posture", doc)
 
     def settings(self, allowed: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
-        """What the kernel is told beside poses and starts."""
+        """Settings of the kernel beside poses and starts."""
         return np.array([steps, restarts, *((1.0 - _HAIR) * x * x for x in allowed), *self.weights])
 
     def inside(self, q: Array) -> Array:
@@ -136,7 +136,7 @@ class PoseSearch:
     def best(
         self, T: Array, start: Array, restarts: int, seed: int, allowed: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """The best of all starts (n, nq), the first at ``start``, and what is said of it (n, said); T (n, *core)."""
+        """Best result of all starts (n, nq), the first at ``start``, and its status (n, said); T (n, *core)."""
         settings = self.settings(allowed, min(restarts, PLACES))
         if seed not in self._starts:  # places take longer to make than most poses to find
             q, said = self.some(T, start, self._no_starts, self.settings(allowed, 0))
@@ -163,7 +163,7 @@ class PoseSearch:
     def nearest(
         self, T: Array, posture: Array, found: tuple[Array, Array], allowed: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """What was found, moved towards postures (n, nq) while the frames stay, until no way is left, or no step."""
+        """Move found configurations towards postures (n, nq) while the frames stay, until nothing more is gained."""
         q, said = found
         rows = np.flatnonzero(said[:, 1] > 0.0)
         none, settings = self._no_starts, self.settings(allowed, 0, POSTURE_STEPS)
@@ -193,14 +193,14 @@ class PoseSearch:
         return np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
 
     def start_configurations(self, seed: int) -> _StartConfigurations:
-        """Where to start again; those of the last seed are kept."""
+        """Start configurations of a seed; those of the last seed are cached."""
         if seed not in self._starts:
             self._starts = {seed: _StartConfigurations(self, seed)}
         return self._starts[seed]
 
 
 class _StartConfigurations:
-    """Where to start again: tables of random configurations, the same for all poses, and the poses they lead to."""
+    """Tables of random start configurations, the same for all poses, with the poses of the frames there."""
 
     def __init__(self, search: PoseSearch, seed: int) -> None:
         self.search, self.rng = search, np.random.default_rng(seed)
@@ -246,7 +246,7 @@ class SinglePose:
         return found[0] if found is not None and found[1][1] > 0.0 else None
 
     def found(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
-        """q and what is said of it; None where the long way is to be taken."""
+        """Return q and the search's status; None if the general search is needed."""
         start = self.start if q0 is None else q0
         found: tuple[Array, Array] | None = self.call(T, start, self.look, *self.table)
         if found is None or found[1][1] > 0.0:
@@ -257,7 +257,7 @@ class SinglePose:
 
 
 class _NoFallback:
-    """Whom the builtin asks where it does not serve."""
+    """Fallback of the builtin call, which returns None."""
 
     def found(self, T: Any, start: Any, settings: Array, places: Array, reached: Array) -> None:
         """None: the long way."""
@@ -278,9 +278,9 @@ class LoopClosureSolver:
         self.units = gap_units(closed)
         mine = self.rows.places[0]
         self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
-        """Of each row, its number in a twist."""
+        """Number in a twist of each row."""
         self.allowed = tuple((CLOSED * self.units[mine]).tolist())
-        """How far each row may be open, rad or m."""
+        """Largest gap of each row, rad or m."""
 
     @cached_property
     def start(self) -> Array:

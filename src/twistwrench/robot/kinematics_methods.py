@@ -1,4 +1,4 @@
-"""Methods for configurations and kinematics of a robot. Shapes are those of one state; any leading batch shape goes."""
+"""Methods for configurations and kinematics. Shapes are those of one state; any leading batch shape goes."""
 
 from __future__ import annotations
 

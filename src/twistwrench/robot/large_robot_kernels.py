@@ -81,7 +81,7 @@ LAPACK_FROM = 64
 
 
 def applies(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether these are derivatives that would be too long unrolled."""
+    """True for derivatives that would be too long unrolled."""
     plain = all(set(options) <= {"wrenches"} for options in wanted.values())
     return plain and tuple(wanted) == ("forward_dynamics_derivatives",) and model.nv >= LAPACK_FROM
 

@@ -28,7 +28,7 @@ Inertia = Literal["error", "accept", "repair"]
 
 
 class BuildOptions(TypedDict, total=False):
-    """Those options of :func:`load` that are about the robot, not its file."""
+    """Options of :func:`load` that concern the robot, not its file."""
 
     lock: Mapping[str, ArrayLike] | None
     tip: str | None

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..model.model import Model
 
 _PLAIN = (str, int, float, bool, type(None))
-"""Types of options that are known again by how they are written."""
+"""Types of options that their text identifies."""
 
 
 class CacheEntry(NamedTuple):
@@ -38,7 +38,7 @@ class CacheEntry(NamedTuple):
 
 
 class CachedModel:
-    """The model of a robot of which something is kept under the key of its file; made when first asked for."""
+    """Model of a robot with cached kernels, under the key of its file; built at first use."""
 
     def __init__(self, key: str, make: Callable[[], Model]) -> None:
         self.key, self._make = key, make
@@ -50,7 +50,7 @@ class CachedModel:
 
 
 def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
-    """What is known of a robot's file; None of all that is no plain URDF file, and where nothing is kept."""
+    """Cache entry of a robot's file; None if it is not a plain URDF file, or there is no cache."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
     written = _written(options)
@@ -94,7 +94,7 @@ def kernel(key: str, form: Callable[[], Form]) -> Any:
 
 
 def keep_kernel(key: str, made: Any) -> None:
-    """Keep what is known of a kernel."""
+    """Store the metadata of a kernel."""
     from ..runtime.gufunc import owner_of
     from ..runtime.kernel_metadata import keep
 
@@ -121,7 +121,7 @@ def _version() -> str:
 
 
 def _written(options: Mapping[str, Any]) -> str | None:
-    """The options as text, those that are None left out; None where one is no plain value."""
+    """Options as text, without those that are None; None if one is not a plain value."""
     given = {name: value for name, value in sorted(options.items()) if value is not None}
     return repr(given) if _is_plain(given) else None
 

@@ -30,18 +30,18 @@ FORMS = ("jacobian", "along", "weighted", "hessian", "hessian_along")
 MODES = ("auto", "forward", "reverse")
 LARGEST_RESULT = 500_000
 LARGEST_WORK = 2_000_000
-"""Numbers that may come out of one kernel, and operations it may take: beyond, tracing takes minutes."""
+"""Largest number of results of one kernel, and of its operations: beyond, tracing takes minutes."""
 
 
 @dataclass(frozen=True)
 class Derivative:
-    """A derivative that was asked for, checked."""
+    """Checked request for a derivative."""
 
     by: tuple[str, ...]
     form: str = "jacobian"
     mode: str = "auto"
     values: bool = False
-    """Whether the function's own results come first."""
+    """True if the function's own results come first."""
 
     @classmethod
     def of(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
@@ -63,11 +63,11 @@ class Derivative:
 
     @property
     def weighs(self) -> bool:
-        """Whether results are summed up by weights."""
+        """True if results are summed with weights."""
         return self.form in ("weighted", "hessian_along")
 
     def inputs(self, charts: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> dict[str, Shape]:
-        """What goes in besides: the weights of the results and the direction; ``charts``: shapes of directions by input."""
+        """Additional inputs: weights of the results and the direction; ``charts``: shapes of directions by input."""
         more: dict[str, Shape] = {}
         if self.weighs and list(outputs.values()) != [()]:  # one number is its own sum
             more.update({f"weight on {name}": shape for name, shape in outputs.items()})
@@ -147,7 +147,7 @@ class Derivative:
 
 @dataclass(frozen=True)
 class Chart:
-    """How an input moves along its directions, of that shape: what is known of the derivatives of expressions."""
+    """Motion of an input along its directions, of that shape: known derivatives of expressions."""
 
     shape: Shape
     known: autodiff.Known
@@ -232,7 +232,7 @@ def _filled(shape: Shape, entries: Sequence[Any]) -> Array:
 
 
 class KernelOptions(TypedDict, total=False):
-    """What :meth:`twistwrench.Robot.kernel` takes beside the names of quantities."""
+    """Options of :meth:`twistwrench.Robot.kernel`."""
 
     frame: str | None
     kind: Literal["body", "space", "world_aligned"]
@@ -250,11 +250,11 @@ class KernelOptions(TypedDict, total=False):
 
 
 OF_DERIVATIVES: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "auto", "values": False}
-"""The options every quantity takes for its derivatives, and what they are unless said otherwise."""
+"""Options of every quantity for its derivatives, with their defaults."""
 
 
 def options_of(name: str) -> tuple[str, ...]:
-    """The options a quantity takes; raises UnknownNameError."""
+    """Options of a quantity; raises UnknownNameError."""
     if name not in QUANTITIES:
         raise UnknownNameError.of("quantity", name, QUANTITIES)
     own = QUANTITIES[name].options
@@ -436,7 +436,7 @@ def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *,
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-    """Names and shapes of what a kernel of one quantity takes, in its order."""
+    """Names and shapes of the inputs of one quantity's kernel, in its order."""
     ports = input_shapes(model, name, options) | _ports_of_derivative(model, name, options)
     return [(label, ports[label]) for label in _in_order(ports)]
 

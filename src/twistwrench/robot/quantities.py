@@ -35,17 +35,17 @@ class Quantity:
     """In a line, ASCII, with the names of the inputs and outputs."""
     options: tuple[str, ...] = ()
     felt: bool = False
-    """Whether only what the joints feel counts, so that the model may be regrouped."""
+    """True if only torques at the joints count, so that the model may be regrouped."""
     needs_inverse: bool = False
-    """Whether the inverse of M is part of it."""
+    """True if the inverse of M is part of it."""
     needs_mass: bool = False
-    """Whether it is divided by the mass of all moving bodies."""
+    """True if it is divided by the mass of all moving bodies."""
     unit: str = ""
     book: str = ""
-    """Where Modern Robotics has it."""
+    """Place in Modern Robotics."""
     pinocchio: str = ""
     mujoco: str = ""
-    """What other libraries call it."""
+    """Names in other libraries."""
 
     def shapes(self, model: Model) -> list[tuple[str, Shape]]:
         """Names and shapes of the inputs for one robot."""

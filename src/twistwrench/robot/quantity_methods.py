@@ -288,7 +288,7 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
     ) -> tuple[Array, Array]:
-        """Torques in the drives, as felt at the joints: what the gears carry, and what the rotors take before them.
+        """Torques in the drives, referred to the joints: the part through the gears, and the part of the rotors before them.
 
         Parameters
         ----------
@@ -366,7 +366,7 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
     ) -> Array:
-        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with what springs take.
+        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with the torques of springs.
 
         Returns
         -------

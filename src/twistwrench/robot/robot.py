@@ -257,7 +257,7 @@ class OpenRobotMethods(RobotBase, IKMethods, SimulationMethods[Method, "Simulati
 
 
 def _on_numpy(robot: Robot) -> Any:
-    """The regressor, which is asked once in a while: not worth the second that compiling takes."""
+    """Regressor on NumPy, which is evaluated rarely: compiling it would take a second."""
     from ..lowering.reference_interpreter import NumpyKernel
 
     return NumpyKernel(robot.program("regressor"), "regressor", "")
@@ -277,7 +277,7 @@ class Robot(
     BridgeMethods,
     OpenRobotMethods,
 ):
-    """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled when first asked for.
+    """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled at first use.
 
     Immutable: every edit returns a new one. Made by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,
     :func:`~twistwrench.from_dh`, or from a model that a :class:`~twistwrench.model.builder.ModelBuilder` built. Every
@@ -299,7 +299,7 @@ class Robot(
         return self
 
     def _of_model(self, model: Model) -> Robot:
-        """What an edit gives."""
+        """Robot with another model, the result of an edit."""
         return Robot(model)
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:

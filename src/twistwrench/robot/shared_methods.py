@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 @cache
 def _inverse_kinematics() -> Callable[..., IKResult]:
-    """Imported at the first call; an import statement takes a good part of what a pose near by does."""
+    """Import the solver at the first call; an import statement costs a good part of a solution near by."""
     from .ik import solve
 
     return solve
 
 
 class IKMethods:
-    """The methods of open and closed robots alike; what differs is asked of the robot by the names that begin here."""
+    """Methods of open and closed robots alike; the methods with a leading underscore differ between them."""
 
     def _open(self) -> Robot:
         """The robot with its loops open."""
@@ -49,7 +49,7 @@ class IKMethods:
         return None
 
     def _constraint_options(self, name: str) -> Mapping[str, Any]:  # noqa: ARG002  a closed robot looks at it
-        """What a quantity is told of the constraints."""
+        """Options of a quantity for the constraints."""
         return {}
 
     def inverse_kinematics(

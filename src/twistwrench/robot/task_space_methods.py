@@ -221,7 +221,7 @@ class ActuationMethods:
         raise NotImplementedError
 
     def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        """What goes through the gears, and what the rotors take before them, (nv,) each."""
+        """Torques through the gears, and those of the rotors before them, (nv,) each."""
         robot = self._open()
         carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
@@ -301,7 +301,7 @@ class ActuationMethods:
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
     ) -> PowerBalance:
-        """Power balance: where the power goes at one state under torques τ; positive comes in, and the sum is zero.
+        """Power balance of one state under torques τ by source; positive comes in, and the sum is zero.
 
         Returns
         -------

@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 REDUNDANT = ("error", "accept")
 STARTS = 32
-"""How many configurations the search for closed ones begins at: of common mechanisms one in a few leads there."""
+"""Number of random configurations from which closed ones are searched; with common mechanisms one in a few converges."""
 FOUND = 1e-10
 """rad, and part of the robot's length: far below this the row of A at a configuration is that of a closed one."""
 OPEN, ASTRAY = 1e-2, 0.1
-"""How far open loops may be, rad and part of their span, and which part of a rate may break the constraints, for the dynamics
-to be asked for. The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the
-step."""
+"""Largest gap of the loops (rad, and part of their span), and largest part of a rate that may break the constraints, for
+constrained dynamics to be evaluated. Stages of an integrator's step are a little off both: gaps grow with the step's square,
+rates with the step."""
 STILL = 1e-3
 """rad/s, and part of the robot's length per s (and per s): joints this slow are at rest. Where a motion turns round, the stages
 of an integrator's step add up to velocities as small as their errors, of which any part may break the constraints."""
@@ -38,7 +38,7 @@ FADED = 1e-2
 """Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
 integrator's errors are all that is left of them."""
 NEAR = 0.5
-"""rad and m: what has to move further for its loops to close is no longer near."""
+"""Largest displacement (rad and m) by which a closed configuration still counts as near."""
 
 
 def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
@@ -145,7 +145,7 @@ def _in_words(row: Iterable[Any]) -> str:
 
 
 def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:
-    """Raise a ConstraintError that says by how much a state breaks the constraints, where that is too much."""
+    """Raise a ConstraintError with the amount by which a state breaks the constraints, if it is too large."""
     mine = with_gaps(closed.constraints)
     gap, allowed = np.abs(closed.gaps(q)), OPEN * closed.spans[mine]
     if not (gap <= allowed).all():
@@ -182,7 +182,7 @@ def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, 
 
 
 def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> None:
-    """Raise where torques ``left`` (..., n) at joints without motors are no rounding beside M q̈ + h = f (..., nv)."""
+    """Raise if torques ``left`` (..., n) at joints without motors exceed rounding beside M q̈ + h = f (..., nv)."""
     rest = np.abs(left).max(axis=-1, initial=0.0)
     allowed = UNBALANCED * np.abs(f).max(axis=-1, initial=0.0)
     if (rest <= allowed).all():
@@ -220,7 +220,7 @@ def require_independent(closed: ClosedRobot, q: Array, driven: Array) -> None:
 
 
 def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
-    """Which velocities belong to the joints named (None: all); (nv,)."""
+    """Mask of the velocities of the joints named (None: all); (nv,)."""
     leaders = {b.joint.name: b for b in robot.model.leaders}
     names = list(leaders) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
     found = np.zeros(robot.nv, bool)

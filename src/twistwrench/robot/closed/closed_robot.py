@@ -64,11 +64,11 @@ class ClosedRobot(
     constraints: tuple[Constraint, ...] = ()
     """Closures and constraints, in the order in which they were made."""
     sizes: Array = field(default_factory=lambda: np.zeros(0))
-    """How large each row of A usually is, through the mass matrix; what is small is so beside these."""
+    """Usual size of each row of A, through the mass matrix, which singular values are compared with."""
     independent: tuple[int, ...] = ()
     """Numbers of the rows of A that do not depend on earlier ones."""
     spans: Array = field(default_factory=lambda: np.zeros(0))
-    """What a gap of each row is large or small beside: 1 rad, or m, the lever that its joints usually have, 1 at most."""
+    """Scale of a gap of each row: 1 rad, or m, the usual lever of its joints, 1 at most."""
 
     def __post_init__(self) -> None:
         for array in (self.sizes, self.spans):
@@ -89,7 +89,7 @@ class ClosedRobot(
     if not TYPE_CHECKING:  # so that checkers of types refuse these names too
 
         def __getattr__(self, name: str) -> NoReturn:
-            """Say where the open robot's methods are; forwarding them would hide that they know nothing of the loops."""
+            """Name the open robot's method in the error; forwarding it would ignore the loops."""
             hint = ""
             if not name.startswith("_") and hasattr(Robot, name):
                 call = "(…)" if callable(getattr(Robot, name)) else ""

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class ClosedRobotBase:
-    """What every method of a closed robot stands on: the open robot, the constraints and the scaling of their rows."""
+    """Base of a closed robot's methods: the open robot, the constraints and the scaling of their rows."""
 
     robot: Robot
     constraints: tuple[Constraint, ...]
@@ -154,7 +154,7 @@ class ConstraintMethods(ClosedRobotBase):
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
     def projector(self, q: ArrayLike) -> Array:
-        """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints.
+        """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which removes from torques the part that the constraints bear.
 
         Returns
         -------
@@ -319,7 +319,7 @@ closed to less."""
 
 
 def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
-    """How large rows of A usually are, through the mass matrix, and their spans, those of one more constraint appended."""
+    """Usual sizes of the rows of A, through the mass matrix, and their spans, those of one more constraint appended."""
     sizes, rows = six_sizes(closed.robot, new), list(new.rows)
     length = robot_length(closed.robot.model)
     spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], SHORTEST * length, LONGEST)], 3)
@@ -355,7 +355,7 @@ def gap_length(model: Model) -> float:
 
 
 def gap_units(closed: ClosedRobot) -> Array:
-    """What a gap of one is, of each row that has a position: 1 rad, or the robot's length in m, or what rounding allows."""
+    """Unit of the gap of each row that has a position: 1 rad, or the robot's length in m, or the bound of rounding."""
     turning = np.array([k < 3 for c in closed.constraints if isinstance(c, Closure) for k in c.rows], bool)
     return np.where(turning, 1.0, gap_length(closed.robot.model))
 
@@ -366,7 +366,7 @@ def all_rows(constraint: Constraint) -> Constraint:
 
 
 def six_sizes(robot: Robot, constraint: Constraint) -> Array:
-    """How large the six rows of a constraint usually are, through the mass matrix; (6,)."""
+    """Usual sizes of the six rows of a constraint, through the mass matrix; (6,)."""
     robot.engine.require_invertible()
     some = robot.random_configuration(0, 8)
     J = np.stack([robot.reference("constraint_jacobian", q, constraints=(all_rows(constraint),)) for q in some])
@@ -374,7 +374,7 @@ def six_sizes(robot: Robot, constraint: Constraint) -> Array:
 
 
 def rate_units(closed: ClosedRobot) -> Array:
-    """What a rate of one is, of each velocity: 1 rad/s, or the robot's length per second."""
+    """Unit of the rate of each velocity: 1 rad/s, or the robot's length per second."""
     axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in closed.robot.model.leaders)])
     return np.where(axes[:, :3].any(axis=1), 1.0, robot_length(closed.robot.model))
 
@@ -433,7 +433,7 @@ def _moved(R: Array, p: Array, F: Array) -> Array:
 
 
 def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLike | None) -> Closure:
-    """What :meth:`twistwrench.Robot.close` describes."""
+    """Closure of :meth:`twistwrench.Robot.close`."""
     frame_a, frame_b = _named(model, frame_a), _named(model, frame_b)
     if place_of(model, frame_a).body == place_of(model, frame_b).body:
         raise ConstraintError(
@@ -444,7 +444,7 @@ def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLik
 
 
 def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
-    """What :meth:`twistwrench.Robot.constrain` describes."""
+    """Constraint of :meth:`twistwrench.Robot.constrain`."""
     if kind not in KINDS:
         raise UnknownNameError.of("kind", kind, KINDS)
     frame = _named(model, frame)
