@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import KernelError
-from ..ir.program import axes_of
+from ..ir.program import TensorSpec, axes_of
 from ..lowering.target_machine import DOUBLE, Machine
 from ..typing import Array
 from .dispatch import FASTCALL, address_of, builtin, table_of
-from .dispatch_ir import BYTES_DATA, CONTIGUOUS_AND_ALIGNED, FIELDS, abi_matches
+from .dispatch_ir import BuiltinWriter, abi_matches
 from .gufunc import owner_of
 from .jit import Code, assembled
 
@@ -31,71 +31,32 @@ POINTERS = ("none", "array_type", "descriptor", "as_number", "new_float", "incre
 """Addresses in the bytes object, 8 bytes each."""
 
 
-def row_call_assembly(operands: int, size: int, taken: int, told: int) -> str:
+def call_assembly(operands: int, size: int, taken: int, told: int) -> str:
     """Module for a loop: the array has ``size`` doubles and is copied to operand ``taken``.
 
     The float is the first double of operand ``told``.
     """
-    known = [
-        f"  %at_{name} = getelementptr i8, ptr %self, i64 {BYTES_DATA + 8 * k}\n"
-        f"  %{name} = load ptr, ptr %at_{name}, align 8"
-        for k, name in enumerate(POINTERS)
-    ]
-    looked = [
-        _field("type", "ptr", "%array_type"),
-        _field("descr", "ptr", "%descriptor"),
-        _field("nd", "i32", "1"),
-        f"  %flags_at = getelementptr i8, ptr %array, i64 {FIELDS['flags']}\n"
-        "  %flags = load i32, ptr %flags_at, align 4\n"
-        f"  %some = and i32 %flags, {CONTIGUOUS_AND_ALIGNED}\n"
-        f"  %flags_fit = icmp eq i32 %some, {CONTIGUOUS_AND_ALIGNED}\n"
-        "  br i1 %flags_fit, label %flags_good, label %slow\nflags_good:",
-    ]
-    return "\n".join(
-        [
-            "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)",
-            f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:",
-            *known,
-            "  %number = load ptr, ptr %args, align 8",
-            "  %k = call i64 %as_number(ptr %number)",
-            f"  %offset = mul i64 %k, {8 * operands}",
-            "  %row = getelementptr i8, ptr %table, i64 %offset",
-            "  %is_there = icmp eq i64 %count, 1",
-            "  br i1 %is_there, label %run, label %look\nlook:",
-            "  %array_at = getelementptr i8, ptr %args, i64 8",
-            "  %array = load ptr, ptr %array_at, align 8",
-            *looked,
-            f"  %dims_at = getelementptr i8, ptr %array, i64 {FIELDS['dims']}",
-            "  %dims = load ptr, ptr %dims_at, align 8",
-            "  %length = load i64, ptr %dims, align 8",
-            f"  %length_fits = icmp eq i64 %length, {size}",
-            "  br i1 %length_fits, label %take, label %slow\ntake:",
-            f"  %from_at = getelementptr i8, ptr %array, i64 {FIELDS['data']}",
-            "  %from = load ptr, ptr %from_at, align 8",
-            f"  %to_at = getelementptr i8, ptr %row, i64 {8 * taken}",
-            "  %to = load ptr, ptr %to_at, align 8",
-            f"  call void @llvm.memcpy.p0.p0.i64(ptr align 8 %to, ptr align 8 %from, i64 {8 * size}, i1 false)",
-            "  br label %run\nrun:",
-            "  call void %loop(ptr %row, ptr %sizes, ptr %strides, ptr null)",
-            f"  %told_at = getelementptr i8, ptr %row, i64 {8 * told}",
-            "  %told = load ptr, ptr %told_at, align 8",
-            "  %value = load double, ptr %told, align 8",
-            "  %float = call ptr %new_float(double %value)",
-            "  ret ptr %float\nslow:",
-            "  call void %incref(ptr %none)",
-            "  ret ptr %none\n}\n",
-        ]
-    )
-
-
-def _field(name: str, kind: str, wanted: str) -> str:
-    """Compare a field of the array; branch to the slow way if it differs."""
-    return (
-        f"  %{name}_at = getelementptr i8, ptr %array, i64 {FIELDS[name]}\n"
-        f"  %{name} = load {kind}, ptr %{name}_at, align 4\n"
-        f"  %{name}_fits = icmp eq {kind} %{name}, {wanted}\n"
-        f"  br i1 %{name}_fits, label %{name}_good, label %slow\n{name}_good:"
-    )
+    call = BuiltinWriter(DOUBLE, POINTERS)
+    w = call.w
+    number = w.new(f"call i64 {call.known('as_number')}(ptr {call.at('%args', 0)})")
+    row = w.at(call.known("table"), w.new(f"mul i64 {number}, {8 * operands}"))
+    call.fork("icmp eq i64 %count, 1", "run", "copy")
+    call.begin("copy")
+    source = call.array(call.at("%args", 1), TensorSpec("x", (size,)))
+    target = call.at(row, taken)
+    w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr align 8 {target}, ptr align 8 {source}, i64 {8 * size}, i1 false)")
+    w.do("br label %run")
+    call.begin("run")
+    w.do(f"call void {call.known('loop')}(ptr {row}, ptr {call.known('sizes')}, ptr {call.known('strides')}, ptr null)")
+    new_float = call.known("new_float")
+    value = w.new(f"load double, ptr {call.at(row, told)}, align 8")
+    w.do(f"ret ptr {w.new(f'call ptr {new_float}(double {value})')}")
+    call.begin("slow")
+    none = call.known("none")
+    w.do(f"call void {call.known('incref')}(ptr {none})")
+    w.do(f"ret ptr {none}")
+    declared = "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)"
+    return "\n".join([declared, f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:", *w.lines, "}\n"])
 
 
 # ── Calls of one loop on one row after the other, prepared: NumPy's way into a ufunc takes longer than short loops run
@@ -106,7 +67,7 @@ Rows = tuple[Array, NDArray[np.intp]]
 
 @cache
 def _code(operands: int, size: int, taken: int, told: int, machine: Machine) -> Code:
-    return assembled(row_call_assembly(operands, size, taken, told), CALL, machine)
+    return assembled(call_assembly(operands, size, taken, told), CALL, machine)
 
 
 def can_bind_calls(kernel: Any) -> bool:

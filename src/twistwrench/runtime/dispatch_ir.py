@@ -253,25 +253,19 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
     return w.new(f"icmp ne i{width} {bits}, 0"), label
 
 
-# ── The function
+# ── The functions
 
 
-class _Call:
-    """Writer of the function: arguments, results, the loop, and the value returned."""
+class BuiltinWriter:
+    """Writer of a builtin function: addresses of its ``self``, tables, checks of arrays, the branch to its slow way."""
 
-    def __init__(self, layout: CallLayout) -> None:
-        self.layout, self.w, self.label = layout, LlvmWriter(layout.precision, 1), "entry"
-        w = self.w
-        self.specs = (*layout.inputs, *layout.outputs)
-        self.context = w.at("%self", BYTES_DATA)
-        self.data = w.new(f"alloca [{len(self.specs)} x ptr], align 8")
-        self.results = w.new(f"alloca [{len(layout.outputs)} x ptr], align 8")
-        self.slots = w.new(f"alloca [{layout.parameters} x ptr], align 8")
-        self.buffers = [w.new(f"alloca [{spec.size} x {w.element}], align 64") for spec in self.specs]
+    def __init__(self, precision: Precision, pointers: Sequence[str]) -> None:
+        self.w, self.pointers, self.label = LlvmWriter(precision, 1), pointers, "entry"
+        self.context = self.w.at("%self", BYTES_DATA)
 
     def known(self, what: str | int) -> str:
         """An address of the context, by its name, or by its number behind those with names."""
-        number = POINTERS.index(what) if isinstance(what, str) else len(POINTERS) + what
+        number = self.pointers.index(what) if isinstance(what, str) else len(self.pointers) + what
         return self.at(self.context, number)
 
     def at(self, table: str, number: int, kind: str = "ptr") -> str:
@@ -313,6 +307,19 @@ class _Call:
         for axis, size in enumerate(spec.shape):
             self.check(f"icmp eq i64 {self.at(dims, axis, 'i64')}, {size}")
         return self.field(array, "data", "ptr")
+
+
+class _Call(BuiltinWriter):
+    """Writer of the function: arguments, results, the loop, and the value returned."""
+
+    def __init__(self, layout: CallLayout) -> None:
+        super().__init__(layout.precision, POINTERS)
+        self.layout, w = layout, self.w
+        self.specs = (*layout.inputs, *layout.outputs)
+        self.data = w.new(f"alloca [{len(self.specs)} x ptr], align 8")
+        self.results = w.new(f"alloca [{len(layout.outputs)} x ptr], align 8")
+        self.slots = w.new(f"alloca [{layout.parameters} x ptr], align 8")
+        self.buffers = [w.new(f"alloca [{spec.size} x {w.element}], align 64") for spec in self.specs]
 
     def write(self) -> None:
         """The whole function."""
