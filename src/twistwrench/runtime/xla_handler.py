@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..ir.program import TensorSpec
+from ..lowering.ir_builder import LlvmWriter
 from ..lowering.target_machine import DOUBLE, SINGLE, Precision
 from .dispatch_ir import loop_steps
 from .gufunc import owner_of
@@ -38,81 +39,51 @@ def handler_assembly(
     inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
     """Module for contiguous arrays of these shapes behind one batch shape; some array must have entries."""
-    ports = (*inputs, *outputs)
-    tables = [(ARGUMENTS, k) for k in range(len(inputs))] + [(RESULTS, k) for k in range(len(outputs))]
-    counted = next(k for k, port in enumerate(ports) if port.size)
-    steps = ", ".join(f"i64 {n}" for n in loop_steps(ports, precision))
-    lines = []
-    for k, (table, place) in enumerate(tables):
-        lines += [
-            *_loaded(f"table{k}", "ptr", "%frame", table),
-            *_loaded(f"buffer{k}", "ptr", f"%table{k}", 8 * place),
-            *_loaded(f"data{k}", "ptr", f"%buffer{k}", DATA),
-            f"  %slot{k} = getelementptr ptr, ptr %arrays, i64 {k}",
-            f"  store ptr %data{k}, ptr %slot{k}",
-        ]
+    w, specs = LlvmWriter(precision, 1), (*inputs, *outputs)
+
+    def load(base: str, offset: int, kind: str = "ptr") -> str:
+        return w.new(f"load {kind}, ptr {w.at(base, offset)}")
+
+    arrays, samples = w.new(f"alloca [{len(specs)} x ptr]"), w.new("alloca i64")
+    extension = load("%frame", EXTENSION)
+    w.do(f"br i1 {w.new(f'icmp eq ptr {extension}, null')}, label %call, label %query")
+    w.begin("query")
+    queried = w.new(f"icmp eq i32 {load(extension, TYPE, 'i32')}, {IS_METADATA}")
+    w.do(f"br i1 {queried}, label %answer, label %call")
+    w.begin("answer")
+    metadata = load(extension, METADATA)
+    for offset, number in zip((MAJOR, MINOR), version, strict=True):
+        w.do(f"store i32 {number}, ptr {w.at(metadata, offset)}")
+    w.do("ret ptr null")
+    w.begin("call")
+    staged = w.new(f"icmp eq i32 {load('%frame', STAGE, 'i32')}, {EXECUTE}")
+    w.do(f"br i1 {staged}, label %run, label %done")
+    w.begin("run")
+    buffers = [load(load("%frame", ARGUMENTS), 8 * k) for k in range(len(inputs))]
+    buffers += [load(load("%frame", RESULTS), 8 * k) for k in range(len(outputs))]
+    for k, buffer in enumerate(buffers):
+        w.do(f"store ptr {load(buffer, DATA)}, ptr {w.at(arrays, 8 * k)}")
+    counted = next(k for k, spec in enumerate(specs) if spec.size)
+    rank, dims = load(buffers[counted], RANK, "i64"), load(buffers[counted], DIMENSIONS)
+    w.do(f"store i64 1, ptr {samples}")
+    with w.loop(w.new(f"sub i64 {rank}, {len(specs[counted].shape)}"), "run") as axis:
+        length = load(w.at(dims, w.new(f"mul i64 {axis}, 8")), 0, "i64")
+        product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
+        w.do(f"store i64 {product}, ptr {samples}")
+    w.do(f"call void {w.new('load ptr, ptr @loop')}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")
+    w.do("br label %done")
+    w.begin("done")
+    steps = ", ".join(f"i64 {n}" for n in loop_steps(specs, precision))
     return "\n".join(
         [
             "@loop = internal global ptr null",
             f"@steps = internal constant [{steps.count('i64')} x i64] [{steps}]",
-            "define ptr @handler(ptr %frame) {",
-            "entry:",
-            f"  %arrays = alloca [{len(ports)} x ptr]",
-            "  %samples = alloca i64",
-            *_loaded("extension", "ptr", "%frame", EXTENSION),
-            "  %call = icmp eq ptr %extension, null",
-            "  br i1 %call, label %staged, label %asked",
-            "asked:",
-            *_loaded("type", "i32", "%extension", TYPE),
-            f"  %metadata = icmp eq i32 %type, {IS_METADATA}",
-            "  br i1 %metadata, label %answer, label %staged",
-            "answer:",
-            *_loaded("about", "ptr", "%extension", METADATA),
-            f"  %major = getelementptr i8, ptr %about, i64 {MAJOR}",
-            f"  store i32 {version[0]}, ptr %major",
-            f"  %minor = getelementptr i8, ptr %about, i64 {MINOR}",
-            f"  store i32 {version[1]}, ptr %minor",
-            "  ret ptr null",
-            "staged:",
-            *_loaded("stage", "i32", "%frame", STAGE),
-            f"  %now = icmp eq i32 %stage, {EXECUTE}",
-            "  br i1 %now, label %run, label %done",
-            "run:",
-            *lines,
-            *_loaded("rank", "i64", f"%buffer{counted}", RANK),
-            *_loaded("dims", "ptr", f"%buffer{counted}", DIMENSIONS),
-            f"  %last = sub i64 %rank, {len(ports[counted].shape)}",
-            "  br label %count",
-            "count:",
-            "  %axis = phi i64 [ 0, %run ], [ %next, %more ]",
-            "  %n = phi i64 [ 1, %run ], [ %product, %more ]",
-            "  %left = icmp slt i64 %axis, %last",
-            "  br i1 %left, label %more, label %counted",
-            "more:",
-            "  %place = getelementptr i64, ptr %dims, i64 %axis",
-            "  %length = load i64, ptr %place",
-            "  %product = mul i64 %n, %length",
-            "  %next = add i64 %axis, 1",
-            "  br label %count",
-            "counted:",
-            "  store i64 %n, ptr %samples",
-            "  %f = load ptr, ptr @loop",
-            "  call void %f(ptr %arrays, ptr %samples, ptr @steps, ptr null)",
-            "  br label %done",
-            "done:",
-            "  ret ptr null",
-            "}",
-            f"define ptr @{INSTALL}(ptr %address) {{",
-            "  store ptr %address, ptr @loop",
-            "  ret ptr @handler",
-            "}\n",
+            "define ptr @handler(ptr %frame) {\nentry:",
+            *w.lines,
+            f"  ret ptr null\n}}\ndefine ptr @{INSTALL}(ptr %address) {{",
+            "  store ptr %address, ptr @loop\n  ret ptr @handler\n}\n",
         ]
     )
-
-
-def _loaded(name: str, kind: str, base: str, offset: int) -> list[str]:
-    """Load ``name`` from ``offset`` bytes behind ``base``."""
-    return [f"  %at.{name} = getelementptr i8, ptr {base}, i64 {offset}", f"  %{name} = load {kind}, ptr %at.{name}"]
 
 
 # ── The compiled loop of a kernel as a handler of XLA's foreign functions: a call of it enters no Python
