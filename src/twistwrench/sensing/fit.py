@@ -459,7 +459,26 @@ class Uncertainty:
         return Unknowns(bias="bias mx" in has, inertia="Ixx" in has, turn="turn x" in has)
 
     def predictive(self, log: ReadingLog, sensor: ForceTorqueSensor) -> Array:
-        """Predictive covariance of what that sensor leaves of readings without contact: S = diag σ² + A C A'."""
+        """Predictive covariance of compensated readings without contact: S = diag σ² + A C A'.
+
+        Parameters
+        ----------
+        log : ReadingLog
+        sensor : ForceTorqueSensor
+
+        Returns
+        -------
+        S : (n, 6, 6) array, in products of the units (N m, N)
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia, sensing
+        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+        >>> log = sensing.simulate(tool, 12)
+        >>> found = sensing.identify(log)
+        >>> found.uncertainty.predictive(log, found.sensor).shape
+        (12, 6, 6)
+        """
         state = SensorState(np.asarray(sensor.mounting), load=sensor.load.parameters.astype(float))
         A = self._asked.design(log, sign_factor(sensor.sign), state)
         return np.asarray(np.diag(self.noise**2) + A @ self.covariance @ np.swapaxes(A, 1, 2))
