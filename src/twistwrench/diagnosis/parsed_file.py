@@ -18,9 +18,8 @@ from ..core.files import as_path
 from ..errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
 from ..formats import FORMATS, load_model, usd_path
 from ..formats.element import Element
-from ..formats.mjcf.bodies import WITHOUT_SHAPE, MjcfBody, PlacedElement, placement, shape_of
-from ..formats.mjcf.preprocess import Defaults, Settings
-from ..formats.robot_text import TEXTS, MjcfText, WrittenInertia
+from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
+from ..formats.robot_text import TEXTS, MjcfText, RobotText, SdfText, WrittenInertia
 from ..formats.sdf import pose, with_text, word
 from ..formats.source import is_text, robot_file
 from ..formats.urdf import add_joint, add_link, origin_of
@@ -249,25 +248,17 @@ def _parsed(root: Element, model: Model, reader: ShapeReader, path: Path | None)
     """The links and joints of a root element that the loader accepts."""
     form = next(name for name, tag in FORMATS.items() if root.tag == tag)
     text = TEXTS[form](root, model.name, path)
-    meshes = _meshes(root, text.settings, text.defaults) if isinstance(text, MjcfText) else {}
     links = {}
     for name, element in text.links.items():
         if name in model.link_inertias:
             written = text.inertia(name)
-            if isinstance(text, MjcfText):
+            if form == "mjcf":
                 written = _compiled(written, model.link_inertias[name], element)
-                shapes = partial(_mjcf_shapes, text.bodies[name], text.settings, meshes, reader)
-            else:
-                shapes = partial(reader.read_parts, element, partial(_shape, in_elements=form == "sdf"))
+            shapes = partial(_shapes, text, name, reader)
             links[name] = ParsedLink(name, element.line, element.file, written, text.assumed(name), shapes)
-    changed = (
-        ()
-        if form != "mjcf"
-        else tuple(
-            text for text in model.defects if " of <compiler> change " in text or text.startswith("settotalmass")
-        )
-    )
-    return ParsedFile(model, form, links, text.joints, changed)
+    changes = " of <compiler> change ", "settotalmass"
+    changed = [one for one in model.defects if form == "mjcf" and (changes[0] in one or one.startswith(changes[1]))]
+    return ParsedFile(model, form, links, text.joints, tuple(changed))
 
 
 def _compiled(written: WrittenInertia | None, final: SpatialInertia, body: Element) -> WrittenInertia | None:
@@ -275,6 +266,16 @@ def _compiled(written: WrittenInertia | None, final: SpatialInertia, body: Eleme
     if written is not None and np.allclose(written.inertia.parameters, final.parameters, rtol=1e-9, atol=1e-12):
         return written
     return WrittenInertia.from_inertia(final, body.line, body.file)
+
+
+def _shapes(text: RobotText, name: str, reader: ShapeReader) -> LinkShapes:
+    """The shapes of a link; what is not a shape is left out."""
+    if isinstance(text, MjcfText):
+        specs = [_mjcf_shape(part, text) for part in text.bodies[name].geoms]
+    else:
+        parts = ((part, role) for role in ("visual", "collision") for part in text.links[name].all(role))
+        specs = [_shape(part, role, in_elements=isinstance(text, SdfText)) for part, role in parts]
+    return reader.read([spec for spec in specs if spec is not None])
 
 
 def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
@@ -305,41 +306,19 @@ def _numbers(shape: Element, name: str, count: int, in_elements: bool) -> list[f
     return shape.values(name, count)
 
 
-def _meshes(root: Element, settings: Settings, defaults: Defaults) -> dict[str, tuple[str, tuple[float, ...]]]:
-    """The file and the scale of each mesh by its name."""
-    found = {}
-    folder = settings.mesh_folder.replace("\\", "/").rstrip("/")
-    for asset in root.all("asset"):
-        for mesh in map(defaults.apply, asset.all("mesh")):
-            file = mesh.attributes.get("file", "").strip().replace("\\", "/")
-            name = mesh.attributes.get("name", "").strip() or Path(file).stem
-            file = file.rpartition("/")[2] if settings.plain_names else file
-            scale = tuple(mesh.floats("scale", (1.0, 1.0, 1.0)))
-            found[name] = (f"{folder}/{file}" if folder and file else file), scale
-    return found
-
-
-def _mjcf_shapes(
-    body: MjcfBody, settings: Settings, meshes: dict[str, tuple[str, tuple[float, ...]]], reader: ShapeReader
-) -> LinkShapes:
-    specs = [_mjcf_shape(part, settings, meshes) for part in body.geoms]
-    return reader.read([spec for spec in specs if spec is not None])
-
-
-def _mjcf_shape(
-    part: PlacedElement, settings: Settings, meshes: dict[str, tuple[str, tuple[float, ...]]]
-) -> ShapeSpec | None:
+def _mjcf_shape(part: PlacedElement, text: MjcfText) -> ShapeSpec | None:
+    """The shape of a geom; None for planes and height fields."""
     geom = part.element
     kind = geom.attributes.get("type", "sphere").strip()
     if kind in WITHOUT_SHAPE:
         return None
     try:
         if "mesh" in geom.attributes:
-            file, scale = meshes.get(geom.text("mesh"), ("", (1.0, 1.0, 1.0)))
+            file, scale = text.meshes.named(geom.text("mesh"))
             # MuJoCo moves a mesh to its centre of mass and back: in the body it is where its own frame is placed.
             known = "mesh" if kind == "mesh" else "fitted"
-            return ShapeSpec(known, scale, part.frame @ placement(geom, settings), file)
-        T, half = shape_of(geom, kind, settings)
+            return ShapeSpec(known, scale, part.frame @ placement(geom, text.settings), file)
+        T, half = shape_of(geom, kind, text.settings)
     except RobotFileError:
         return ShapeSpec("unknown", (), np.eye(4))
     sizes = list(half)

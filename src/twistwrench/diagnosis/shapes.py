@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,6 @@ from ..bodies.inertia import SpatialInertia
 from ..bodies.mesh import convex_hull
 from ..bodies.solids import clipped, rotational_inertia, second_moments
 from ..errors import ModelWarning, TwistWrenchError, ValueRangeError
-from ..formats.element import Element
 from ..typing import Array
 from ..viz import surface
 from ..viz.visuals import MESHES, find_resource
@@ -108,11 +107,6 @@ class ShapeReader:
         """Read shapes; those that cannot be read are left out of ``solids``."""
         found = [self._solid(spec) for spec in specs]
         return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
-
-    def read_parts(self, link: Element, spec_of: Callable[[Element, str], ShapeSpec | None]) -> LinkShapes:
-        """Read the ``<visual>`` and ``<collision>`` elements of a link; ``spec_of`` returns None without geometry."""
-        specs = [spec_of(part, role) for role in ("visual", "collision") for part in link.all(role)]
-        return self.read([spec for spec in specs if spec is not None])
 
     def _solid(self, spec: ShapeSpec) -> Solid | None:
         if spec.kind == "mesh":

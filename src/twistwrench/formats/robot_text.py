@@ -285,9 +285,9 @@ class MjcfText(RobotText):
     def __init__(self, root: Element, _model: str, path: Path | None) -> None:
         folders = Folders(None if path is None else path.parent)
         expand(root, folders, MOST_BODIES)
-        self._root, self._folders = root, folders
-        self.settings, self.defaults = Settings.from_root(root), Defaults(root)
-        found = mjcf.survey(root, self.settings, self.defaults)
+        self._root, self.settings, defaults = root, Settings.from_root(root), Defaults(root)
+        self.meshes = Meshes(root, self.settings, defaults, folders)
+        found = mjcf.survey(root, self.settings, defaults)
         self.bodies = {body.name: body for body in found[1:]}
         self.links = {body.name: body.element for body in found[1:]}
         taken = mjcf.names_given(found)
@@ -324,10 +324,9 @@ class MjcfText(RobotText):
             for attribute, (_, _, text) in plainer.items():
                 if attribute in compiler.attributes:
                     changes.set(compiler, attribute, text, _COMPILER)
-        meshes = Meshes(self._root, self.settings, self.defaults, self._folders)
         without = replace(self.settings, **{field: value for field, value, _ in plainer.values()})
         bodies = self._surveyed
-        before, after = (mjcf.inertias_of(bodies, settings, meshes).each for settings in (self.settings, without))
+        before, after = (mjcf.inertias_of(bodies, settings, self.meshes).each for settings in (self.settings, without))
         for body, was, would in zip(bodies, before, after, strict=True):
             if body.name not in wanted and not np.array_equal(was.parameters, would.parameters):
                 self._write(changes, body.name, was, _COMPILER)

@@ -41,86 +41,44 @@ class _Forbidden(Exception):
     """Declaration that is refused in robot files."""
 
 
-class _Watcher:
-    """Counts the bodies that the parser meets; ``skipped`` lines were removed above what it sees."""
+class _TreeMaker:
+    """Collects the parser's events into a tree; ``skipped`` lines were removed above the text."""
 
     def __init__(self, skipped: int, file: str, most: int) -> None:
         from xml.parsers import expat
 
         # Without namespaces: an undeclared prefix somewhere inside a plugin's settings does not refuse a robot.
         self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
         self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
         # Entities are how XML exhausts memory and reads other files; expat fetches nothing unless told how.
         self.parser.EntityDeclHandler = self._entity
         self.parser.UnparsedEntityDeclHandler = self._entity
         self.parser.StartDoctypeDeclHandler = self._doctype
         self.skipped, self.file, self.most = skipped, file, most
         self.counts: dict[str, int] = dict.fromkeys((*_BODIES, *_PARTS), 0)
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if name in self.counts:
-            self.counts[name] += 1
-            most = self.most if name in _BODIES else max(self.most, MOST_BODIES)
-            if self.counts[name] > most:
-                kind = "bodies" if name in _BODIES else f"<{name}> elements"
-                place = self._element(name, attributes, None).place
-                raise RobotFileError(
-                    f"it has more than {most:,} {kind} ({place}). Raise the limit, max_bodies=, if that is meant."
-                )
-
-    def _element(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
-        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, (), self.file)
-
-    def _entity(self, name: str, *_: Any) -> None:
-        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
-
-    def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
-        if system is not None:
-            line = self.parser.CurrentLineNumber + self.skipped
-            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
-
-    def watch(self, body: str) -> None:
-        """Go through the text; raises :class:`~twistwrench.RobotFileError` with the line."""
-        from xml.parsers.expat import ExpatError
-
-        with third_party_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
-            try:
-                self.parser.Parse(body, True)
-            except ExpatError as error:
-                what = str(error).partition(":")[0]
-                raise RobotFileError(
-                    f"line {error.lineno + self.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
-                    "Correct that line; every element that opens must close."
-                ) from None
-            except _Forbidden as problem:
-                raise RobotFileError(
-                    f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
-                    "remove the <!DOCTYPE …>."
-                ) from None
-
-
-class _TreeMaker(_Watcher):
-    """Collects the parser's events into a tree of elements."""
-
-    def __init__(self, skipped: int, file: str, most: int) -> None:
-        super().__init__(skipped, file, most)
-        self.parser.buffer_text = True
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._text
         self.root: Element | None = None
         self._open: list[Element] = []
         self._count = 0
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if name in self.counts:
-            super()._start(name, attributes)
-        elif name in _WITH_TEXT:
-            self.parser.CharacterDataHandler = self._text
         path = self._open
         parent = path[-1] if path else None
-        element = self._element(name, attributes, parent)
-        element.index = self._count
+        line = self.parser.CurrentLineNumber + self.skipped
+        element = Element(name, attributes, line, parent, (), self.file, "", self._count)
         self._count += 1
+        if name in self.counts:
+            self.counts[name] += 1
+            most = self.most if name in _BODIES else max(self.most, MOST_BODIES)
+            if self.counts[name] > most:
+                kind = "bodies" if name in _BODIES else f"<{name}> elements"
+                raise RobotFileError(
+                    f"it has more than {most:,} {kind} ({element.place}). Raise the limit, max_bodies=, if that is meant."
+                )
+        elif name in _WITH_TEXT:
+            self.parser.CharacterDataHandler = self._text
         if len(path) > self.most + _LEVELS:
             raise RobotFileError(
                 f"its elements lie more than {self.most + _LEVELS:,} deep in each other ({element.place})."
@@ -140,6 +98,33 @@ class _TreeMaker(_Watcher):
         if self._open and text and not text.isspace():
             self._open[-1].content += text
 
+    def _entity(self, name: str, *_: Any) -> None:
+        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
+
+    def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
+        if system is not None:
+            line = self.parser.CurrentLineNumber + self.skipped
+            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
+
+    def parse(self, body: str) -> None:
+        """Parse the text; raises :class:`~twistwrench.RobotFileError` with the line."""
+        from xml.parsers.expat import ExpatError
+
+        with third_party_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
+            try:
+                self.parser.Parse(body, True)
+            except ExpatError as error:
+                what = str(error).partition(":")[0]
+                raise RobotFileError(
+                    f"line {error.lineno + self.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
+                    "Correct that line; every element that opens must close."
+                ) from None
+            except _Forbidden as problem:
+                raise RobotFileError(
+                    f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
+                    "remove the <!DOCTYPE …>."
+                ) from None
+
 
 def without_loose_declaration(body: str) -> str:
     """Text with blanks for a declaration that newer versions of expat refuse; positions stay.
@@ -157,7 +142,7 @@ def without_loose_declaration(body: str) -> str:
 def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     """The root element of an XML text. Blank lines before its declaration are accepted.
 
-    ``file`` is named in messages. More links or bodies than ``max_bodies`` are refused before the tree is built.
+    ``file`` is named in messages. More links or bodies than ``max_bodies`` are refused at the first that is too many.
 
     Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
     Raises :class:`~twistwrench.RobotFileError` with the line.
@@ -176,10 +161,8 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         raise RobotFileError(
             f"it has about {count:,} elements; more than {most:,} are refused. Raise the limit, max_bodies=, if that is meant."
         )
-    if sum(body.count(f"<{tag}") for tag in _BODIES) > max_bodies:  # comments counted, so it is worth a closer look
-        _Watcher(skipped, file, max_bodies).watch(body)
     maker = _TreeMaker(skipped, file, max_bodies)
-    maker.watch(body)
+    maker.parse(body)
     if maker.root is None:
         raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
     return maker.root

@@ -313,6 +313,20 @@ class Meshes:
                     self._doubled[name] = mesh
                 self._meshes[name] = defaults.apply(mesh)
 
+    def named(self, name: str) -> tuple[str, tuple[float, ...]]:
+        """File and scale of a mesh; an empty name if it is not in the assets or has no file."""
+        element = self._meshes.get(name)
+        file = "" if element is None else element.attributes.get("file", "").strip()
+        scale = (1.0, 1.0, 1.0) if element is None else tuple(element.floats("scale", (1.0, 1.0, 1.0)))
+        return self._file(file) if file else "", scale
+
+    def _file(self, name: str) -> str:
+        """Path of a mesh file by the folder settings."""
+        name = name.replace("\\", "/")
+        name = name.rpartition("/")[2] if self._settings.plain_names else name
+        folder = self._settings.mesh_folder.replace("\\", "/").rstrip("/")
+        return f"{folder}/{name}" if folder else name
+
     def half_sizes_of_hfield(self, geom: Element) -> list[float]:
         """Half sizes of the box about its origin that MuJoCo uses for the mass of a height field.
 
@@ -375,11 +389,8 @@ class Meshes:
         return np.asarray(moved * scale), faces
 
     def _read(self, element: Element, geom: Element) -> tuple[Array, Array]:
-        name = element.text("file").replace("\\", "/")
-        name = name.rpartition("/")[2] if self._settings.plain_names else name
-        folder = self._settings.mesh_folder.replace("\\", "/").rstrip("/")
         try:
-            path = self._folders.find(f"{folder}/{name}" if folder else name, element)
+            path = self._folders.find(self._file(element.text("file")), element)
         except RobotFileError as error:
             raise RobotFileError(
                 f"the mass of {geom} is that of a mesh, and {error} Put the mesh there, or give the body an <inertial>."
