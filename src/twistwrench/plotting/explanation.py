@@ -80,7 +80,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     'why.svg'
     """
     parts, names = why.by_cause, list(why.causes)
-    bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # what is no body's is a term of its own, and last
+    bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # terms without a body come last
     order = np.argsort(-np.abs(parts).max(axis=1), kind="stable")
     shown = sorted(order[:_MOST].tolist())
     rest = [c for c in order[_MOST:].tolist() if parts[c].any()]

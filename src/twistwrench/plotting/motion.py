@@ -270,7 +270,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
     def draw(axis: style.Axes, k: int) -> None:
         place = int(coordinates.position_of[k])
-        # Of ball, planar and floating joints a velocity is no coordinate's rate; its own integral stands in.
+        # Velocities of ball, planar and floating joints are not rates of coordinates: their integrals are drawn.
         x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
         points = np.stack([x, motion.dq[:, k]], axis=1)
         colours = share_colours(np.maximum(np.abs(shares[1:, k]), np.abs(shares[:-1, k])))

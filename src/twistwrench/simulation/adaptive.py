@@ -23,6 +23,9 @@ from .forces import WORKS, System
 from .schemes import DORMAND_PRINCE, RungeKutta
 from .trial_steps import ROWS, TrialSteps
 
+if TYPE_CHECKING:
+    from .run import Run
+
 _EDGE = 3.25
 """h λ above which a step is as long as stability allows."""
 _WINDOW = 3000
@@ -208,10 +211,6 @@ def _dense(share: Any, Q: Array) -> Array:
 
 # ── Steps without observers: dense output in one batch
 
-if TYPE_CHECKING:
-    from .run import Run
-    from .trial_steps import TrialSteps
-
 _NUMBERS = 2_000_000
 """Numbers that the states made at once may be."""
 
@@ -350,9 +349,6 @@ def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator
 
 
 # ── Steps from controller sample to controller sample, with dense output one by one
-
-if TYPE_CHECKING:
-    from .run import Run
 
 
 def run_adaptive(run: Run, stepper: Stepper) -> None:

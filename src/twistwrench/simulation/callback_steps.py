@@ -46,22 +46,8 @@ class CallbackSteps(CompiledSteps):
             if law.varies:
                 yield f"wrench at {frame}", law
 
-    def after(self, t: Any, y: Array, h: float) -> Array:
-        """The states a time h after states (..., size) at times t."""
-        return self._stepped(t, y, h, len(self.shares))[0]
-
-    def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
-        """Return the states a time h later and the accelerations (..., nv) at the given states."""
-        if self.system.dry_friction is not None:
-            return self.after(t, y, h), self.accelerations(t, y)
-        return self._stepped(t, y, h, len(self.shares))
-
-    def accelerations(self, t: Any, y: Array) -> Array:
-        """Accelerations (..., nv) at the beginning of steps from states (..., size) at times t."""
-        return self._stepped(t, y, self.h, 1)[1]
-
-    def _stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
-        """States after so many stages of a step, and the accelerations that it begins with."""
+    def stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
+        """States after ``count`` stages of a step, and the accelerations at its beginning."""
         if self.stages == 1:
             states, ddq, _ = self.advance_with(y, 1, h, self._given(t, y))
             return states[..., 1, :], ddq[..., 0, :]
@@ -271,7 +257,7 @@ def _all_gaps(run: Run, begun: Array, last: Array) -> Array:
         return np.zeros((len(begun) + 1, 0))
     q = run.system.split(last)[0]
     found = np.concatenate([begun, [[contact.gap(q) for contact in contacts]]])
-    found[0] = run.detector.gaps  # as they were looked at last: rounding is no contact
+    found[0] = run.detector.gaps  # as at the last check: rounding does not begin a contact
     return found
 
 
@@ -362,9 +348,9 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
                     except Exception as problem:
                         raise sole.failure(t, problem) from problem
                     peak = call(k, found)
-                    if peak is None:  # it is no plain array
+                    if peak is None:  # not a plain array
                         peak = call(k, sole.checked(t, found))
-                    if not peak < bound:  # the work of torques that are no numbers is none
+                    if not peak < bound:  # torques that are not finite make the work NaN
                         sole.checked(t, rows.given[k])
             if not peak < bound:
                 sampled = done + 1

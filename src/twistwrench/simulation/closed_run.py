@@ -12,7 +12,7 @@ from ..core import arguments
 from ..core.numbers import printed, residual
 from ..errors import SimulationError, UnknownNameError, ValueRangeError
 from ..model.parameters import moves_joints
-from ..robot.closed import checks as checks
+from ..robot.closed import checks
 from ..typing import Array
 from .closed_system import CLOSED_METHODS, FASTEST, GOOD, KEPT, OPEN, PIVOT, WIDEST, Loops
 from .preparation import simulated

@@ -21,7 +21,7 @@ from ..core.numbers import printed
 from ..errors import SimulationError, ValueRangeError
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
-from ..robot.closed import checks as checks
+from ..robot.closed import checks
 from ..robot.closed.constraints import CLOSED, gap_units
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
@@ -269,7 +269,7 @@ class ClosedSystem(System):
 
     def allowed_velocities(self, y: Array) -> Array:
         """Velocities (..., nv) on the constraints, by the projection that ends a step."""
-        with np.errstate(all="ignore"):  # a state that is no numbers has none
+        with np.errstate(all="ignore"):  # states may be NaN
             return self.loops.projected(y[..., : self.nq], y[..., self.moving])[1]
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:

@@ -494,19 +494,22 @@ class CompiledSteps:
         s.evaluations += self.stages * steps
         return Y, ddq, gaps
 
-    def after(self, _t: Any, y: Array, h: float) -> Array:
-        """The states a time h after states (..., size)."""
-        return self.take(y, 1, h)[0][..., 1, :]
+    def after(self, t: Any, y: Array, h: float) -> Array:
+        """Return the states a time h after states (..., size) at times t."""
+        return self.stepped(t, y, h, self.stages)[0]
 
     def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
         """Return the states a time h later and the accelerations (..., nv) at the given states."""
         if self.system.dry_friction is not None:  # whose accelerations are those of a step of the usual length
             return self.after(t, y, h), self.accelerations(t, y)
-        Y, ddq, _ = self.take(y, 1, h)
-        return Y[..., 1, :], ddq[..., 0, :]
+        return self.stepped(t, y, h, self.stages)
 
-    def accelerations(self, _t: Any, y: Array) -> Array:
-        """Accelerations (..., nv) at the beginning of steps from states (..., size)."""
-        found = self.take(y, 1, self.h)[1][..., 0, :]
-        self.system.evaluations += 1 - self.stages  # of the step only what it begins with was asked for
-        return found
+    def accelerations(self, t: Any, y: Array) -> Array:
+        """Accelerations (..., nv) at the beginning of steps from states (..., size) at times t."""
+        return self.stepped(t, y, self.h, 1)[1]
+
+    def stepped(self, _t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
+        """States after the first ``count`` stages of a step at least, and the accelerations at its beginning."""
+        Y, ddq, _ = self.take(y, 1, h)
+        self.system.evaluations += count - self.stages  # stages beyond those requested are not counted
+        return Y[..., 1, :], ddq[..., 0, :]

@@ -176,7 +176,9 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
     for mine in robot.model.quaternions:
         largest = float(np.abs(y[mine]).max())
         if largest == 0.0:
-            raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")
+            raise ValueRangeError(
+                "q0 has a quaternion of zeros, which is not a rotation; the identity is (1, 0, 0, 0)."
+            )
         y[mine] /= largest  # before it is squared: its square may be more or less than floats hold
     system.manifold.normalise(y[: robot.nq])
     return y

@@ -78,7 +78,7 @@ def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
         for body in robot.model.leaders:
             if not body.joint.is_configuration(x[..., body.places[0]]):
                 raise ValueRangeError(
-                    f"q0 has a quaternion of zeros at joint {body.joint.name!r}, which is no rotation; none is (1, 0, 0, 0)."
+                    f"q0 has a quaternion of zeros at joint {body.joint.name!r}, not a rotation; the identity is (1, 0, 0, 0)."
                 )
     return x
 

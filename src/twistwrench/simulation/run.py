@@ -26,12 +26,9 @@ from .schemes import ADAPTIVE, OneByOne, Scheme
 if TYPE_CHECKING:
     from ..robot import Robot
 
-if TYPE_CHECKING:
-    pass
-
 
 def instability(run: Run, t0: float, t1: float, y: Array) -> str:
-    """The step from t0 to t1 that led a run to the state y, in words."""
+    """Error message for an unstable step from t0 to t1: joint, speed and remedy."""
     speeds = y[run.system.moving]
     bad = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
     advice = f"Take a smaller dt than {printed(run.h)} s, or method={ADAPTIVE!r}."

@@ -166,7 +166,7 @@ class BatchComputedTorque(TorqueLaw):
 
     The error obeys ë + kd ė + kp e = 0. Shapes are those of :class:`BatchPD`. M and h are those of the robot without
     ``parameters``, gravity and springs included, friction not. Robots with ball, planar or floating joints are refused:
-    q_des - q is no error of such a joint.
+    q_des - q is not an error of such a joint.
 
     Notes
     -----
@@ -209,7 +209,7 @@ class BatchComputedTorque(TorqueLaw):
         """
         if names := undriven(model):
             raise ValueRangeError(
-                f"computed torque wants a torque for every velocity, and {', '.join(names)} is no joint of one degree of "
+                f"computed torque wants a torque for every velocity, and {', '.join(names)} is not a joint of one degree of "
                 "freedom. tw.simulation.BatchPD drives the others and leaves it alone."
             )
 

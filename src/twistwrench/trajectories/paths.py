@@ -182,7 +182,7 @@ def one_degree_joints(robot: Robot, what: str) -> None:
     others = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
     if others:
         raise ValueRangeError(
-            f"{what} adds coordinates, and those of {', '.join(others)} are no numbers to add. Take joint_line, waypoint by "
+            f"{what} adds coordinates, and those of {', '.join(others)} cannot be added. Take joint_line, waypoint by "
             "waypoint, or lock the joint."
         )
 

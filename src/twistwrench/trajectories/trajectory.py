@@ -23,9 +23,6 @@ from .paths import JointPath, joint_line, require_path, spline
 if TYPE_CHECKING:
     from ..robot import Robot
 
-if TYPE_CHECKING:
-    from ..robot import Robot
-
 
 def violations(
     robot: Robot,

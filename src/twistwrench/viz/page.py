@@ -153,7 +153,7 @@ def page_text(
         torque["peak"] = peak
     data["book"] = None if book is None else section_data(book, robot, start)
     data["motion"] = None if motion is None else _motion_data(robot, motion, box)
-    # A section of the book is about mechanics, and its arms are examples: what their inertias look like is no part of it.
+    # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
     data["notes"] = [*_left_out(robot), *of_scene, *(motion.warnings if motion is not None else ())]
     data["subtitle"] = _subtitle(robot, motion)

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .page_data import PagePrograms
 
-if TYPE_CHECKING:
-    from ..robot import Robot
-    from .page_data import PagePrograms
-
 MOST_JOINTS = 9
 """Columns that a table of the page has room for."""
 
@@ -117,9 +113,6 @@ def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
 
 
 # ── The section's panel: words, formulas, sliders, constants of links
-
-if TYPE_CHECKING:
-    from ..robot import Robot
 
 _NAMES = {
     "dq": ("θ̇", "velocities of the joints"),

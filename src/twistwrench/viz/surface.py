@@ -213,7 +213,7 @@ class Decimation:
 
     A quarter of them at most is evenly spaced. The others are, for every bin of equally many consecutive rows and every watched
     column, the rows of its least and greatest value with their neighbours: a spike of one sample is drawn at its height, and
-    is no wider than it was, so that integrals over the kept rows stay right.
+    stays as wide, so that integrals over the kept rows stay right.
     """
 
     def __init__(self, most: int, watched: slice) -> None:

@@ -32,7 +32,7 @@ def find_resource(uri: str, robot_file: Path) -> Path | None:
     """The file that ``uri`` means in ``robot_file``, or None if it is nowhere.
 
     A package is looked for in the folders around the robot file, then in those of ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``; a name that leads out of it is taken not to be there. So is whatever is no mesh by its ending, and
+    ``AMENT_PREFIX_PATH``; a name that leads out of it counts as missing. So does a file whose ending is not that of a mesh, and
     what would have to be fetched, as with http://.
     """
     try:
@@ -143,7 +143,7 @@ class _Reader:
         if shape.tag in ("cylinder", "capsule"):
             return [(cylinder(shape.number("radius"), shape.number("length"), round_ends=shape.tag == "capsule"), None)]
         if shape.tag != "mesh":
-            self.problems[str(shape)] = f"{shape} is no shape that is drawn"
+            self.problems[str(shape)] = f"{shape} cannot be drawn"
             return []
         scale = shape.numbers("scale", 3) if "scale" in shape.attributes else np.ones(3)
         key = shape.text("filename"), scale.tobytes()
