@@ -25,7 +25,9 @@ def completed_source(path: Path) -> str:
             names = [
                 a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")
             ]
-            text = text.replace(doc, glossary.completed(doc, names, room))
+            text = text.replace(
+                doc, glossary.completed(doc, names, room, ast.unparse(node.returns) if node.returns else "")
+            )
     return text
 
 

@@ -17,4 +17,4 @@ class Glossary(griffe.Extension):
         parts = func.path.split(".")
         if func.docstring is not None and len(parts) > 2:
             names = [p.name for p in func.parameters if p.name not in ("self", "cls")]
-            func.docstring.value = completed(func.docstring.value, names, parts[1])
+            func.docstring.value = completed(func.docstring.value, names, parts[1], str(func.returns))

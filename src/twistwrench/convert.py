@@ -359,11 +359,6 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
     -------
     rows : array of the same shape
 
-    Raises
-    ------
-    ShapeError
-        No axis is 6 long, or two are and ``axis`` does not choose one.
-
     Examples
     --------
     >>> swap_halves([1, 2, 3, 4, 5, 6]).tolist()

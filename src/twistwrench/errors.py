@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from .core.glossary import complete
 from .core.text import clipped, listed
 
 __all__ = [
@@ -196,10 +197,6 @@ class MissingExtraError(TwistWrenchError, ImportError):
         ----------
         extra : str
 
-        Returns
-        -------
-        text : str
-
         Examples
         --------
         >>> MissingExtraError.advice("plot")
@@ -222,3 +219,6 @@ class ConstraintWarning(UserWarning):
 
 class ModelWarning(UserWarning):
     """A robot file has a doubtful entry; the robot loads, and ``robot.defects`` keeps the remark."""
+
+
+complete(globals())

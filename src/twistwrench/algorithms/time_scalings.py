@@ -202,11 +202,6 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
     -------
     scaling : Trapezoid
 
-    Raises
-    ------
-    ValueRangeError
-        Not two are given, or no trapezoid has them; the message gives possible values.
-
     Notes
     -----
     MR section 9.2.2.2. With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T, 1

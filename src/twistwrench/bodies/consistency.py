@@ -70,10 +70,6 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
 def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
     """Nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
 
-    Returns
-    -------
-    G : SpatialInertia
-
     Raises
     ------
     InertiaError
@@ -186,10 +182,6 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     ----------
     G : (6, 6) array_like, about the frame's origin, angular part first
 
-    Returns
-    -------
-    G : SpatialInertia
-
     Raises
     ------
     InertiaError
@@ -235,10 +227,6 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
     Parameters
     ----------
     J : (4, 4) array_like [kg m², kg m, kg]
-
-    Returns
-    -------
-    G : SpatialInertia
 
     Notes
     -----
@@ -299,15 +287,6 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
     Parameters
     ----------
     theta : (10,) array_like, as :meth:`SpatialInertia.log_cholesky` gives them
-
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A number is not finite, or too large to be a logarithm.
 
     Examples
     --------

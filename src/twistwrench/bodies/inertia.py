@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, vector, without_noise
 from ..core.tables import html_table
 from ..errors import FrameError, InertiaError, ValueRangeError
@@ -83,10 +84,6 @@ class SpatialInertia:
         ----------
         pi : (10,) array_like, (m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about the frame's origin [kg, kg m, kg m²]
 
-        Returns
-        -------
-        G : SpatialInertia
-
         Examples
         --------
         >>> SpatialInertia.from_parameters([2, 0, 0, 1, 1, 0, 1, 0, 0, 1]).com.tolist()
@@ -105,10 +102,6 @@ class SpatialInertia:
         mass : float [kg]
         com : (3,) array_like, centre of mass [m]
         moment_about_com : (3, 3) array_like, optional, rotational inertia [kg m²]; None: a point mass
-
-        Returns
-        -------
-        G : SpatialInertia
 
         Raises
         ------
@@ -149,10 +142,6 @@ class SpatialInertia:
     @classmethod
     def zero(cls) -> SpatialInertia:
         """Spatial inertia of nothing: no mass, no inertia.
-
-        Returns
-        -------
-        G : SpatialInertia
 
         Examples
         --------
@@ -293,10 +282,6 @@ class SpatialInertia:
         ----------
         k : int, axis: 0, 1 or 2
         angle : float or symbols, angle [rad], or pair of its cosine and sine
-
-        Returns
-        -------
-        G : SpatialInertia
 
         Notes
         -----
@@ -454,3 +439,6 @@ class SplitRotor:
         )
         s = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # back to unit length
         return s * w, s * x, s * y, s * z
+
+
+complete(globals())

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
@@ -46,13 +47,7 @@ def mesh(
     ----------
     surface : str, Path, or (vertices (n, 3), triangles (k, 3) of vertex numbers)
         A file that trimesh reads (extra ``mesh``); arrays need nothing.
-    mass : float, optional [kg]; give this or ``density``
-    density : float, optional [kg/m³]
     scale : float, turns the mesh's unit into metres: 0.001 for millimetres
-
-    Returns
-    -------
-    G : SpatialInertia
 
     Raises
     ------
@@ -62,8 +57,6 @@ def mesh(
         There is no trimesh to read a file.
     NotFoundError
         There is no such file.
-    ValueRangeError
-        Not one of mass and density is given, or a number is not above 0.
 
     Warns
     -----
@@ -226,3 +219,6 @@ def convex_hull(points: Array) -> tuple[Array, Array] | None:
         return None
     used, numbered = np.unique(faces, return_inverse=True)
     return points[used], numbered.reshape(-1, 3)
+
+
+complete(globals())

@@ -65,15 +65,6 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
     masses : (n,) array_like [kg]
     points : (n, 3) array_like [m]
 
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ShapeError
-        There are not as many points as masses.
-
     Notes
     -----
     MR section 8.2.1.
@@ -108,15 +99,6 @@ def box(
     ----------
     size : (3,) array_like, full edge lengths along x, y, z [m]
 
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A length is not above 0, or not one of mass and density is given.
-
     Examples
     --------
     >>> from twistwrench import SpatialInertia
@@ -136,15 +118,6 @@ def ellipsoid(
     ----------
     semi_axes : (3,) array_like, along x, y, z [m]
 
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A length is not above 0, or not one of mass and density is given.
-
     Examples
     --------
     >>> from twistwrench import SpatialInertia
@@ -159,15 +132,6 @@ def sphere(
     cls: type[SpatialInertia], radius: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
     """Spatial inertia of a uniform ball; the origin is its centre.
-
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A length is not above 0, or not one of mass and density is given.
 
     Examples
     --------
@@ -193,15 +157,6 @@ def cylinder(
     ----------
     length : float [m]
 
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A length is not above 0, or not one of mass and density is given.
-
     Examples
     --------
     >>> from twistwrench import SpatialInertia
@@ -226,15 +181,6 @@ def capsule(
     Parameters
     ----------
     length : float, of the cylinder; from tip to tip the capsule measures length + 2 radius [m]
-
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A length is not above 0, or not one of mass and density is given.
 
     Examples
     --------
@@ -265,15 +211,6 @@ def cone(
     ----------
     radius : float, of the base [m]
     height : float [m]
-
-    Returns
-    -------
-    G : SpatialInertia
-
-    Raises
-    ------
-    ValueRangeError
-        A length is not above 0, or not one of mass and density is given.
 
     Notes
     -----

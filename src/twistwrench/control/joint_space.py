@@ -75,11 +75,6 @@ class JointLaw:
         -------
         law : BatchPD or BatchComputedTorque
 
-        Raises
-        ------
-        ValueRangeError
-            Gains couple joints, the law was made with another robot, or it adds friction.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw

@@ -137,11 +137,6 @@ class MomentumObserver:
         -------
         residual : (nv,) array, estimate of τ_ext [N m, sliding joints: N]
 
-        Raises
-        ------
-        ValueRangeError
-            ``t`` is not after the last one.
-
         Examples
         --------
         >>> import twistwrench as tw

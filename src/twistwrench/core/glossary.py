@@ -151,6 +151,19 @@ ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 """Errors that go with a parameter whose general wording is used."""
 
+RETURNS: Mapping[str, str] = {
+    "IKResult": "found : IKResult",
+    "JointPath": "path : JointPath",
+    "Motion": "motion : Motion",
+    "Path": "path : Path of the file written",
+    "ReadingLog": "log : ReadingLog",
+    "Robot": "robot : Robot",
+    "SpatialInertia": "G : SpatialInertia",
+    "bool": "answer : bool",
+    "str": "text : str",
+}
+"""The section Returns by the annotation of the result."""
+
 _ORDER = (
     "Parameters",
     "Attributes",
@@ -165,13 +178,13 @@ _ORDER = (
 )
 
 
-def completed(doc: str, names: Sequence[str], room: str) -> str:
-    """A docstring with the sections Parameters and Raises completed, in the order of the signature's names.
+def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
+    """A docstring with the sections Parameters, Returns and Raises completed, in the order of the signature's names.
 
     Docstrings without a section Returns, Yields or Examples are left as they are.
     """
     own = ROOMS.get(room, {})
-    if not any(name in own or name in ENTRIES for name in names):
+    if result not in RETURNS and not any(name in own or name in ENTRIES for name in names):
         return doc
     sections, indent = _sections(doc)
     if not ("Returns" in sections or "Examples" in sections or "Yields" in sections):
@@ -185,8 +198,11 @@ def completed(doc: str, names: Sequence[str], room: str) -> str:
             new[name] = [f"{indent}{name} : {text}"]
             if name in ERRORS and name not in own:
                 errors.update(ERRORS[name])
-    if not new:
+    returns = "Returns" not in sections and "Yields" not in sections and result in RETURNS
+    if not new and not returns:
         return doc
+    if returns:
+        sections["Returns"] = [indent + RETURNS[result]]
     ordered = [known.get(name) or new.get(name) for name in names]
     entries = [entry for k, entry in enumerate(ordered) if entry and entry not in ordered[:k]]
     entries += [entry for entry in listed if entry not in entries]
@@ -216,7 +232,9 @@ def complete(module: Mapping[str, Any]) -> None:
         for member in (value, *vars(value).values()) if isinstance(value, type) else (value,):
             function = getattr(member, "__func__", member)
             if isinstance(function, FunctionType) and function.__doc__ and "\n" in function.__doc__:
-                function.__doc__ = completed(function.__doc__, signature_names(function), room)
+                function.__doc__ = completed(
+                    function.__doc__, signature_names(function), room, function.__annotations__.get("return", "")
+                )
 
 
 def signature_names(function: Any) -> list[str]:

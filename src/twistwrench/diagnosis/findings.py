@@ -15,6 +15,7 @@ import numpy as np
 
 from ..algorithms.recursion import ancestors, base_poses
 from ..bodies.inertia import SpatialInertia
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..formats.edit import Edit
 from ..lie import se3
@@ -81,10 +82,6 @@ class Effect:
         ----------
         percent : float, of M
         effort : float, of the effort limit, percent
-
-        Returns
-        -------
-        answer : bool
 
         Examples
         --------
@@ -268,3 +265,6 @@ class Effects:
         if body.joint.nq == 1:
             return np.asarray(se3.exp(q * body.joint.axes[0]))
         return np.stack([body.joint.pose(one) for one in q])
+
+
+complete(globals())

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..core import arguments
 from ..core.files import refuse_existing, replacing
+from ..core.glossary import complete
 from ..core.tables import html_table
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
@@ -109,10 +110,6 @@ class DoctorReport:
     def to_json(self) -> str:
         """:meth:`to_dict` as text.
 
-        Returns
-        -------
-        text : str
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -143,10 +140,6 @@ class DoctorReport:
     def repaired_text(self) -> str:
         """The text of the file with the repairs: only the numbers concerned, and a comment before each element.
 
-        Returns
-        -------
-        text : str
-
         Raises
         ------
         ValueRangeError
@@ -172,10 +165,6 @@ class DoctorReport:
     def repaired(self) -> Robot:
         """The robot that the repaired file describes.
 
-        Returns
-        -------
-        robot : Robot
-
         Raises
         ------
         InertiaError
@@ -200,7 +189,6 @@ class DoctorReport:
 
         Parameters
         ----------
-        path : str or Path
         overwrite : bool, whether a file that is there is replaced
 
         Returns
@@ -321,3 +309,6 @@ def doctor(
 def _rank(finding: Finding) -> tuple[int, float]:
     effect = finding.effect
     return _ORDER.index(finding.severity), -max(effect.inertia_percent, effect.effort_percent)
+
+
+complete(globals())

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.text import listed
 from ..core.verdict import Verdict
@@ -163,12 +164,7 @@ class ExcitingMotion:
 
         Parameters
         ----------
-        path : str or Path
         degrees : bool, angles in degrees
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------
@@ -251,8 +247,6 @@ def exciting_trajectory(
     ------
     ModelError
         A joint has several degrees of freedom, or the robot has actuators.
-    ShapeError, UnknownNameError, ValueRangeError
-        An argument is out of range, nothing limits a joint, or no motion keeps all limits.
 
     Notes
     -----
@@ -377,3 +371,6 @@ def _noise(robot: Robot, noise: ArrayLike | None) -> Array:
     if not (given > 0).all():
         raise ValueRangeError("noise has a deviation that is not above 0. Give those of the torques [N m, N].")
     return np.broadcast_to(given, (robot.nv,)).copy()
+
+
+complete(globals())

@@ -86,8 +86,6 @@ def identify(
         A log has no torques.
     TrajectoryError
         A log is too short, or of another robot.
-    UnknownNameError
-        A name is none of the robot's.
 
     Notes
     -----

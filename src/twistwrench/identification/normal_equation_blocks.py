@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 
 from ..core.files import as_path, replacing
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
@@ -459,8 +460,6 @@ class NormalEquationBlocks:
         ------
         TrajectoryError
             The logs are too short to hold a part of them out.
-        ValueRangeError
-            ``test`` was made with other groups or settings.
 
         Examples
         --------
@@ -501,14 +500,6 @@ class NormalEquationBlocks:
     def save(self, path: str | Path) -> Path:
         """Save as a small file, whole or not at all.
 
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        path : Path of the file written
-
         Raises
         ------
         ValueRangeError
@@ -534,7 +525,6 @@ class NormalEquationBlocks:
 
         Parameters
         ----------
-        path : str or Path
         robot : Robot, the same
 
         Returns
@@ -545,8 +535,6 @@ class NormalEquationBlocks:
         ------
         NotFoundError, ShapeError
             There is no such file, or it is none that can be read.
-        ValueRangeError
-            It is of another robot.
 
         Examples
         --------
@@ -556,3 +544,6 @@ class NormalEquationBlocks:
         twistwrench.errors.NotFoundError: no information 'none.npz'. Give a file that --information wrote.
         """
         return cls(**information_arguments(path, robot))
+
+
+complete(globals())

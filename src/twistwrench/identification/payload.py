@@ -17,6 +17,7 @@ import numpy as np
 
 from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
+from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..formats.actuators import read_log_side
 from ..formats.yaml import Source
@@ -181,16 +182,10 @@ def read_motion(
 
     Parameters
     ----------
-    path : str or Path
-    robot : Robot
     columns : {joint: column}, optional, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     rate : float, optional [Hz]
     degrees : bool
     side : MotorSide, optional; None: the columns are those of the joints
-
-    Returns
-    -------
-    motion : Motion
 
     Raises
     ------
@@ -335,3 +330,6 @@ def unknown_of(
         held = known_but_for(robot, payload_body(robot, payload_only)) | held
         motor_inertia, friction = True, FRICTION
     return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)
+
+
+complete(globals())

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path, replacing
+from ..core.glossary import complete
 from ..core.numbers import percent, printed
 from ..core.verdict import Verdict
 from ..errors import UnknownNameError, ValueRangeError
@@ -260,10 +261,6 @@ class IdentifiedRobot:
         ----------
         path : str or Path; the suffix determines the format (.png, .pdf, .svg)
 
-        Returns
-        -------
-        path : Path of the file written
-
         Raises
         ------
         MissingExtraError
@@ -288,14 +285,6 @@ class IdentifiedRobot:
 
     def report(self, path: str | Path) -> Path:
         """Report as one page of HTML: the verdict first, then doubts, residuals, pictures and all groups.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------
@@ -389,10 +378,6 @@ class IdentifiedRobot:
         ----------
         essential : bool, as for :meth:`to_dict`
 
-        Returns
-        -------
-        text : str
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -419,12 +404,7 @@ def without_links(robot: Robot, links: Iterable[str]) -> Robot:
 
     Parameters
     ----------
-    robot : Robot
     links : iterable of str, links that a joint carries
-
-    Returns
-    -------
-    robot : Robot
 
     Examples
     --------
@@ -445,3 +425,6 @@ def without_links(robot: Robot, links: Iterable[str]) -> Robot:
         bodies[frame.body] = replace(body, inertia=body.inertia - own[link].in_frame(frame.pose))
         own[link] = SpatialInertia.zero()
     return Robot(replace(model, bodies=tuple(bodies), link_inertias=own))
+
+
+complete(globals())

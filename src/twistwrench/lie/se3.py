@@ -262,11 +262,6 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     -------
     T : (..., 4, 4) array
 
-    Raises
-    ------
-    ValueRangeError
-        A rotation or a last row is further off; the message gives the gap.
-
     Examples
     --------
     >>> T = exp([0.1, 0.2, 0.3, 4, 5, 6])

@@ -227,11 +227,6 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     -------
     R : (..., 3, 3) array
 
-    Raises
-    ------
-    ValueRangeError
-        An entry is further off; the message gives the gap. Rounding does not explain that.
-
     Notes
     -----
     A reflection is always at least 2/3 away.

@@ -354,8 +354,6 @@ class ModelBuilder:
             What was added makes no robot.
         InertiaError
             A moving body cannot exist.
-        UnknownNameError
-            A joint to lock or a tip is not there.
 
         Warns
         -----

@@ -95,11 +95,6 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
     -------
     model : Model
 
-    Raises
-    ------
-    ShapeError
-        A value has another number of entries than the joint has velocities.
-
     Examples
     --------
     >>> import twistwrench as tw

@@ -55,11 +55,6 @@ def so3ToVec(so3mat: ArrayLike) -> Array:
     -------
     omg : (..., 3) array
 
-    Raises
-    ------
-    ValueRangeError
-        The matrix is not skew-symmetric, to a hundredth of its largest entry.
-
     Examples
     --------
     >>> so3ToVec([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).tolist()
@@ -113,11 +108,6 @@ def MatrixLog3(R: ArrayLike) -> Array:
     Returns
     -------
     so3mat : (..., 3, 3) array [rad]
-
-    Raises
-    ------
-    ValueRangeError
-        An entry is further than 0.01 from any rotation.
 
     Notes
     -----
@@ -189,11 +179,6 @@ def TransInv(T: ArrayLike) -> Array:
     Returns
     -------
     inverse : (..., 4, 4) array
-
-    Raises
-    ------
-    ValueRangeError
-        An entry of the rotation is further than 0.01 from any.
 
     Notes
     -----
@@ -358,11 +343,6 @@ def MatrixLog6(T: ArrayLike) -> Array:
     Returns
     -------
     se3mat : (..., 4, 4) array
-
-    Raises
-    ------
-    ValueRangeError
-        An entry of the rotation is further than 0.01 from any.
 
     Notes
     -----

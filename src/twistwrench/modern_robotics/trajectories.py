@@ -63,11 +63,6 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
     -------
     trajectory : (N, n) array
 
-    Raises
-    ------
-    ValueRangeError
-        ``method`` is neither 3 nor 5, ``N`` under 2 or ``Tf`` ≤ 0.
-
     Examples
     --------
     >>> JointTrajectory([1, 0], [2, 4], 4, 3, 3).tolist()

@@ -141,10 +141,6 @@ class Motion(MotionFiles):
         rate : float, optional, samples a second of a file without a column of time [Hz]
         degrees : bool, angles are in degrees wherever the column does not name its unit
 
-        Returns
-        -------
-        motion : Motion
-
         Raises
         ------
         NotFoundError, TrajectoryError
@@ -182,10 +178,6 @@ class Motion(MotionFiles):
         columns : {joint: column}, optional, as for :meth:`from_file`
         rate : float, optional, samples a second where there is no time [Hz]
         degrees : bool, angles are in degrees wherever the column does not name its unit
-
-        Returns
-        -------
-        motion : Motion
 
         Raises
         ------
@@ -241,10 +233,6 @@ class Motion(MotionFiles):
         Parameters
         ----------
         begin, end : float, times [s]; times of states stay as they are
-
-        Returns
-        -------
-        motion : Motion
 
         Raises
         ------
@@ -435,10 +423,6 @@ class Motion(MotionFiles):
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
 
-        Returns
-        -------
-        path : Path of the file written
-
         Raises
         ------
         MissingExtraError
@@ -462,15 +446,6 @@ class Motion(MotionFiles):
 
     def of(self, robot: Robot) -> Motion:
         """The same states of another robot with the same coordinates, such as one that carries a payload.
-
-        Returns
-        -------
-        motion : Motion
-
-        Raises
-        ------
-        ValueRangeError
-            The robot has other coordinates.
 
         Examples
         --------

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core import arguments
 from ..core.files import as_path
+from ..core.glossary import complete
 from ..errors import MissingExtraError, ShapeError, TrajectoryError
 from ..joints.units import unit_of, units_of
 from ..model.model import Model
@@ -63,12 +64,7 @@ class MotionFiles:
 
         Parameters
         ----------
-        path : str or Path
         degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------
@@ -266,3 +262,6 @@ def errors_in_python_words() -> Iterator[None]:
         yield
     except TrajectoryError as problem:
         raise TrajectoryError(in_python_words(str(problem))) from None
+
+
+complete(globals())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..joints.units import torque_word
 from ..robot.explanation import MOTION_TERMS
@@ -58,11 +59,6 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     Parameters
     ----------
     why : Explanation, of one state
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------
@@ -131,7 +127,6 @@ def plot_compensation(
     log : ReadingLog
     sensor : ForceTorqueSensor
     noise : (moment [N m], force [N]), standard deviations of a reading
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
     marked : (n,) array of bool, readings that are shaded
     mark : str, what they are called in the legend
 
@@ -215,3 +210,6 @@ def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
             else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
         )
         axis.plot(x, predicted[:, k], color=style.INK, label="bias and load" if k == 0 else None, **line)
+
+
+complete(globals())

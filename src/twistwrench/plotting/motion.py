@@ -99,10 +99,6 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     motion : DrawnMotion
     joints : sequence of str, those that are drawn; none: all
 
-    Returns
-    -------
-    path : Path of the file written
-
     Raises
     ------
     MissingExtraError
@@ -158,10 +154,6 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     Parameters
     ----------
     motion : DrawnMotion
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------
@@ -229,10 +221,6 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     ----------
     motion : DrawnMotion
     joints : sequence of str, those that are drawn; none: all
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------
@@ -374,10 +362,6 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, 
     Parameters
     ----------
     motion : Motion
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------

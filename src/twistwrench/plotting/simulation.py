@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..core.numbers import number, residual
 from ..motion.bounds import Bounds, bounds_or_own
 from ..trajectories.fastest import Fastest
@@ -31,11 +32,6 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     Parameters
     ----------
     result : SimulationResult
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------
@@ -140,13 +136,7 @@ def plot_trajectory(
     Parameters
     ----------
     trajectory : Trajectory
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
     bounds : Bounds, optional, limits that are drawn
-    friction : bool, torques count the friction of the joints
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------
@@ -248,3 +238,6 @@ def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> Non
     axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
     axis.set_title("phase plane", loc="left", fontweight="bold")
     axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=style.SMALL)
+
+
+complete(globals())

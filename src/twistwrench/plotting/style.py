@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
 from ..core.files import picture_path, replacing
+from ..core.glossary import complete
 from ..errors import MissingExtraError
 
 if TYPE_CHECKING:
@@ -90,10 +91,6 @@ def save(drawn: Figure, path: str | Path) -> Path:
     drawn : Matplotlib's Figure
     path : str or Path; the suffix says the kind, .png if there is none
 
-    Returns
-    -------
-    path : Path of the file written
-
     Raises
     ------
     ValueRangeError
@@ -167,3 +164,6 @@ def panels(drawn: Any, count: int, most: int | None = None, *, sharex: bool = Fa
     for axis in axes[count:]:
         axis.set_visible(False)
     return list(axes[:count])
+
+
+complete(globals())

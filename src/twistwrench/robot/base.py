@@ -208,11 +208,6 @@ class RobotBase:
         -------
         q : (nq,) array
 
-        Raises
-        ------
-        ShapeError
-            A joint has another number of coordinates.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -313,11 +308,6 @@ class RobotBase:
         Returns
         -------
         parameters : {name: float}, in a kernel's order [SI units]
-
-        Raises
-        ------
-        UnknownNameError
-            A pattern means no parameter.
 
         Notes
         -----

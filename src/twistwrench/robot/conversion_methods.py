@@ -33,10 +33,6 @@ class EditMethods(RobotBase):
         ----------
         payload : SpatialInertia, in the axes of the frame and about its origin
 
-        Returns
-        -------
-        robot : Robot
-
         Raises
         ------
         InertiaError
@@ -63,10 +59,6 @@ class EditMethods(RobotBase):
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """The robot under another gravity.
 
-        Returns
-        -------
-        robot : Robot
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -85,10 +77,6 @@ class EditMethods(RobotBase):
         ----------
         source : str, Path or mapping, a YAML file, its text, or what it says; docs/actuation.md shows the file
         stiff : bool, take elastic gears to be rigid, so that no motor has a coordinate of its own, and warn of it
-
-        Returns
-        -------
-        robot : Robot
 
         Raises
         ------
@@ -118,10 +106,6 @@ class EditMethods(RobotBase):
         Parameters
         ----------
         joints : {joint: armature} [kg m², sliding joints: kg]; joints with several velocities take one number, or one each
-
-        Returns
-        -------
-        robot : Robot
 
         Notes
         -----
@@ -249,10 +233,6 @@ class FileMethods(RobotBase):
     def to_urdf(self) -> str:
         """URDF text of the robot: every link with its own inertia, fixed joints too.
 
-        Returns
-        -------
-        text : str
-
         Raises
         ------
         ModelError
@@ -279,10 +259,6 @@ class FileMethods(RobotBase):
     def to_mjcf(self) -> str:
         """MJCF text of the robot: each moving body with the inertia of all that is fixed to it, other links as empty bodies.
 
-        Returns
-        -------
-        text : str
-
         Raises
         ------
         ModelError
@@ -304,10 +280,6 @@ class FileMethods(RobotBase):
 
     def to_sdf(self) -> str:
         """SDF text of the robot: every link with its own inertia; fixed links without mass become frames.
-
-        Returns
-        -------
-        text : str
 
         Raises
         ------

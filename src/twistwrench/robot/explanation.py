@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..errors import ShapeError, UnknownNameError
 from ..joints.units import units_of
@@ -188,10 +189,6 @@ class Explanation:
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
 
-        Returns
-        -------
-        path : Path of the file written
-
         Raises
         ------
         MissingExtraError
@@ -294,3 +291,6 @@ def _moved(parameters: Array, T: Array) -> Array:
     from ..bodies.inertia import SpatialInertia
 
     return SpatialInertia.from_parameters(parameters).in_frame(T).parameters
+
+
+complete(globals())

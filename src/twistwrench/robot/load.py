@@ -83,10 +83,6 @@ def load(
     snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
     gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what the file says, else (0, 0, -9.81)
 
-    Returns
-    -------
-    robot : Robot
-
     Raises
     ------
     NotFoundError
@@ -168,10 +164,6 @@ def from_screws(
     joint_names : sequence of n str, optional
     name : str, the robot's
     non_unit_screws : bool, accept screws that are not of unit length as they are, lengths kept
-
-    Returns
-    -------
-    robot : Robot
 
     Raises
     ------
@@ -315,10 +307,6 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     model : mujoco.MjModel; its attributes are read, and nothing is imported
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
-    Returns
-    -------
-    robot : Robot
-
     Raises
     ------
     ModelError
@@ -357,10 +345,6 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     ----------
     model : pinocchio.Model; its attributes are read, and nothing is imported
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
-
-    Returns
-    -------
-    robot : Robot
 
     Raises
     ------

@@ -461,8 +461,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
 
         Raises
         ------
-        UnknownNameError
-            ``frame`` is neither.
         ValueRangeError
             No moving body has mass, and ``frame`` is "com".
 

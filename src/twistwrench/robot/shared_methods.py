@@ -389,8 +389,6 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
             computed is in ``.result``.
         ConstraintError
             The first state is far from the constraints.
-        ShapeError, ValueRangeError, UnknownNameError
-            An argument is invalid, or the first configuration of a closed robot is singular.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
@@ -470,8 +468,6 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
         ------
         ConstraintError
             A first state is far from the constraints.
-        ShapeError, ValueRangeError, UnknownNameError
-            An argument is invalid, or a first configuration of a closed robot is singular.
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 

@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from ..core.glossary import complete
 from ..errors import ModelWarning, UnknownNameError
 
 if TYPE_CHECKING:
@@ -87,10 +88,6 @@ def ur5(**options: Unpack[LoadOptions]) -> Robot:
     ----------
     **options : as for :func:`twistwrench.load`
 
-    Returns
-    -------
-    robot : Robot
-
     Notes
     -----
     Source: ROS-Industrial package ur_description; velocities from the data sheet.
@@ -110,10 +107,6 @@ def panda(**options: Unpack[LoadOptions]) -> Robot:
     ----------
     **options : as for :func:`twistwrench.load`
 
-    Returns
-    -------
-    robot : Robot
-
     Notes
     -----
     Source: ROS package franka_description; inertias identified by Gaz et al., IEEE RA-L 4(4), 2019.
@@ -132,10 +125,6 @@ def planar_2r(**options: Unpack[LoadOptions]) -> Robot:
     Parameters
     ----------
     **options : as for :func:`twistwrench.load`
-
-    Returns
-    -------
-    robot : Robot
 
     Notes
     -----
@@ -157,10 +146,6 @@ def planar_3r(**options: Unpack[LoadOptions]) -> Robot:
     ----------
     **options : as for :func:`twistwrench.load`
 
-    Returns
-    -------
-    robot : Robot
-
     Examples
     --------
     >>> planar_3r().nv
@@ -176,10 +161,6 @@ def pendulum(**options: Unpack[LoadOptions]) -> Robot:
     ----------
     **options : as for :func:`twistwrench.load`
 
-    Returns
-    -------
-    robot : Robot
-
     Examples
     --------
     >>> pendulum().gravity_forces([0.0]).tolist()
@@ -194,10 +175,6 @@ def cart_pole(**options: Unpack[LoadOptions]) -> Robot:
     Parameters
     ----------
     **options : as for :func:`twistwrench.load`
-
-    Returns
-    -------
-    robot : Robot
 
     Notes
     -----
@@ -218,10 +195,6 @@ def floating_box(**options: Unpack[LoadOptions]) -> Robot:
     ----------
     **options : as for :func:`twistwrench.load`
 
-    Returns
-    -------
-    robot : Robot
-
     Examples
     --------
     >>> box = floating_box()
@@ -238,10 +211,6 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
     Parameters
     ----------
     **options : as for :func:`twistwrench.load`
-
-    Returns
-    -------
-    robot : Robot
 
     Notes
     -----
@@ -270,3 +239,6 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*__all__]
+
+
+complete(globals())

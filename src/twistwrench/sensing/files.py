@@ -62,8 +62,6 @@ def write_sensor(
 
     Raises
     ------
-    ShapeError
-        Arguments are of another type.
     ValueRangeError
         A noise is none, or nothing can be written.
 
@@ -217,18 +215,12 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     ----------
     gravity : (3,) array_like, in {w} [m/s²]
 
-    Returns
-    -------
-    log : ReadingLog
-
     Raises
     ------
     NotFoundError
         The file does not exist.
     ValueRangeError
         The file cannot be read; line and column are named.
-    ShapeError
-        ``path`` is none.
 
     Notes
     -----
@@ -369,8 +361,6 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
 
     Raises
     ------
-    ShapeError
-        Arguments are of another type or order.
     ValueRangeError
         The file cannot be written.
 

@@ -475,8 +475,6 @@ def identify(
 
     Raises
     ------
-    ShapeError
-        ``log`` is not a log.
     ValueRangeError
         The log does not determine the unknowns, naming the combinations that do not change any reading, or mass
         comes out negative.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import number, printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
@@ -90,10 +91,6 @@ class ReadingLog:
         time : (n,) array_like, optional [s]
         name : str, for messages
 
-        Returns
-        -------
-        log : ReadingLog
-
         Raises
         ------
         ValueRangeError
@@ -171,10 +168,6 @@ class ReadingLog:
         Parameters
         ----------
         which : slice, mask or indices
-
-        Returns
-        -------
-        log : ReadingLog
 
         Examples
         --------
@@ -264,10 +257,6 @@ class ReadingLog:
     def predicted(self, sensor: ForceTorqueSensor) -> Array:
         """Predicted readings of that sensor in these poses and motions.
 
-        Parameters
-        ----------
-        sensor : ForceTorqueSensor
-
         Returns
         -------
         readings : (n, 6) array [N m, N]
@@ -282,10 +271,6 @@ class ReadingLog:
 
     def compensated(self, sensor: ForceTorqueSensor) -> Array:
         """Gravity compensation: the readings without that sensor's bias, weight and inertial load.
-
-        Parameters
-        ----------
-        sensor : ForceTorqueSensor
 
         Returns
         -------
@@ -336,3 +321,6 @@ def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:
         row = int(np.nonzero(~np.isfinite(x).all(axis=1))[0][0])
         raise ValueRangeError(f"{where} of reading {row} has a value that is not a finite number. Fill or remove it.")
     return x
+
+
+complete(globals())

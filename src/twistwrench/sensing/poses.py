@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
@@ -163,16 +164,10 @@ def simulate(
 
     Parameters
     ----------
-    sensor : ForceTorqueSensor
     poses : int, (n, 3, 3) or (n, 4, 4) array_like, how many, R_wf or T_wf
     noise : (moment [N m], force [N]), standard deviations
     motion : float, optional, duration of a lively motion [s], of which ``poses`` (a number) are samples
     touch : {index: (6,)}, optional, wrenches on the load, in the sensor's axes, added to these readings [N m, N]
-    rng : numpy Generator or seed
-
-    Returns
-    -------
-    log : ReadingLog
 
     Examples
     --------
@@ -245,3 +240,6 @@ def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
         T, V = T @ step, back @ V + own
         dV = back @ dV + se3.ad(V) @ own + S * ddq[..., k : k + 1]
     return T, V, dV
+
+
+complete(globals())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.glossary import complete
 from ..core.numbers import number, percent, plus_minus
 from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
@@ -164,14 +165,6 @@ class Identification:
     def com_region_contains(self, com: ArrayLike) -> bool:
         """Test if a point is in the joint confidence region of the centre of mass (Fieller's, for three).
 
-        Parameters
-        ----------
-        com : (3,) array_like, in {f} [m]
-
-        Returns
-        -------
-        answer : bool
-
         Examples
         --------
         >>> from twistwrench import SpatialInertia, sensing
@@ -195,11 +188,6 @@ class Identification:
         Parameters
         ----------
         mass : float [kg]
-        com : (3,) array_like, in {f} [m]
-
-        Returns
-        -------
-        answer : bool
 
         Examples
         --------
@@ -277,3 +265,6 @@ def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | No
         f"{number(1e3 * widths[k], 2)} mm only ({percent(confidence, 3)}). Readings in more and wider orientations tell "
         "more; `poses` proposes some."
     )
+
+
+complete(globals())

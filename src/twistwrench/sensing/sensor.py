@@ -318,11 +318,6 @@ class ForceTorqueSensor:
         -------
         compensated : (..., 6) array, what else acts, in the same sign and axes as the readings [N m, N]
 
-        Raises
-        ------
-        ShapeError, ValueRangeError, FrameError
-            As :meth:`predict`.
-
         Warns
         -----
         ModelWarning

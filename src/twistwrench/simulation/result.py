@@ -148,11 +148,6 @@ class SimulationResult:
         -------
         result : SimulationResult
 
-        Raises
-        ------
-        ValueRangeError
-            The robot has other coordinates.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -172,10 +167,6 @@ class SimulationResult:
         Parameters
         ----------
         degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------
@@ -203,10 +194,6 @@ class SimulationResult:
 
     def to_npz(self, path: str | Path) -> Path:
         """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------
@@ -260,10 +247,6 @@ class SimulationResult:
         Parameters
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------

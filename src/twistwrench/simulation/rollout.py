@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
@@ -63,10 +64,6 @@ class Rollout:
         Parameters
         ----------
         *index : int, of the motion in the batch
-
-        Returns
-        -------
-        motion : Motion
 
         Notes
         -----
@@ -139,8 +136,6 @@ class Rollout:
         ------
         ValueRangeError
             The rollout was made without ``gradients=True``, or says no torques.
-        ShapeError
-            Slopes are not of the shape of the results.
 
         Notes
         -----
@@ -271,3 +266,6 @@ def rolled_out(robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...
 def _meaningless(q: Array, dq: Array) -> Array:
     with np.errstate(invalid="ignore"):
         return np.asarray(~(np.isfinite(q).all(axis=-1) & (np.abs(dq) < FASTEST).all(axis=-1)))
+
+
+complete(globals())

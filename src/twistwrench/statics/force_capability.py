@@ -250,11 +250,6 @@ def weakest_direction(
     -------
     found : LargestWrench
 
-    Raises
-    ------
-    ShapeError, ValueRangeError, FrameError, UnknownNameError
-        As :func:`largest_wrench`.
-
     Notes
     -----
     The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i
@@ -415,8 +410,6 @@ def wrench_polytope(
     ------
     ValueRangeError
         No wrench keeps the limits, the base floats, or there are no limits.
-    UnknownNameError, FrameError
-        As the robot's methods.
 
     Notes
     -----

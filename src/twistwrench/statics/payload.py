@@ -99,11 +99,6 @@ def torques_per_kilogram(
     -------
     tau : (nv,) array [N m/kg, sliding joints: N/kg]
 
-    Raises
-    ------
-    ShapeError, ValueRangeError, FrameError, UnknownNameError
-        As the robot's methods.
-
     Notes
     -----
     τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of
@@ -169,8 +164,6 @@ def largest_payload(
     ------
     ValueRangeError
         There are no effort limits, or the base floats.
-    ShapeError, FrameError, UnknownNameError
-        As the robot's methods.
 
     Notes
     -----
@@ -238,11 +231,6 @@ def payload_in_region(
     Returns
     -------
     found : RegionPayload
-
-    Raises
-    ------
-    ValueRangeError, ShapeError, FrameError, UnknownNameError
-        As :func:`largest_payload`.
 
     Notes
     -----

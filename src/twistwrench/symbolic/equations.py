@@ -9,6 +9,7 @@ from inspect import Parameter as Argument
 from inspect import signature
 from typing import Any
 
+from ..core.glossary import complete
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from .documents import Latex
 from .expanded_form import Terms
@@ -182,10 +183,6 @@ class Equations:
         ----------
         steps : iterable of str, optional, names of the steps that are written; None: all
 
-        Returns
-        -------
-        text : str
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -209,10 +206,6 @@ class Equations:
         steps : iterable of str, optional, names of the steps that are written; None: all
         document : bool, a document that compiles; False: what goes between
 
-        Returns
-        -------
-        text : str
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -231,10 +224,6 @@ class Equations:
         ----------
         steps : iterable of str, optional, names of the steps that are written; None: all
 
-        Returns
-        -------
-        text : str
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -252,10 +241,6 @@ class Equations:
         Parameters
         ----------
         steps : iterable of str, optional, names of the steps that are written; None: all
-
-        Returns
-        -------
-        text : str
 
         Examples
         --------
@@ -494,3 +479,6 @@ def term_lines(M: Any, gamma: Any, C: Any, g: Any) -> dict[str, list[Line]]:
         ],
         "gravity_forces": [(Label(entry_name("g", i)), g[i]) for i in range(n)],
     }
+
+
+complete(globals())

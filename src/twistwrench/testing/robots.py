@@ -129,10 +129,6 @@ def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInert
 
     Second moments S about a centre of mass away from the origin, in rotated axes.
 
-    Returns
-    -------
-    G : SpatialInertia
-
     Examples
     --------
     >>> random_inertia(3).defects()

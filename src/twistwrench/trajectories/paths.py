@@ -46,10 +46,6 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     ----------
     q0, q1 : (nq,) array_like, configurations at the ends
 
-    Returns
-    -------
-    path : JointPath
-
     Notes
     -----
     MR section 9.2.
@@ -100,15 +96,6 @@ def spline(
         The path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is met at its time.
     velocities : (m, nv) array_like, optional, at the waypoints, with times [rad/s, m/s]; accelerations then jump
     degree : 3 or 5
-
-    Returns
-    -------
-    path : JointPath
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument is invalid, or the robot has planar or floating joints, which have lines only.
 
     Notes
     -----
@@ -220,10 +207,6 @@ def follow_poses(
     poses : function, maps s (m,) from 0 to 1 to (m, 4, 4), as :func:`screw_path` and :func:`straight_path` do
     q0 : (nq,) array_like, configuration at the start
     tolerance : float, how far the frame may be off between places [m, rad]
-
-    Returns
-    -------
-    path : JointPath
 
     Raises
     ------

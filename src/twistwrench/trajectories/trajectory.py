@@ -43,11 +43,6 @@ def violations(
     -------
     found : tuple of Violation
 
-    Raises
-    ------
-    ValueRangeError, ShapeError
-        The motion is not of the robot.
-
     Examples
     --------
     >>> import twistwrench as tw
@@ -149,10 +144,6 @@ class Trajectory:
         ----------
         dt : float, above 0 [s]
 
-        Returns
-        -------
-        motion : Motion
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -196,10 +187,6 @@ class Trajectory:
         dt : float, above 0 [s]
         degrees : bool, angles in degrees
 
-        Returns
-        -------
-        path : Path of the file written
-
         Raises
         ------
         ValueRangeError
@@ -224,10 +211,6 @@ class Trajectory:
         Parameters
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-        Returns
-        -------
-        path : Path of the file written
 
         Raises
         ------

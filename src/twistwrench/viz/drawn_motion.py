@@ -75,11 +75,6 @@ class DrawnMotion:
         ----------
         robot : Robot
 
-        Raises
-        ------
-        ValueRangeError
-            It is of another.
-
         Examples
         --------
         >>> import twistwrench as tw

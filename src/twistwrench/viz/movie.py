@@ -268,16 +268,10 @@ def movie(
     speed : float, seconds of motion that a second of film shows
     progress : callable, optional, told how many of how many pictures are drawn
 
-    Returns
-    -------
-    path : Path of the file written
-
     Raises
     ------
     MissingExtraError
         There is no matplotlib, or no ffmpeg for .mp4.
-    ValueRangeError, ShapeError
-        Arrays do not fit each other, or the file cannot be written.
 
     Examples
     --------
@@ -307,10 +301,6 @@ def film(
     fps : float, pictures a second of film
     speed : float, seconds of motion that a second of film shows
     progress : callable, optional, told how many of how many pictures are drawn
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.files import replacing
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..errors import ModelWarning, ValueRangeError
 from ..robot import Robot
@@ -81,21 +82,14 @@ def write_page(
 
     Parameters
     ----------
-    robot : Robot
-    path : str or Path, .gif or .mp4
     motion : DrawnMotion, optional, which plays
     q : (nq,) array_like, optional, where it starts
         None: where the motion begins, for a section a pose far from singular ones, else neutral, with
         joints that may not be there in the middle of their limits.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
         A motion brings its own. [N m, N]
-    scene : Scene, optional, the robot's looks
     section : str, optional, a section of Modern Robotics that the page shows with this robot
         One of those in the user guide, as "3.4", "5.4", "8.3"; for arms of at most nine joints.
-
-    Returns
-    -------
-    path : Path of the file written
 
     Raises
     ------
@@ -347,3 +341,6 @@ def write_findings_page(report: DoctorReport, path: str | Path) -> Path:
     """Write a page with the robot, its links in the colours of what the doctor found; it needs nothing but a browser."""
     scene = findings_scene(report)
     return write_page(scene.robot, path, scene=scene)
+
+
+complete(globals())
