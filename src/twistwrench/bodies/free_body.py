@@ -6,6 +6,7 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from inspect import signature
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,8 +52,6 @@ def constant(wrench: ArrayLike) -> WrenchLaw:
 
 def called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
     """Function checked to take three arguments; its values must be in one frame, the first that is named."""
-    from inspect import signature
-
     try:
         taken = signature(wrench)
     except (TypeError, ValueError):  # some of C say nothing

@@ -61,7 +61,8 @@ derive_options = option_group(
 )
 def derive_command(options: RobotOptions, given: Given) -> None:
     """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
-    from ..symbolic.derivation import derive, require_sympy
+    from ..symbolic.derivation import derive
+    from ..symbolic.names import require_sympy
 
     robot = options.load()
     require_sympy("twistwrench derive")

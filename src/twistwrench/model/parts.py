@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..joints.joint import Fixed
 from ..lie import se3
 from ..typing import Array
 from .actuation import counted, with_actuators
@@ -173,8 +174,6 @@ class _Disassembly:
         return BASE, np.eye(4)
 
     def _joint(self, link: str) -> JointEntry:
-        from ..joints.joint import Fixed
-
         model, parent = self.model, self.parents[link]
         name = model.mounts[link][1]
         _, T_parent = self._pose(parent)

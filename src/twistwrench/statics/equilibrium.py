@@ -13,6 +13,7 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
 from ..errors import FrameError, ValueRangeError
+from ..lie import so3
 from ..lie.labelled import TWIST, WRENCH
 from ..typing import Array
 from .contacts import Contact, force_balance, unresisted_motion
@@ -252,8 +253,6 @@ def _of_size_one(no: Equilibrium) -> Equilibrium:
 
 
 def _hat(p: Array) -> Array:
-    from ..lie import so3
-
     return np.asarray(so3.hat(p))
 
 

@@ -11,10 +11,11 @@ from typing import Any
 
 from ..core.glossary import complete
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
-from .documents import Latex
+from .documents import Latex, html_page, latex_document, markdown_document
 from .expanded_form import Terms
 from .factored_form import EquationWriter
-from .names import Notation, Parameter, Text
+from .names import Notation, Parameter, Text, sympy
+from .source_code import FUNCTIONS, c_source, constants, numpy_source
 from .trig_polynomial import TrigPolynomial
 
 
@@ -126,8 +127,6 @@ class Equations:
     @property
     def values(self) -> dict[Any, float]:
         """Symbol → number of the named parameters, for ``subs``."""
-        import sympy
-
         return {sympy.Symbol(p.name): p.value for p in self.parameters}
 
     # ── ways out ──
@@ -213,8 +212,6 @@ class Equations:
         >>> equations.latex().startswith(r"\documentclass")
         True
         """
-        from .documents import latex_document
-
         return latex_document(self, self.chosen(steps), Latex(), whole=document)
 
     def markdown(self, steps: Iterable[str] | None = None) -> str:
@@ -231,8 +228,6 @@ class Equations:
         >>> "$" in equations.markdown(["gravity_forces"])
         True
         """
-        from .documents import markdown_document
-
         return markdown_document(self, self.chosen(steps), Latex())
 
     def html(self, steps: Iterable[str] | None = None) -> str:
@@ -249,8 +244,6 @@ class Equations:
         >>> "<math" in equations.html(["gravity_forces"])
         True
         """
-        from .derivation import html_page
-
         return html_page(self, self.chosen(steps))
 
     def numpy_source(self) -> str:
@@ -272,8 +265,6 @@ class Equations:
         >>> "def inverse_dynamics(" in equations.numpy_source()
         True
         """
-        from .source_code import numpy_source
-
         return numpy_source(self)
 
     def c_source(self, prefix: str | None = None) -> str:
@@ -299,8 +290,6 @@ class Equations:
         >>> "void pendulum_inverse_dynamics(" in equations.c_source()
         True
         """
-        from .source_code import c_source
-
         return c_source(self, prefix)
 
     def function(self, name: str) -> Callable[..., Any]:
@@ -329,8 +318,6 @@ class Equations:
         >>> equations.function("inverse_dynamics")([0.0], [0.0], [1.0]).tolist()
         [1.0]
         """
-        from .source_code import FUNCTIONS, constants
-
         if not isinstance(name, str) or name not in FUNCTIONS:
             raise UnknownNameError.of("function", name, FUNCTIONS)
         if "module" not in self.cache:
@@ -395,8 +382,6 @@ def entry_name(letter: str, *indices: int) -> str:
 
 def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """The fields of :class:`~twistwrench.symbolic.equations.Equations` that follow from K and P."""
-    import sympy
-
     n, ring = len(terms.coordinates), terms.ring
     rates = [c.rate for c in terms.coordinates]
     motions = [*rates, *(c.acceleration for c in terms.coordinates)]

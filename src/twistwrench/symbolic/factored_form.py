@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..typing import Array
-from .names import shortest
+from .names import shortest, sympy
 from .trig_polynomial import Basis, Ring, ShortestForms, TrigPolynomial, Waves
 
 Row = tuple[Any, int, Waves]
@@ -36,9 +36,6 @@ class EquationWriter:
         masses: Iterable[str] = (),
         expressions: Mapping[str, Any] | None = None,
     ) -> None:
-        import sympy
-
-        self._sympy = sympy
         self.ring = ring
         given = expressions or {}
         self.symbols = {name: given.get(name, sympy.Symbol(name)) for name in ring.symbols}
@@ -68,7 +65,7 @@ class EquationWriter:
             share = _content([c for c, _, _ in rows])
             inner = self._bracket([(c / share, m - common) for c, m, _ in rows])
             parts.append(self._product(share, common, waves, inner))
-        return self._sympy.Add(*parts)
+        return sympy.Add(*parts)
 
     def _bracket(self, terms: list[Term]) -> Any:
         """A sum without sines and cosines: as squares and products, else each mass once."""
@@ -86,9 +83,9 @@ class EquationWriter:
             rest = [(c / share, m - common) for c, m in members]
             inner = self._factored(rest)
             if inner is None:
-                inner = self._sympy.Add(*(self._product(c, m, ()) for c, m in rest))
+                inner = sympy.Add(*(self._product(c, m, ()) for c, m in rest))
             parts.append(self._product(share, common, (), inner))
-        return self._sympy.Add(*parts)
+        return sympy.Add(*parts)
 
     def _factored(self, terms: list[Term]) -> Any:
         """A polynomial as squares and products, None where it has none: (L_2 + x_3)² of three terms or more."""
@@ -104,20 +101,20 @@ class EquationWriter:
         names = sorted(set().union(*powers))
         if len(names) > _MOST_NAMES or max(sum(p.values()) for p in powers) < 2:
             return None
-        Symbol, QQ = self._sympy.Symbol, self._sympy.QQ
+        Symbol, QQ = sympy.Symbol, sympy.QQ
         exponents = [tuple(p.get(name, 0) for name in names) for p in powers]
-        coefficients = {e: self._sympy.Rational(Fraction(c)) for e, (c, _) in zip(exponents, terms, strict=True)}
-        whole = self._sympy.Poly.from_dict(coefficients, *map(Symbol, names), domain=QQ)
+        coefficients = {e: sympy.Rational(Fraction(c)) for e, (c, _) in zip(exponents, terms, strict=True)}
+        whole = sympy.Poly.from_dict(coefficients, *map(Symbol, names), domain=QQ)
         content, factors = whole.factor_list()
         if sum(k for _, k in factors) < 2:
             return None
         made = [self._expression(f, names) ** k for f, k in factors]
-        return self._sympy.Mul(content, *(x for f in made for x in self._sympy.Mul.make_args(f)))
+        return sympy.Mul(content, *(x for f in made for x in sympy.Mul.make_args(f)))
 
     def _expression(self, polynomial: Any, names: list[str]) -> Any:
         symbols = [self.symbols[name] for name in names]
         terms = ((c, zip(symbols, powers, strict=True)) for powers, c in polynomial.terms())
-        return self._sympy.Add(*(self._sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
+        return sympy.Add(*(sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
 
     def by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
         """Sorted by products of rates and accelerations; those whose coefficients are proportional stand together."""
@@ -136,13 +133,13 @@ class EquationWriter:
                 continue
             ratios = [abs(r) for r, _ in members]
             scale = min(ratios) * (1 if sum(1 for r, _ in members if r > 0) * 2 >= len(members) else -1)
-            inner = self._sympy.Add(*(as_number(r / scale) * self._power(motion) for r, motion in members))
+            inner = sympy.Add(*(as_number(r / scale) * self._power(motion) for r, motion in members))
             sign = -1 if all(scale * c < 0 for c in coefficient.terms.values()) else 1
             parts.append(self._times(write(coefficient * (sign * scale)), inner, sign))
-        return self._sympy.Add(*parts)
+        return sympy.Add(*parts)
 
     def _times(self, one: Any, other: Any, sign: int) -> Any:
-        return self._sympy.Mul(sign, *self._sympy.Mul.make_args(one), *self._sympy.Mul.make_args(other))
+        return sympy.Mul(sign, *sympy.Mul.make_args(one), *sympy.Mul.make_args(other))
 
     def _grouped(self, total: TrigPolynomial, key: Callable[[int], int]) -> Any:
         groups: dict[int, list[Row]] = defaultdict(list)
@@ -156,7 +153,7 @@ class EquationWriter:
             share = _content([c for c, _, _ in rows])
             inner = self._by_waves([(c / share, m - common, waves) for c, m, waves in rows])
             parts.append(self._product(share, common, (), inner))
-        return self._sympy.Add(*parts)
+        return sympy.Add(*parts)
 
     def _by_waves(self, rows: list[Row]) -> Any:
         """A sum whose parts with the same sines and cosines are squares and products where they can be, common sums once."""
@@ -174,10 +171,10 @@ class EquationWriter:
                     parts.append(self._product(1, 0, waves, part))
                 else:
                     parts.extend(self._product(c, m, waves) for c, m in some)
-        args = [list(self._sympy.Mul.make_args(part)) for part in parts]
+        args = [list(sympy.Mul.make_args(part)) for part in parts]
         shared = [f for f in args[0] if f.is_Add and all(f in mine for mine in args[1:])]
-        rest = self._sympy.Add(*(self._sympy.Mul(*(f for f in mine if f not in shared)) for mine in args))
-        return self._sympy.Mul(*shared, *self._sympy.Mul.make_args(rest))
+        rest = sympy.Add(*(sympy.Mul(*(f for f in mine if f not in shared)) for mine in args))
+        return sympy.Mul(*shared, *sympy.Mul.make_args(rest))
 
     def _apart(self, terms: list[Term]) -> list[list[Term]]:
         """Groups of terms that share no symbol: r² beside (L + x)²."""
@@ -194,17 +191,17 @@ class EquationWriter:
     def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
         factors = [as_number(coefficient), self._power(monomial), inner]
         factors += [self._wave(basis) ** power for basis, power in waves]
-        return self._sympy.Mul(*(x for f in factors for x in self._sympy.Mul.make_args(self._sympy.sympify(f))))
+        return sympy.Mul(*(x for f in factors for x in sympy.Mul.make_args(sympy.sympify(f))))
 
     def _power(self, monomial: int) -> Any:
-        return self._sympy.Mul(*(self.symbols[name] ** power for name, power in self.ring.exponents(monomial).items()))
+        return sympy.Mul(*(self.symbols[name] ** power for name, power in self.ring.exponents(monomial).items()))
 
     def _wave(self, basis: Basis) -> Any:
         if basis not in self._waves:
             kind, f = basis
             angles = (self.symbols[name] for name in self.ring.angles)
-            argument = self._sympy.Add(*(as_number(x) * angle for x, angle in zip(f, angles, strict=True)))
-            self._waves[basis] = getattr(self._sympy, kind)(argument, evaluate=False)
+            argument = sympy.Add(*(as_number(x) * angle for x, angle in zip(f, angles, strict=True)))
+            self._waves[basis] = getattr(sympy, kind)(argument, evaluate=False)
         return self._waves[basis]
 
     def _mass_part(self, monomial: int) -> int:
@@ -246,8 +243,6 @@ def _content(coefficients: list[Any]) -> Any:
 
 def as_number(value: Any) -> Any:
     """A SymPy number: rational where the value is a simple fraction exactly, else the float."""
-    import sympy
-
     if isinstance(value, Fraction):
         return sympy.Rational(value.numerator, value.denominator)
     if isinstance(value, float) and not (64 * value).is_integer():

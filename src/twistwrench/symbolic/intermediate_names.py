@@ -11,15 +11,13 @@ from ..model.model import BASE, Model
 from ..typing import Array
 from .equations import Label, Step, entry_name, steps_of, term_lines
 from .expanded_form import Coordinate, chart_waves, joint_motion, numbers_of
-from .names import BodyEntries, Entry, ModelEntries
+from .names import BodyEntries, Entry, ModelEntries, sympy
 
 AXES = "xyz"
 
 
 def exact_number(value: float) -> Any:
     """A SymPy number: whole ones exact, so that 0 and ±1 leave nothing behind."""
-    import sympy
-
     return sympy.sympify(exact(value))
 
 
@@ -27,9 +25,6 @@ class Definitions:
     """Definitions in order, with their derivatives."""
 
     def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
-        import sympy
-
-        self._sympy = sympy
         self.q = [sympy.Symbol(c.name) for c in coordinates]
         self.definitions: list[tuple[Any, Any]] = []
         self.groups: list[tuple[str, str, int]] = []
@@ -44,14 +39,14 @@ class Definitions:
 
     def name(self, name: str, expr: Any) -> Any:
         """The expression itself where it is a number or at most a product of a number and a symbol; else a new name."""
-        expr = self._sympy.sympify(expr)
+        expr = sympy.sympify(expr)
         core = expr.as_coeff_Mul()[1]
         if core.is_Symbol or not expr.free_symbols:
             return expr
         while name in self._taken:
             name += "_"
         self._taken.add(name)
-        symbol = self._sympy.Symbol(name)
+        symbol = sympy.Symbol(name)
         self.definitions.append((symbol, expr))
         self._expr[symbol] = expr
         return symbol
@@ -62,7 +57,7 @@ class Definitions:
 
     def slope(self, expr: Any, k: int) -> Any:
         """d(expr)/dq_k, through the definitions; derivatives of names get names."""
-        total = self._sympy.Integer(0)
+        total = sympy.Integer(0)
         for symbol in sorted(expr.free_symbols, key=str):
             inner = self._symbol_slope(symbol, k)
             if inner != 0:
@@ -71,9 +66,9 @@ class Definitions:
 
     def _symbol_slope(self, symbol: Any, k: int) -> Any:
         if symbol == self.q[k]:
-            return self._sympy.Integer(1)
+            return sympy.Integer(1)
         if symbol not in self._expr:
-            return self._sympy.Integer(0)
+            return sympy.Integer(0)
         if (symbol, k) not in self._slopes:
             self._slopes[symbol, k] = self.name(f"d{symbol.name}_q{k + 1}", self.slope(self._expr[symbol], k))
         return self._slopes[symbol, k]
@@ -84,7 +79,7 @@ class Definitions:
         """A number of the model, or its symbol."""
         if entry.parameter is None:
             return exact_number(entry.value)
-        return entry.sign * self._sympy.Symbol(entry.parameter.name)
+        return entry.sign * sympy.Symbol(entry.parameter.name)
 
     def coordinate(self, k: int) -> Any:
         """The k-th coordinate itself."""
@@ -99,8 +94,8 @@ class Definitions:
             argument = exact_number(rate) * self.q[k] + exact_number(offset)
             letter = "" if self.q[k].name.startswith("theta") else self.q[k].name.partition("_")[0]
             self._waves[key] = (
-                self.name(f"c{letter}_{index}", self._sympy.cos(argument)),
-                self.name(f"s{letter}_{index}", self._sympy.sin(argument)),
+                self.name(f"c{letter}_{index}", sympy.cos(argument)),
+                self.name(f"s{letter}_{index}", sympy.sin(argument)),
             )
             c, s = self._waves[key]
             if c in self._expr:  # their derivatives are each other, not sines and cosines anew
@@ -117,8 +112,6 @@ class Definitions:
 
 def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> dict[str, Any]:
     """The fields of :class:`~twistwrench.symbolic.derivation.Derivation`."""
-    import sympy
-
     names = Definitions(coordinates, entries)
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
@@ -223,8 +216,6 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
 
 def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
     """½ k (Σ weight · coordinate - rest)², summed."""
-    import sympy
-
     places = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
     for spring, k in zip(model.springs, entries.springs, strict=True):
@@ -235,8 +226,6 @@ def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
 
 
 def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: int) -> list[list[Any]]:
-    import sympy
-
     M = [[sympy.Integer(0)] * n for _ in range(n)]
     for j in range(n):
         for k in range(j, n):
@@ -266,8 +255,6 @@ def _tied(names: Definitions, dM: Any, n: int) -> Any:
 
 
 def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P: Any) -> dict[str, Any]:
-    import sympy
-
     n = len(coordinates)
     dq = [sympy.Symbol(c.rate) for c in coordinates]
     ddq = [sympy.Symbol(c.acceleration) for c in coordinates]

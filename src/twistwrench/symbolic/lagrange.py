@@ -11,13 +11,12 @@ from ..errors import ShapeError, ValueRangeError
 from .equations import Equations, Label, Step, assembled, entry_name, steps_of, term_lines
 from .expanded_form import Coordinate, Terms, Variable, dotted
 from .factored_form import EquationWriter
+from .names import require_sympy, sympy
 from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
 def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
     """One symbol or several different ones, as a tuple; ShapeError for anything else."""
-    import sympy
-
     symbols = (
         (given,)
         if isinstance(given, sympy.Symbol)
@@ -35,8 +34,6 @@ def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
 
 def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
     """Symbol of time, None if there is none; raises ShapeError for other input, and for a coordinate or rate."""
-    import sympy
-
     if given is None:
         return None
     if not isinstance(given, sympy.Symbol) or given in moving:
@@ -48,8 +45,6 @@ def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
     """Raise ValueRangeError for a symbol that looks like a constant but is not, and for an L without kinetic energy."""
-    import sympy
-
     if found := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
         raise ValueRangeError(
             f"L contains {_listed(found)}. Write coordinates and rates as symbols, theta and thetadot instead of theta(t) "
@@ -133,11 +128,7 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     gravity_forces: g, what is left at rest
       g₁ = m g R sin(θ) − m Ω² R² cos(θ) sin(θ)
     """
-    from .derivation import require_sympy
-
     require_sympy()
-    import sympy
-
     L = _expression(L)
     coordinates = symbols_of(q, "q")
     velocities = _rates(rates, coordinates, L)
@@ -166,8 +157,6 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
 
 
 def _expression(L: Any) -> Any:
-    import sympy
-
     # Never a string: SymPy would evaluate it as Python.
     if not isinstance(L, bool) and isinstance(L, Real):
         return sympy.sympify(L)
@@ -180,8 +169,6 @@ def _expression(L: Any) -> Any:
 
 
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
-    import sympy
-
     if rates is None:
         known = {s.name: s for s in L.free_symbols}
         return tuple(known.get(dotted(s.name), sympy.Symbol(dotted(s.name))) for s in coordinates)
@@ -281,8 +268,6 @@ class _Reader:
         return self._wave(expr)
 
     def _wave(self, expr: Any) -> TrigPolynomial | None:
-        import sympy
-
         try:
             factors = [sympy.Poly(expr.args[0], *self.q).coeff_monomial(s) for s in self.q]
         except sympy.PolynomialError:
@@ -299,8 +284,6 @@ class _Reader:
 def _differentiated(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...], time: Any = None
 ) -> dict[str, Any]:
-    import sympy
-
     n = len(q)
     at_rest = dict.fromkeys(dq, 0)
     momenta = [L.diff(v) for v in dq]
@@ -352,6 +335,4 @@ def _differentiated(
 
 
 def _collected(expr: Any, symbols: tuple[Any, ...]) -> Any:
-    import sympy
-
     return sympy.collect(expr, symbols)

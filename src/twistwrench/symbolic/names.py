@@ -12,8 +12,20 @@ from typing import Any
 import numpy as np
 
 from ..core.numbers import printed
-from ..errors import UnknownNameError, ValueRangeError
+from ..core.optional import lazy_module
+from ..errors import MissingExtraError, UnknownNameError, ValueRangeError
 from ..model.model import BASE, Body, Model
+
+sympy: Any = lazy_module("sympy")
+
+
+def require_sympy(purpose: str = "Deriving equations") -> None:
+    """Raise MissingExtraError unless SymPy is installed."""
+    try:
+        import sympy  # noqa: F401  only whether it is there
+    except ImportError:
+        raise MissingExtraError.of("sympy", "symbolic", purpose) from None
+
 
 _ROUND_OFF = 4e-16
 """Two units in the last place."""
@@ -122,8 +134,6 @@ class Notation:
 
     def write(self, expr: Any) -> str:
         """An expression, a column or a matrix."""
-        import sympy
-
         if isinstance(expr, sympy.MatrixBase):
             return self.matrix([[self.write(x) for x in row] for row in expr.tolist()])
         if expr.is_Add:
@@ -176,8 +186,6 @@ class Notation:
         return self.times([self.write(f) if alone or not f.is_Add else self.bracket(self.write(f)) for f in ordered])
 
     def _factor_key(self, factor: Any) -> tuple[Any, ...]:
-        import sympy
-
         base = factor.base if factor.is_Pow else factor
         if base.is_Number:
             return (-1, 0, "")

@@ -13,6 +13,8 @@ import numpy as np
 
 from ..core.arguments import visible
 from ..errors import ValueRangeError
+from .documents import remarks_of
+from .names import sympy
 
 if TYPE_CHECKING:
     from .equations import Equations
@@ -92,8 +94,6 @@ def constants(equations: Equations) -> list[Any]:
 
 def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
     """Statements of one function: its definitions, then common subexpressions of its results."""
-    import sympy
-
     safe = {symbol: sympy.Symbol(text) for symbol, text in names.items()}
     field, definitions = getattr(equations, _FIELDS.get(name, name)), equations.definitions
     results = [field[place] for place in np.ndindex(tuple(int(n) for n in field.shape))]
@@ -136,8 +136,6 @@ def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> lis
 
 def header(equations: Equations) -> list[str]:
     """Sentences for the top of a file of source."""
-    from .documents import remarks_of
-
     split = "h = c(q, dq) + g(q)"
     if not equations.split:
         split = "h has more in it than c and g: what is linear in the rates, or due to time"
@@ -174,8 +172,6 @@ class _Operators:
         self.functions = functions
 
     def write(self, expr: Any) -> str:
-        import sympy
-
         if expr.is_Add:
             return " + ".join(map(self.write, expr.args)).replace("+ -", "- ")
         if expr.is_Mul:
