@@ -774,3 +774,47 @@ def test_what_a_simulation_wrote_is_read_back_without_a_word(tmp_path):
     motion = tw.Motion.from_file(fall.to_csv(tmp_path / "fall.csv"), arm)
     assert motion.notes == ()
     assert (motion.ddq == fall.ddq).all()
+
+
+# ── rounded stamps, pauses ──
+
+PAUSED = np.r_[np.arange(0, 4, 0.004), np.arange(6, 10, 0.004)] + 0.0013
+"""Times of a log of 250 Hz that pauses for two seconds."""
+
+
+def paused_log(path, arm, *columns):
+    """Log whose stamps are whole multiples of 10 ms, with some of the columns q, tau."""
+    q = np.stack([np.sin(1.3 * PAUSED), np.cos(1.9 * PAUSED)], axis=1)
+    parts = {"q": q, "tau": 10 * q}
+    names = {"q": arm.joint_names, "tau": [f"{n}.tau" for n in arm.joint_names]}
+    table = np.column_stack([10 * np.floor(100 * PAUSED), *(parts[c] for c in columns)])
+    header = ",".join(["time [ms]", *(n for c in columns for n in names[c])])
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    return path
+
+
+@pytest.mark.parametrize("files", ["one", "joined"])
+def test_rounded_stamps_in_milliseconds_keep_their_pause(arm, tmp_path, files):
+    """Of one file and of two side by side: a steady clock in seconds, which nothing of the pause bends."""
+    if files == "one":
+        path = paused_log(tmp_path / "log.csv", arm, "q", "tau")
+    else:
+        path = f"{paused_log(tmp_path / 'a.csv', arm, 'q')}+{paused_log(tmp_path / 'b.csv', arm, 'tau')}"
+    motion = tw.Motion.from_file(path, arm)
+    assert len(motion) == len(PAUSED)
+    steps, pause = np.diff(motion.time), np.diff(PAUSED).argmax()
+    assert steps.argmax() == pause and abs(steps[pause] - 2.0) < 0.02
+    np.testing.assert_allclose(np.delete(steps, pause), 0.004, rtol=0.01)
+    assert np.abs(motion.time - PAUSED).max() < 0.01
+    assert any("a steady clock of 250" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("given", ["q", "dq"])
+def test_a_pause_is_not_differentiated_across(arm, given):
+    """Rates before it are those of the log that ends there, to the bit, and close to the truth at its edges."""
+    q = np.stack([np.sin(1.3 * PAUSED), np.cos(1.9 * PAUSED)], axis=1)
+    dq = np.stack([1.3 * np.cos(1.3 * PAUSED), -1.9 * np.sin(1.9 * PAUSED)], axis=1) if given == "dq" else None
+    motion, first = tw.Motion(PAUSED, q, dq, robot=arm), slice(0, 1000)
+    before = tw.Motion(PAUSED[first], q[first], None if dq is None else dq[first], robot=arm)
+    np.testing.assert_array_equal(motion.ddq[first], before.ddq)
+    np.testing.assert_allclose(motion.ddq, -q * [1.3**2, 1.9**2], atol=2e-5)

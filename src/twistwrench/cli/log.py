@@ -91,13 +91,14 @@ def _clock(quality: LogQuality) -> str:
     said = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
     if math.isfinite(quality.jitter) and quality.jitter * quality.rate > 1e-3:
         said.append(f"steps vary by {percent(quality.jitter * quality.rate, 2)}")
-    for count, what in (
-        (quality.gaps, f"gaps, the longest {number(quality.longest)} s"),
-        (quality.repeated, "stamps repeated"),
-        (quality.backward, "stamps run back"),
+    longest = f", the longest {number(quality.longest)} s"
+    for count, one, several in (
+        (quality.gaps, f"gap{longest}", f"gaps{longest}"),
+        (quality.repeated, "stamp repeated", "stamps repeated"),
+        (quality.backward, "stamp runs back", "stamps run back"),
     ):
         if count:
-            said.append(f"{count} {what}")
+            said.append(f"{count} {one if count == 1 else several}")
     return "; ".join(said)
 
 

@@ -16,7 +16,7 @@ from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import windows
 from .motion_log import LogRows, MotionLog
 from .noise import SampleErrors, Survey, sample_errors, survey
-from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates
+from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
 SURE = 5.0
 """Standard deviations from which a velocity's sign is believed: of ten million rows at rest, six would be taken to move."""
@@ -52,11 +52,14 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
     if len(t) < 3:
         return claimed
     span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
+    beside = np.zeros(len(span), bool)  # beside a pause the samples do not show the steps between them
+    for edge in stretch_edges(t)[1:-1]:
+        beside[[edge - 2, edge - 1]] = True
     shown = np.maximum(quality.quantum, SURE * quality.noise)
     for b in model.leaders:
         if b.joint.nq == 1:
             step = dq[1:-1, b.v_index] * span
-            large = np.abs(step) > shown[b.q_index] * factors[b.q_index]
+            large = (np.abs(step) > shown[b.q_index] * factors[b.q_index]) & ~beside
             claimed[1:-1, b.v_index] = large & (step * moved[:, b.q_index] <= 0)
     return claimed
 
@@ -261,6 +264,8 @@ class Differentiation:
     """(nv,) that of the velocities; 0 where they are given."""
     spread: Array
     """(k,) standard deviation of the samples about the smoothed curve, in SI units, outliers aside; 0 for none."""
+    ends: Array
+    """Times at which the log, or a stretch of it between pauses, begins or ends [s]."""
     errors: SampleErrors
     """Those of the columns that are differentiated, in SI units."""
 
@@ -338,6 +343,7 @@ class Differentiation:
             sigma_dq=_to_joints(model, sigma(1)) if derives_velocities else none,
             spread=residual_spread(times, curves, strengths, quality.step, quality.error)
             * (factors if derives else 1.0),
+            ends=_ends(trajectory.table[:, 0]),
             errors=sample_errors(times, curves, quality).scaled(factors if derives else np.zeros(0)),
         )
 
@@ -429,6 +435,11 @@ class Differentiation:
         """The columns (n, k), or (n, k, ...) for many logs at the same times, each smoothed by its strength."""
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
         return np.stack(columns, axis=1) if columns else x
+
+
+def _ends(time: Array) -> Array:
+    edges = stretch_edges(time)
+    return np.sort(np.r_[time[edges[:-1]], time[[edge - 1 for edge in edges[1:]]]])
 
 
 def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:

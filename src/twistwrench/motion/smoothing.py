@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache, lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -185,8 +186,39 @@ def continuous(model: Model, q: Array) -> Array:
     return q
 
 
+_GAP, _PAUSE = 5.0, 0.05
+"""Times the usual step and the steps beside it, and s, beyond which a step of time is a pause."""
+
+
+def stretch_edges(t: Array) -> list[int]:
+    """Edges [0, …, n] of the stretches of samples between pauses; stretches of fewer than six samples are joined to others.
+
+    >>> stretch_edges(np.r_[np.arange(10) * 0.01, 2.0 + np.arange(10) * 0.01])
+    [0, 10, 20]
+    """
+    steps = np.diff(t)
+    if len(steps) < FEWEST or steps.max() <= max(_PAUSE, _GAP * float(np.median(steps))):
+        return [0, len(t)]
+    beside = np.maximum(np.r_[0.0, steps[:-1]], np.r_[steps[1:], 0.0])
+    edges = [0]
+    for k in np.flatnonzero(steps > np.maximum(max(_PAUSE, _GAP * float(np.median(steps))), _GAP * beside)).tolist():
+        if k + 1 - edges[-1] >= FEWEST and len(t) - k - 1 >= FEWEST:
+            edges.append(k + 1)
+    return [*edges, len(t)]
+
+
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
-    """First and second derivatives at the samples of the quintic spline through them; (n,), (n, k) → (n, k) twice."""
+    """First and second derivatives at the samples of quintic splines through each stretch between pauses.
+
+    (n,), (n, k) → (n, k) twice.
+    """
+    parts = [_spline_rates(t[a:b], x[a:b]) for a, b in pairwise(stretch_edges(t))]
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate([first for first, _ in parts]), np.concatenate([second for _, second in parts])
+
+
+def _spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
     from scipy.interpolate import make_interp_spline
 
     # Time from the window's middle, so that large clock readings (seconds since 1970) cost no digits.

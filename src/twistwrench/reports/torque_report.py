@@ -205,7 +205,7 @@ class TorqueReport:
         if d.source == "given":
             return False
         steps = 3 if not d.smooths else math.ceil(d.strengths.max() ** (1 / 6))
-        return min(joint.time - self.begin, self.end - joint.time) < steps * self.quality.step
+        return bool(np.abs(joint.time - d.ends).min() < steps * self.quality.step)
 
     def reach(self, joint: JointTorque) -> float:
         """How far the peak may be off, as a standard deviation: several times its own at an end of the log."""
