@@ -1,4 +1,4 @@
-"""The command line: one file per command, and the tables it prints."""
+"""The command line: a file for each command, with its options, its run and its report."""
 
 from .main import main
 

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 _WIDTH = 110
-"""Columns of files and pipes, which have no width of their own: most tables need no more."""
+"""Width of output to files and pipes, in characters."""
 
 
 def console() -> Console:
-    """A console of the terminal's width. What needs more runs over it and is never cut; a broken pipe ends the program."""
+    """Console of the terminal's width. Longer lines are never cut; a broken pipe ends the program."""
     from rich.console import Console
     from rich.segment import Segment
 
@@ -52,7 +52,7 @@ def show(*parts: Any) -> None:
 
 
 def show_written(*paths: object) -> None:
-    """Print a line for each file that was written; None is none."""
+    """Print a line for each file that was written, except None."""
     for path in filter(None, paths):
         click.echo(f"wrote {path}")
 
@@ -62,7 +62,7 @@ def show_written(*paths: object) -> None:
 _PATIENCE = 1.0
 """s of work before a bar is shown."""
 _BETWEEN = 0.1
-"""s between two signs of life."""
+"""s between two updates of a bar."""
 
 
 def _bar() -> Progress:
@@ -80,7 +80,7 @@ def _bar() -> Progress:
 
 @contextmanager
 def frame_progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Over the frames of a film; None where there is no bar."""
+    """Progress bar over the frames of a film; None if standard error is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -91,7 +91,7 @@ def frame_progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float], None] | None]:
-    """Over the share of the work that is done, from 0 to 1; shown after a second. None where there is no bar."""
+    """Progress bar over the finished share, 0 to 1, shown after a second; None if standard error is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -119,7 +119,7 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None] | None]:
 
 
 def check_matplotlib(plot_path: str | None) -> None:
-    """Say before the long run, not after it, that a picture cannot be drawn."""
+    """Raise before a long run if a picture cannot be drawn."""
     if plot_path is not None:
         from ..plotting.style import require_matplotlib
 
@@ -127,7 +127,7 @@ def check_matplotlib(plot_path: str | None) -> None:
 
 
 def picture(plot_path: str | None) -> str | None:
-    """The path of a picture with its suffix, where one is asked for and can be drawn."""
+    """Path of a picture with its suffix; None without one. Raises if it cannot be drawn."""
     check_matplotlib(plot_path)
     return None if plot_path is None else picture_path(plot_path)
 
@@ -144,7 +144,7 @@ worker_options = option_group(
 
 
 def expand_paths(path: Path, text: str) -> list[str]:
-    """A folder as the files in it, a pattern as what it matches, in the order of their names; all else as it is."""
+    """Expand a folder or a pattern to its files, sorted by name; other paths are returned unchanged."""
     from ..motion.motion_file import is_recording
 
     if any(c in text for c in "*?[") and not path.exists():
@@ -161,7 +161,7 @@ def expand_paths(path: Path, text: str) -> list[str]:
 
 
 def total_bytes(paths: Sequence[str]) -> int:
-    """Of files, ``a.csv+b.csv`` among them; those that cannot be seen are none."""
+    """Sum of the sizes of files, ``a.csv+b.csv`` among them; unreadable files count as zero."""
     total = 0
     for path in paths:
         for part in [path] if Path(path).exists() else path.split("+"):

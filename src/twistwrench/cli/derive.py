@@ -130,7 +130,7 @@ def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
 
 
 def _columns(rows: list[tuple[str, list[str]]], gap: str) -> list[str]:
-    """Two columns, moved in by two, without blanks at the ends of lines."""
+    """Format two columns, indented by two, without trailing blanks."""
     from ..symbolic.documents import text_width
 
     widest = max((int(text_width(left)) for left, _ in rows), default=0)

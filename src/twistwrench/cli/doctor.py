@@ -122,7 +122,7 @@ _LISTED = 6
 
 
 def doctor_view(report: DoctorReport, *, every: bool = False) -> RenderableType:
-    """A heading and a paragraph for each finding; all notes if ``every``."""
+    """Heading and a paragraph for each finding; all notes if ``every``."""
     heading = Text.assemble((report.robot, "bold"), f"  {report.summary}")
     if not report.findings:
         return heading
@@ -177,7 +177,7 @@ def verify_command(options: RobotOptions, _: Given) -> ExitCode:
 
 
 def verification_view(report: VerifyReport) -> RenderableType:
-    """The verdict, and a row per check: what it compares, the residual, and what is allowed."""
+    """Verdict, and a row per check: compared quantities, residual and tolerance."""
     made = [check for check in report.checks if not check.skipped]
     failed = [check.name for check in made if not check.passed]
     verdict = f"DISAGREES: {', '.join(failed)}." if failed else f"OK: {len(made)} checks agree."

@@ -118,7 +118,7 @@ def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
 
 
 def _verdict(found: ExcitingMotion) -> list[Text]:
-    """The first word, with the least distances or what makes it unsure, a line each."""
+    """Verdict with the least distances or its reasons, a line each."""
     words = {"itself": "of capsules around links from each other", "floor": "from the floor"}
     least = [f"{number(1000.0 * value)} mm {words[name]}" for name, value in found.clearances.items()]
     distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"

@@ -68,7 +68,7 @@ def export_command(options: RobotOptions, given: Given) -> None:
 
 
 def _quantity(text: str) -> tuple[str, dict[str, Any]]:
-    """(name, options) of ``name:option=value,…``."""
+    """Parse ``name:option=value,…`` into name and options."""
     name, colon, rest = text.partition(":")
     options: dict[str, Any] = {}
     for part in rest.split(",") if colon else ():

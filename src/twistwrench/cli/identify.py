@@ -114,7 +114,7 @@ LARGE = 1 << 26
 
 
 def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> IdentifiedRobot:
-    """The robot by all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
+    """Robot identified from all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
     with workers_of(given.workers, given.scheduler) as team:
         settings = {**options, "client": team.client}
         information = _accumulated(robot, given.logs, given.old_path, settings)
@@ -284,7 +284,7 @@ def _identified(robot: Robot, options: RobotOptions, given: Given, fitting: dict
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
+    """Expand folders and patterns to files, sorted by name, and ``demo`` to the bundled log."""
     found: list[str] = []
     for text in paths:
         found += expand_paths(bundled(text, options.source, "_log.csv", "log"), text)
@@ -292,7 +292,7 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:
-    """The robot without its actuators, and what their file says of the logs."""
+    """Robot without its actuators, and the side of the gears that logs are measured on."""
     held = (
         partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
     )
@@ -304,7 +304,7 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
 
 
 def _actuators(options: RobotOptions) -> dict[str, Any] | None:
-    """What the actuator file says already."""
+    """Content of the actuator file given; None without one."""
     if options.actuators is None:
         return None
 
@@ -328,7 +328,7 @@ _VAGUE = 5
 
 
 def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> RenderableType:
-    """The verdict first, then what it rests on; the essential groups where they are asked for."""
+    """Verdict and its basis; with the essential groups if ``essential``."""
     return Group(*_parts(found), *(_essential(found) if essential else ()))
 
 

@@ -70,11 +70,11 @@ def info_command(options: RobotOptions, given: Given) -> None:
 
 
 DEEPEST = 12
-"""Joints one inside the other before the tree goes on at the left."""
+"""Depth at which the tree continues at the left margin."""
 
 
 def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
-    """Everything there is to say about the robot's make-up; angles in degrees if ``degrees``."""
+    """Heading, joints, actuators, inertias and tree of a robot; angles in degrees if ``degrees``."""
     model = robot.model
     actuators = [_actuators(model)] if model.actuators else []
     parts: list[RenderableType] = [
@@ -99,7 +99,7 @@ def _heading(model: Model) -> Text:
 
 
 def _tip(model: Model) -> str:
-    """The tip, and what else could be one: the leaves on the same body."""
+    """Tip, and the other leaves of the same body."""
     if model.tip is None:
         return f"none; leaves: {', '.join(model.leaves) or 'none'}"
     body = model.all_frames[model.tip].body
@@ -134,7 +134,7 @@ def _joints(model: Model, *, degrees: bool) -> PlainTable:
 
 
 def _actuators(model: Model) -> PlainTable:
-    """Gears, rotors and motors; what is not known stays empty."""
+    """Gears, rotors and motors; unknown values are left blank."""
     table = PlainTable("Actuators (SI units)")
     table.words("joint")
     table.numbers("ratio", "η", "rotor", "stiffness", "k_t", "R", "V", "A", "A peak", "speed")
@@ -147,7 +147,7 @@ def _actuators(model: Model) -> PlainTable:
 
 
 def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
-    """What a mimic joint does, in the table's units: it has no limits, damping and friction, but its leader has."""
+    """Coupling of a mimic joint, in the table's units."""
     factor = math.degrees(1.0) if degrees and follower.joint.axes[0, :3].any() else 1.0
     ratio = follower.ratio * (factor / leader_factor)
     share = "" if ratio == 1.0 else f"{number(ratio)} × "
@@ -170,9 +170,9 @@ def _inertias(model: Model) -> PlainTable:
 
 
 def _tree(model: Model) -> Tree:
-    """Moving bodies below what carries them; the other frames fixed to each stand beside it.
+    """Tree of moving bodies; fixed frames stand beside their body.
 
-    What hangs deeper than a terminal is wide goes on at the left.
+    Deeper levels continue at the left margin.
     """
     fixed = {i: [name for name, f in model.all_frames.items() if f.body == i] for i in range(BASE, len(model.bodies))}
     root = Tree(_branch("base", fixed[BASE]))
@@ -209,7 +209,7 @@ _BUNDLED = "twistwrench"
 
 
 def robot_tables(word: str = "") -> Iterator[PlainTable]:
-    """The bundled robots that have ``word`` in their name or description, and the others that have it in their name."""
+    """Tables of the bundled robots with ``word`` in name or description, and of others with it in their name."""
     described = {name: (getattr(robots, name).__doc__ or "").strip().split("\n")[0] for name in robots.names()}
     chosen = [name for name, text in described.items() if word.lower() in f"{name} {text}".lower()]
     known = known_robots()
@@ -238,7 +238,7 @@ def _bundled(chosen: list[str], described: Mapping[str, str]) -> PlainTable:
 
 
 def _others(source: str, found: list[FoundRobot]) -> PlainTable:
-    """One row a file, whatever it is called."""
+    """Table with one row per file."""
     table = PlainTable()
     table.words(f"of {source}", fold=False, style="bold")
     table.words("file")

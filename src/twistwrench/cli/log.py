@@ -61,7 +61,7 @@ log_command.add_command(info)
 
 
 def _plain(value: Any) -> Any:
-    """None in place of what JSON has no number for."""
+    """Replace numbers that JSON cannot represent by None."""
     if isinstance(value, dict):
         return {name: _plain(x) for name, x in value.items()}
     if isinstance(value, list | tuple):
@@ -70,7 +70,7 @@ def _plain(value: Any) -> Any:
 
 
 _MANY_ZEROS, _FEW_STEPS = 0.1, 50
-"""Share of the rows that are exactly zero, and steps of the grid from end to end, that are worth a word."""
+"""Share of rows that are exactly zero, and grid steps over the whole range, from which a column is remarked."""
 
 
 def log_view(quality: LogQuality) -> RenderableType:

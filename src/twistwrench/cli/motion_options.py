@@ -83,12 +83,12 @@ def parse_friction(text: str) -> tuple[str, ...]:
 # ── The motion: its options, its robot and its file
 
 Load = Callable[..., "tuple[Robot, tuple[str, ...]]"]
-"""Loads the robot meant, and tells the joints held still; ``stiff`` takes elastic gears to be rigid, ``held`` names joints of
-the robot's model that are to be held at neutral besides."""
+"""Function that loads the robot and returns it with its locked joints. ``stiff`` treats elastic gears as rigid; ``held`` names
+further joints to lock at neutral."""
 
 
 def motion_options(*, required: bool) -> Decorator:
-    """The options that say which motion is meant, and how its file is read."""
+    """Options for the file of a motion and how it is read."""
     return option_group(
         click.option(
             "--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it."
@@ -106,14 +106,14 @@ def motion_options(*, required: bool) -> Decorator:
 
 
 def loaded_motion_options(*, required: bool) -> Decorator:
-    """The motion, what the robot carries in it, and what pushes on it."""
+    """Options for the motion, its payloads and its wrenches."""
     return option_group(NO_FRICTION, WRENCHES, PAYLOADS, motion_options(required=required))
 
 
 def open_motion(
     load: Load, path: Path, *, degrees: bool, columns: Iterable[str], rate: float | None, lock_missing: bool
 ) -> tuple[Robot, MotionLog]:
-    """The robot, and the motion in the file as a motion of it; raises what :meth:`MotionLog.open` raises."""
+    """Load the robot and open its motion; raises the errors of :meth:`MotionLog.open`."""
     from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
     from ..motion.motion_log import MotionLog
 
@@ -132,7 +132,7 @@ def open_motion(
 
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:
-    """Raise ValueRangeError where the actuator file says that logs have the motors' positions: joints' are read."""
+    """Raise ValueRangeError if the actuator file declares logs of motor positions; only joint positions are read."""
     from ..formats.actuators import read_log_side
 
     if options.actuators is None:
@@ -164,7 +164,7 @@ def parse_columns(texts: Iterable[str]) -> dict[str, str]:
 
 
 def with_torques(path: str, motion: Motion) -> Motion:
-    """The motion, if it has torques; else ValueRangeError says what to name."""
+    """Return the motion if it has torques; otherwise raise ValueRangeError."""
     if motion.tau is None:
         raise ValueRangeError(
             f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
@@ -216,7 +216,7 @@ def parse_known(texts: Sequence[str]) -> dict[str, float]:
 
 
 def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
-    """Raises ValueRangeError where a file is asked for that a payload alone does not make."""
+    """Raise ValueRangeError if an output is requested that a payload alone does not have."""
     refused = [name for name in outputs if name not in ("--json", "--csv")]
     if frame is not None and refused:
         raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is no robot. --json writes it.")

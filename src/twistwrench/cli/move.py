@@ -155,7 +155,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction: bool, whole: bool) -> Trajectory:
-    """The motion along the path: as fast as may be, where that is asked and the path is ``whole``, else by its scaling."""
+    """Motion along the path: the fastest if requested and the path is ``whole``, otherwise by its scaling."""
     if not (given.fastest and whole):
         return Trajectory(robot, path, _scaling(robot, path, bounds, given, friction=friction))
     limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
@@ -180,7 +180,7 @@ def _scaling(robot: Robot, path: JointPath, bounds: Any, given: Given, *, fricti
 def _path_and_trouble(
     robot: Robot, q0: Array, q1: Array, *, degrees: bool, given: Given
 ) -> tuple[JointPath | None, PathError | None]:
-    """The path asked for, from q0 (nq,) to q1 (nq,) or ``by``; where it ends early, what there is of it and why."""
+    """Requested path from q0 (nq,) to q1 (nq,) or ``--by``; if it ends early, its feasible part and the error."""
     tip_moves = [name for name in ("straight", "screw", "by") if getattr(given, name)]
     if len(tip_moves) > 1:
         raise ValueRangeError(f"--{tip_moves[0]} and --{tip_moves[1]} ask for two paths. Keep one of them.")
@@ -241,7 +241,7 @@ _MOST_PASSED = 6
 
 @dataclass(frozen=True)
 class JointUse:
-    """The most a joint does in a motion, as values and as shares of its limits (nan where there is none)."""
+    """Peaks of a joint in a motion, as values and as shares of its limits (nan without a limit)."""
 
     joint: str
     way: float
@@ -251,15 +251,15 @@ class JointUse:
     """The largest torque, with its sign."""
     torque_share: float
     unit: str
-    """Of the torque."""
+    """Unit of the torque."""
     limiting: float
     """The part of the time during which it is at a limit, in a fastest motion."""
     uncertainty: float = 0.0
-    """Of the torque: a motion that is made has no noise."""
+    """Standard deviation of the torque; zero for a planned motion."""
 
 
 def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> list[JointUse]:
-    """One for each entry of dq."""
+    """Peaks for each entry of dq."""
     robot = trajectory.robot
     q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
     tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
@@ -292,11 +292,10 @@ def move_view(
     cannot: str = "",
     assumed: str = "",
 ) -> RenderableType:
-    """The verdict, heading, a row per joint, and what limits the fastest motion when.
+    """Verdict, heading, a row per joint, and the active limits of the fastest motion over time.
 
-    ``uses`` are those of :func:`joint_uses`, ``doubts`` what makes torques unsure, ``assumed`` what an OK takes for granted,
-    and ``cannot`` says why the motion ends
-    before its path does.
+    ``uses`` come from :func:`joint_uses`; ``doubts`` make torques unsure, ``assumed`` lists assumptions of an OK, and
+    ``cannot`` is the reason for an early end.
     """
     robot = trajectory.robot
     names = Coordinates.of(robot.model)

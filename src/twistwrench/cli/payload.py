@@ -156,8 +156,8 @@ def payload_view(
 ) -> RenderableType:
     """Heading, a row per joint, the forces the robot can apply there, and the verdict; for one pose.
 
-    ``where`` the payload is, and what is ``carried`` already, in words. Without limits to judge by, holding torques alone.
-    ``assumed`` is what the figure takes for granted.
+    ``where`` and ``carried`` describe the payload's frame and the tools. Without limits, holding torques alone are listed.
+    ``assumed`` lists the assumptions of the figure.
     """
     turning = Coordinates.of(robot.model).angular_velocity
     table = PlainTable(f"Holding torques [{heading_unit('tau', turning)}]")
@@ -202,12 +202,12 @@ def carried_words(robot: Robot, payloads: Sequence[Payload]) -> str:
 
 
 def map_view(chart: PayloadMap) -> Text:
-    """The map in a line."""
+    """One line on the map."""
     return Text(f"map, {chart}")
 
 
 def caution() -> Text:
-    """What the numbers leave out."""
+    """Effects that the figures do not include."""
     return Text(
         "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier.",
         style="dim",
@@ -215,7 +215,7 @@ def caution() -> Text:
 
 
 def _places(robot: Robot, names: Sequence[str], q: Array, *, degrees: bool = False) -> Array:
-    """Where each joint of ``names`` is [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
+    """Positions of the joints ``names`` [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
     places = dict.fromkeys(names, math.nan)
     for b in robot.model.bodies:
         if b.joint.nq == b.joint.nv == 1:
@@ -264,7 +264,7 @@ def _verdict(found: LargestPayload, carried: str, assumed: str) -> Text:
 
 
 def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
-    """Which joints the pose puts beyond their stops, and by how much; ``degrees`` for those that turn."""
+    """Joints beyond their position limits, with their excess; turning joints in degrees if ``degrees``."""
     said = []
     for b in beyond:
         scale = math.degrees(1.0) if degrees and b.turns else 1.0
@@ -276,7 +276,7 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
 
 
 def doubts_view(doubts: Sequence[str]) -> Text:
-    """What the limits and the model lack, so that less may be too much."""
+    """Reasons why the payload may be smaller."""
     return Text.assemble(verdict_word(Word.UNSURE), f": {'; '.join(doubts)}.")
 
 

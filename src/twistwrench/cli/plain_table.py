@@ -1,4 +1,4 @@
-"""The one writer of tables: words at the left, numbers at the right, one look for all commands."""
+"""Tables of all commands: words at the left, numbers at the right."""
 
 from __future__ import annotations
 
@@ -20,39 +20,33 @@ from ..model.limits import over_limit
 from ..model.model import Model
 
 _NEAR = 0.8
-"""Share of a limit from which it is worth a colour."""
+"""Share of a limit from which it is coloured."""
 _ANY = 10_000
-"""Characters, more than any table has."""
+"""Width in characters that no table reaches."""
 _LEAST = 8
-"""Characters of a word that stay together in any case: names fold where there is no room."""
+"""Fewest characters of a word that stay together when names are folded."""
 
 
 class PlainTable(Table):
-    """A table without lines but that under the heads. No text in it is taken for markup.
-
-    Parameters
-    ----------
-    title : str, on one line also where the table is narrower
-    style : str, of the title
-    """
+    """Table with a single rule below its heads; text is not interpreted as markup. The title stays on one line."""
 
     def __init__(self, title: str = "", style: str = "bold") -> None:
         heading = Text(title, style=style, no_wrap=True, overflow="ignore") if title else None
         super().__init__(box=SIMPLE_HEAD, title=heading, title_justify="left", pad_edge=False)
         self._whole: list[bool] = []
-        """By column, whether its cells are never broken. Rich's own option for this takes all room from other columns."""
+        """True for columns whose cells are never broken. Rich's own option for this takes all width from other columns."""
         self._folding: list[list[Text]] = []
-        """By column, its cells if they may be folded."""
+        """Cells of each column that may be folded."""
 
     def words(self, *heads: str, fold: bool = True, style: str = "") -> None:
-        """Columns of words, which fold where there is no room unless told not to."""
+        """Add columns of words, folded in narrow tables if ``fold``."""
         for head in heads:
             self.add_column(Text(head), overflow="fold", style=style)
             self._whole.append(not fold)
             self._folding.append([])
 
     def numbers(self, *heads: str, min_width: int | None = None) -> None:
-        """Columns of numbers, which are never cut; those with a width may break between numbers."""
+        """Add columns of numbers, which are never cut; those with a width may break between numbers."""
         for head in heads:
             least = max(map(cell_len, head.split()), default=0) if min_width is None else min_width
             self.add_column(Text(head), justify="right", min_width=least)
@@ -60,7 +54,7 @@ class PlainTable(Table):
             self._folding.append([])
 
     def row(self, *cells: Any, style: str = "") -> None:
-        """Words as they are, numbers as :func:`~twistwrench.core.numbers.number` has them, whole ones in full."""
+        """Add a row: words unchanged, numbers by :func:`~twistwrench.core.numbers.number`, integers in full."""
         texts = [_cell(cell) for cell in cells]
         for column, whole, folding, text in zip(self.columns, self._whole, self._folding, texts, strict=False):
             text.no_wrap = whole or None
@@ -71,7 +65,7 @@ class PlainTable(Table):
         self.add_row(*texts, style=style)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """The table; wider than the console, with less room between columns and names folded at their separators."""
+        """Render the table; in narrow consoles with less padding and with names folded at their separators."""
         for padding in (self.padding, (0, 0)):
             self.padding = padding
             excess = Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
@@ -93,7 +87,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _folded(name: str, width: int) -> str:
-    """The name in lines of at most that width, broken between its parts alone; one that is short as it is."""
+    """Break a name between its parts into lines of at most that width."""
     if cell_len(name) <= width or " " in name:
         return name
     lines = [""]
@@ -136,12 +130,12 @@ def share_cell(share: float) -> Text:
 
 
 def friction_words(model: Model, *, counted: bool) -> str:
-    """Part of a heading: whether the torques count friction."""
+    """Words of a heading on the friction of torques."""
     if not counted:
         return "without friction"
     return "with friction" if model.friction.any else "no friction, as its file gives none"
 
 
 def remarks(sentences: Iterable[str]) -> list[Text]:
-    """A line each."""
+    """Format each sentence as a line."""
     return [Text.assemble(("! ", "yellow"), sentence) for sentence in sentences]

@@ -27,7 +27,7 @@ _STANDARD_INPUT = "-"
 
 
 def robot_source(source: str) -> str | Path:
-    """What ROBOT means: the path of a file, those of robots known by their names too, or the text that comes by a pipe.
+    """Resolve ROBOT: the path of a file, of a robot known by name, or the text of a pipe.
 
     Raises :class:`~twistwrench.NotFoundError`, with near names.
     """
@@ -59,7 +59,7 @@ _DEMO = "demo"
 
 
 def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
-    """The path given, or for ``demo`` the file of that kind bundled with that robot."""
+    """Path as given, or for ``demo`` the file of that kind bundled with the robot."""
     if name != _DEMO or Path(name).is_file():
         return Path(name)
     folder = Path(__file__).parents[1] / "robots"
@@ -88,7 +88,7 @@ def motion_path(options: RobotOptions, motion: str) -> Path:
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """What every command takes to know its robot."""
+    """Options for reading the robot."""
 
     source: str
     floating_base: bool
@@ -101,26 +101,26 @@ class RobotOptions:
     chain: tuple[str, str] | None = None
     """Two frames; joints that are not between them are held at neutral."""
     keep: str | None = None
-    """Of an MJCF scene, the body to read."""
+    """Body to read from an MJCF scene."""
     model: str | None = None
-    """Of an SDF world, the model to read."""
+    """Model to read from an SDF world."""
 
     def load(self) -> Robot:
-        """The robot meant: a bundled one by name, or a file by its path."""
+        """Load the robot, a bundled one by name or a file by its path."""
         return self._load()[0]
 
     def load_and_locked(
         self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
     ) -> tuple[Robot, tuple[str, ...]]:
-        """The robot, and the names of all joints that the options hold still, those that follow them among them.
+        """Load the robot, and return it with the names of all locked joints, mimic joints included.
 
-        ``stiff`` takes elastic gears to be rigid. ``held`` names joints of the model that are held at neutral besides.
+        ``stiff`` treats elastic gears as rigid. ``held`` names further joints to lock at neutral.
         """
         return self._load(stiff=stiff, held=held)
 
     @property
     def files(self) -> dict[str, str | None]:
-        """The files read for the robot, by argument; None of bundled ones. No output may overwrite them."""
+        """Files read for the robot, by argument; None for bundled files. No output may overwrite them."""
         given = {"ROBOT": self.source, "--actuators": self.actuators}
         return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
 
@@ -153,7 +153,7 @@ class RobotOptions:
         return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
 
     def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
-        """The neutral positions of joints that a motion leaves out; none where it leaves out all, as then it is misread."""
+        """Neutral positions of joints without a column; empty if all lack one, since the file is then misread."""
         single = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
         if len(names) == len(robot.model.leaders):
             return {}

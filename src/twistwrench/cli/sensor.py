@@ -297,7 +297,7 @@ _WIDE = 0.1  # m; a centre of mass known no better is not told
 
 
 def sensor_identification_view(found: Identification, log: ReadingLog) -> RenderableType:
-    """Everything that was found, with its confidence, and what it makes of the readings."""
+    """Identified parameters with their intervals, and the compensated readings."""
     load = found.sensor.load
     table = PlainTable("Load and sensor")
     table.words("quantity", "unit", fold=False)
@@ -340,7 +340,7 @@ def sensor_identification_view(found: Identification, log: ReadingLog) -> Render
 
 
 def _told(found: Identification | Compensation, *sentences: tuple[str, ...]) -> tuple[list[Text], list[Text]]:
-    """The reasons of the verdict, which stand below it, and all other sentences, which end the report."""
+    """Split sentences into reasons of the verdict and remarks at the end of the report."""
     said = [sentence for group in sentences for sentence in group]
     reasons = [sentence for sentence in said if sentence in found.verdict.reasons]
     others = [sentence for sentence in said if sentence not in reasons]
@@ -355,7 +355,7 @@ def _verdict_of_sensor(found: Identification) -> Text:
 
 
 def compensation_view(found: Compensation) -> RenderableType:
-    """Readings before and after, and where something else acted."""
+    """Readings before and after compensation, and contacts."""
     log = found.log
     missing = (found.missing_signals,) if found.missing_signals else ()
     reasons, others = _told(found, log.notes, missing, found.remarks, found.doubts)
@@ -403,7 +403,7 @@ def _outcome(found: Compensation) -> Text:
 def proposal_view(
     proposal: PoseProposal, quaternions: NDArray[np.float64], mass: float, untold: str | None
 ) -> RenderableType:
-    """The orientations in the order to read them, unless they tell nothing."""
+    """Proposed orientations in measuring order; the verdict alone if they do not determine the load."""
     verdict = Text.assemble(("LOOK AGAIN", "bold red"), f": {untold}") if untold else None
     table = PlainTable("Next poses")
     table.words("no.", fold=False)
@@ -427,7 +427,7 @@ def proposal_view(
 
 
 def cannot_show_written(proposal: PoseProposal, mass: float, within: float | None) -> str | None:
-    """Why all the poses together do not tell a load of about that mass [kg]; None if they do. ``within`` [°] if narrow."""
+    """Reason why the poses do not determine a load of about that mass [kg]; None if they do. ``within`` [°] is a tilt limit."""
     heavy, out = _known(proposal, mass)[-1]
     if heavy < mass and out < _WIDE:
         return None
@@ -467,5 +467,5 @@ def _before_and_after(log: ReadingLog, compensated: NDArray[np.float64], kept: N
 
 
 def _unit(axis: str) -> str:
-    """Of a moment or a force."""
+    """Unit of a moment or a force."""
     return unit_of("tau", axis.startswith("m"))

@@ -178,7 +178,7 @@ _ROUNDING = 12
 def simulation_view(
     robot: Robot, result: SimulationResult, *, degrees: bool = False, friction: bool = True
 ) -> RenderableType:
-    """The verdict with what was not simulated, then rows for coordinates, velocities and energies, accuracy and events."""
+    """Verdict with remarks on limits, then coordinates, velocities, energies, accuracy and events."""
     c = Coordinates.of(robot.model)
     word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
     verdict = [
@@ -208,11 +208,11 @@ _PASSED = {
     ),
     "velocity": ("Joints are faster than their limits", "The robot's own drives would not let them."),
 }
-"""Of each kind of limit that a simulation does not keep: what it means that one is passed, and what to do."""
+"""Meaning and remedy for each kind of limit that a simulation may exceed."""
 
 
 def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
-    """A sentence for each kind of limit that the states or the torques given pass."""
+    """Sentence for each kind of limit that the states or the given torques exceed."""
     check, said = LimitCheck(robot.model, bounds_of(robot)), []
     check.add(result.times, result.q, result.dq, None, result.tau)
     passed = check.violations()
@@ -260,7 +260,7 @@ def _energies(result: SimulationResult) -> PlainTable:
 
 
 def _accuracy(result: SimulationResult) -> Text:
-    """The drift and the error, each against what moved."""
+    """Energy drift and integration error, relative to the motion."""
     said = f"drift {residual(result.relative_drift)} of the energy that moved"
     if np.isfinite(result.relative_error):
         said += f"; error of the steps {residual(result.relative_error)} of the motion"

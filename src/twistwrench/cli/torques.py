@@ -43,7 +43,7 @@ from .robot_options import RobotOptions, motion_path, robot_command
 from .usage import Given, option_group
 
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
-"""How long it takes to see how noisy a motion is, and to fit the smoothing, beside all that follows."""
+"""Time to estimate the noise of a motion, and to fit the smoothing, relative to the analysis."""
 
 
 torques_options = option_group(
@@ -105,7 +105,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _draw(report: TorqueReport, plot_path: str | None, motor_plot: str | None, actuators: object) -> None:
-    """The pictures asked for."""
+    """Draw the requested pictures."""
     if plot_path is not None:
         from ..plotting.torques import plot_report
 
@@ -123,7 +123,7 @@ def _draw(report: TorqueReport, plot_path: str | None, motor_plot: str | None, a
 
 @dataclass(frozen=True)
 class FileTorques:
-    """What one motion takes: its verdict, and the joint that is nearest to its limit, or takes most."""
+    """Verdict on one motion, and the joint nearest to its limit or with the largest torque."""
 
     file: str
     verdict: str
@@ -131,9 +131,9 @@ class FileTorques:
     peak: float = math.nan
     limit: float = math.nan
     unit: str = ""
-    """Of peak and limit."""
+    """Unit of peak and limit."""
     time: float = math.nan
-    """s"""
+    """Time of the peak [s]."""
     rows: int = 0
     reason: str = ""
 
@@ -200,7 +200,7 @@ def run_batch(work: BatchTorques, paths: Sequence[str]) -> ExitCode:
 
 _SHORT = {"peak current": "peak", "rms current": "rms"}
 _DIGITS, _ROUNDING = 3, 6
-"""Of currents, voltages, speeds and powers; what is smaller than that many decimals is rounding."""
+"""Digits of currents, voltages, speeds and powers, and decimals below which they are rounding."""
 
 
 def motors_table(motors: Sequence[MotorUse]) -> PlainTable:
@@ -419,7 +419,7 @@ def verdict_view(report: TorqueReport) -> Text:
 
 
 def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
-    """How heavy the payload may be, where the verdict stands, and the peaks of a noisy log say no other."""
+    """Largest payload, if the verdict is certain and consistent with the peaks of a noisy log."""
     if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
         return None
     fits = report.payload_margin.mass >= report.load.payloads[0].mass
@@ -427,7 +427,7 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
 
 
 def _nearest(report: TorqueReport) -> str:
-    """What an OK says besides."""
+    """Joint nearest to its limit, for an OK."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
         return "no limit is passed, and no motor has a torque to give"
@@ -443,7 +443,7 @@ def _nearest(report: TorqueReport) -> str:
 
 
 def _left_aside(report: TorqueReport) -> list[str]:
-    """What an OK leaves aside of the log: its noise where that decides, and pauses in which the robot moves."""
+    """Reservations of an OK: noise that would decide, and motion during pauses."""
     said = []
     if report.derived is not None and report.derived.excesses:
         count = len({e.joint for e in report.derived.excesses})

@@ -1,4 +1,4 @@
-"""The shell's framework: help, standard streams, errors with their exit codes, and the texts of commands."""
+"""The shell's framework: help, standard streams, errors with their exit codes, and declarations of commands."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ..interrupts import end_at_once
 
 
 class RobotOption(click.Option):
-    """An option that says how the robot is read: one that all commands share."""
+    """Option for reading the robot, shared by all commands."""
 
 
 class OwnOptionsFirst(click.Command):
@@ -48,7 +48,7 @@ class OwnOptionsFirst(click.Command):
 
 
 class VisibleStream:
-    """Standard output or error on which others' text cannot steer the terminal: control characters come as escapes."""
+    """Standard output or error that escapes control characters, so that text of files cannot steer the terminal."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = (
@@ -76,7 +76,7 @@ def visible_streams() -> Iterator[None]:
 
 
 def use_utf8() -> None:
-    """Let what goes to a file or a pipe be UTF-8, as Python itself does from 3.15 on; a terminal keeps its encoding.
+    """Write files and pipes in UTF-8, as Python does from 3.15 on; a terminal keeps its encoding.
 
     A sign that a terminal, or the encoding named by ``PYTHONIOENCODING``, does not have becomes a question mark.
     """
@@ -102,11 +102,11 @@ _REFUSED = tuple(
     getattr(errno, name)
     for name in ["ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "ENAMETOOLONG", "ENOMEM", "EMFILE", "ENFILE"]
 )
-"""What the system says where it cannot go on, through no fault of the program: full disks, names too long, and the like."""
+"""Error numbers of the system that are not faults of the program: full disks, names too long, and the like."""
 
 _LONGEST = 80
 _HEARD: list[bool] = []
-"""Whether Ctrl-C was heard."""
+"""Not empty after Ctrl-C."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """The environment variable that shows where a fault of the program arose."""
@@ -191,20 +191,20 @@ def _own_endings() -> Iterator[None]:
 
 
 def _say(text: str) -> None:
-    """On standard error, if it still takes anything."""
+    """Write on standard error, if it is open."""
     with suppress(OSError, ValueError):
         click.echo(text, err=True)
 
 
 def _drop_output() -> None:
-    """Let what is left in the buffer of standard output, which has nowhere to go, not fail again at the end."""
+    """Discard the buffer of standard output, so that it does not fail again at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Ctrl-C raises KeyboardInterrupt and is remembered, should a library swallow it. What the caller set for it stays."""
+    """Raise KeyboardInterrupt on Ctrl-C and remember it, in case a library swallows it. A handler of the caller stays."""
     _HEARD.clear()
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or before not in (
@@ -227,7 +227,7 @@ def _interruptible() -> Iterator[None]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """SIGTERM ends the program as an error does, so that scratch files go. What the caller set for it stays."""
+    """End the program on SIGTERM as an error does, so that scratch files are removed. A handler of the caller stays."""
     if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
@@ -243,7 +243,7 @@ def _terminable() -> Iterator[None]:
 
 
 def with_option_names(text: str, command: click.Command | None = None) -> str:
-    """A sentence of the library with its keyword arguments as options of the command that runs, where it has them.
+    """Replace keyword arguments in a sentence of the library by options of the running command.
 
     An option stands for the keyword argument of its own name, or of the name its parameter has. Commands of one group, such
     as ``sensor``, advise each other's.

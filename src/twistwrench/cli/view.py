@@ -123,7 +123,7 @@ def plot_command(options: RobotOptions, given: Given) -> ExitCode:
 
 
 def _loaded(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
-    """The robot with its payloads, the wrenches on it, and its motion; limits that this passes are said on stderr."""
+    """Load the robot with its payloads, wrenches and motion; exceeded limits are printed on stderr."""
     from ..viz.drawn_motion import read_motion
 
     if path is None and (given.columns or given.rate is not None or given.lock_missing or given.smooth):

@@ -53,7 +53,7 @@ _SETS = {
 
 
 def driven_entries(model: Model) -> Array:
-    """Entries of τ, (nv,) of bool, that an actuator gives: not those of floating joints, and of elastic joints the motor's."""
+    """Entries of τ, (nv,) of bool, driven by an actuator: not those of floating joints; for elastic joints the motor's."""
     found = np.zeros(model.nv, bool)
     springs = {a.joint for name, a in model.actuators.items() if name != a.joint}
     for body in model.leaders:
@@ -62,7 +62,7 @@ def driven_entries(model: Model) -> Array:
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
-    """Entries of τ, (nv,) of bool, that a question is about: driven, and with a torque in ``peaks`` (nv,) [N m or N]."""
+    """Entries of τ, (nv,) of bool, that are driven and loaded by ``peaks`` (nv,) [N m or N]."""
     size = np.abs(np.asarray(peaks, float))
     return driven_entries(model) & (size > LOADED * size.max(initial=0.0))
 
@@ -156,11 +156,11 @@ TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "frict
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 
 STEADY = ("gravity", "spring", "wrench", "friction")
-"""Those that follow from positions and velocities, and so hardly from noise."""
+"""Terms that depend on positions and velocities alone, and so hardly on noise."""
 
 
 def cause_label(term: str) -> str:
-    """How a term of the torque is called in print.
+    """Printed name of a term of the torque.
 
     >>> cause_label("coriolis")
     'Coriolis'
@@ -189,15 +189,15 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class LoadCase:
-    """A robot, the same robot carrying its payloads, and the wrenches (6,) on frames, each expressed in its frame."""
+    """Robot with payloads, and with wrenches (6,) on frames, each expressed in its frame."""
 
     robot: Robot
     payloads: tuple[Payload, ...] = ()
     wrenches: dict[str, Array] = field(default_factory=dict)
     friction: bool = True
-    """Whether the torques of joint friction and damping count."""
+    """True if torques include joint friction and damping."""
     with_load: Robot = field(init=False)
-    """The robot with its payloads."""
+    """Robot with its payloads."""
 
     def __post_init__(self) -> None:
         robot = self.robot
@@ -229,7 +229,7 @@ class LoadCase:
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
     def follower_torques(self, s: MotionSamples) -> Array:
-        """What mimic joints with a limit of effort bear, (n, k), friction left out."""
+        """Torques at mimic joints with an effort limit, (n, k), without friction."""
         F = self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return follower_torques(self.with_load.model, np.asarray(F))
 
@@ -238,11 +238,11 @@ class LoadCase:
 
     @property
     def carries(self) -> bool:
-        """Whether it carries or is pushed by anything."""
+        """True with payloads or wrenches."""
         return bool(self.payloads or self.wrenches)
 
     def unloaded_torques(self, s: MotionSamples) -> Array:
-        """As :meth:`torques`, of the robot that carries nothing and is not pushed."""
+        """Torques without payloads and wrenches."""
         tau = self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
@@ -270,26 +270,26 @@ class LoadCase:
         return why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
 
     def motor_loads(self, s: MotionSamples) -> MotorLoads:
-        """What the motors of the robot and its payloads must give; (n, actuators) each."""
+        """Motor loads of the robot with its payloads, (n, actuators) each."""
         carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction = self._friction(s, carried + rotor) if self.friction else 0.0
         moving = np.where(s.stationary, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
         return motor_loads(self.with_load.model, moving, carried + friction, rotor)
 
     def _friction(self, s: MotionSamples, carried: Array) -> Array:
-        """Of joints that carry these torques; viscous alone where the sign of the velocity is unknown."""
+        """Friction of joints under these torques; viscous alone if the sign of the velocity is unknown."""
         moving = np.where(s.stationary, 0.0, s.dq)
         tau = np.broadcast_to(self.robot.friction_forces(moving, load=carried), s.dq.shape)
         return np.asarray(tau + self.robot.model.friction.viscous * (s.dq - moving))
 
     def payload_torques(self, s: MotionSamples) -> Array:
-        """What the payloads add to the torques; (n, nv)."""
+        """Contribution of the payloads to the torques, (n, nv)."""
         return np.asarray(
             self.with_load.inverse_dynamics(s.q, s.dq, s.ddq) - self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
         )
 
     def follower_payload_torques(self, s: MotionSamples) -> Array:
-        """What the payloads add to :meth:`follower_torques`; (n, k)."""
+        """Contribution of the payloads to :meth:`follower_torques`, (n, k)."""
         F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.with_load, self.robot))
         return follower_torques(self.robot.model, F - alone)
 
@@ -297,7 +297,7 @@ class LoadCase:
 def reach(model: Model) -> float:
     """Farthest that any frame can be from the base [m], all links stretched; inf with a joint that slides without end.
 
-    Of a base that moves freely it is what the robot reaches from there.
+    For a floating base the reach is measured from the base.
     """
     lengths: list[float] = []
     for body in model.bodies:
@@ -395,9 +395,9 @@ class PayloadMargin:
 
 
 class PayloadMarginTally:
-    """Takes in torques, in any portions.
+    """Running margin of the payload over torques that come in any portions.
 
-    It tells nothing of several payloads, and where friction grows with the load, which makes torques no straight line.
+    Undetermined for several payloads, and if friction depends on load, since torques are then nonlinear in the mass.
     """
 
     def __init__(self, load: LoadCase, effort: Array) -> None:
@@ -412,7 +412,7 @@ class PayloadMarginTally:
         self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.asked else 0.0
 
     def add(self, time: Array, torques: Array, carried: Array) -> None:
-        """Torques (n, nv + k) at times (n,), of joints and of followers with limits, and what the payload adds to them."""
+        """Add torques (n, nv + k) at times (n,) of joints and limited mimic joints, with the payload's contribution."""
         alone = torques - carried
         self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
         self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
@@ -426,7 +426,7 @@ class PayloadMarginTally:
             self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
 
     def result(self) -> PayloadMargin | None:
-        """None where it cannot be told: a joint that it loads has no limit, or the robot alone is beyond one."""
+        """Margin found; None if a loaded joint has no limit, or if the robot alone exceeds one."""
         if not self.asked or not self._alone or not math.isfinite(self._share):
             return None
         nv = self._load.robot.nv

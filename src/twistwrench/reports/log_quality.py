@@ -198,7 +198,7 @@ class MeasuredTorque:
     noise: float
     """Root mean square of what the log's noise adds to the computed."""
     gain: float
-    """What is measured over what is computed, by least squares, an offset aside."""
+    """Ratio of measured to computed torque, by least squares with an offset."""
     correlation: float
     peak: float
     """The largest that was measured, with its sign."""
@@ -211,11 +211,11 @@ class MeasuredTorque:
     cut: float = 0.0
     """Share of the rows in which it is exactly its extreme while what is computed changes; 0 where it is not cut off there."""
     cut_at: float = 0.0
-    """That extreme, with its sign."""
+    """Extreme at which it is cut off, with its sign."""
 
     @property
     def cut_words(self) -> str:
-        """Where it is cut off."""
+        """Sentence on the cut-off."""
         return (
             f"the measured torque of {self.joint} is exactly {number(self.cut_at)} {self.unit} in {percent(self.cut, 3)} of "
             "the rows, while the torque computed changes: it is cut off there, or its channel is dead. Log what the motor "
@@ -224,18 +224,18 @@ class MeasuredTorque:
 
     @property
     def differs(self) -> bool:
-        """Whether the two are grossly different, be it by noise."""
+        """True if the two differ grossly, possibly by noise."""
         return self.matters and not self.dead and self.residual > _GROSS * max(self.computed, self.measured)
 
     @property
     def disagrees(self) -> bool:
-        """Whether the two are grossly different, by more than noise explains."""
+        """True if the two differ by more than noise explains."""
         beyond = _without(self.residual, self.noise)
         return self.differs and beyond > _GROSS * max(self._true, self.measured)
 
     @property
     def contradicts(self) -> bool:
-        """Whether nothing that a robot's file may lack explains the difference."""
+        """True if no omission of a robot file explains the difference."""
         opposite = self.correlation < -_ALIKE
         scaled = self.correlation > _ALIKE and not 1 / _FAR < self.gain < _FAR
         return self.disagrees and (opposite or scaled or self._true > _FAR * self.measured)
@@ -246,7 +246,7 @@ class MeasuredTorque:
 
     @property
     def words(self) -> str:
-        """How they differ, and what may be the reason."""
+        """Difference and its possible cause."""
         figures = f"rms {number(self.computed)} {self.unit} computed, {number(self.measured)} measured"
         if self.correlation < -_ALIKE:
             return f"{self.joint} has the opposite sign of what is computed ({figures})"

@@ -25,7 +25,7 @@ _MOST_POINTS = 4096
 
 @dataclass(frozen=True)
 class Demand:
-    """One thing asked of a motor, and what it can give."""
+    """Demand on a motor and its limit."""
 
     what: str
     value: float
@@ -42,7 +42,7 @@ class Demand:
 
 @dataclass(frozen=True, eq=False)
 class MotorUse:
-    """What one motor went through."""
+    """Demands on one motor over a motion."""
 
     joint: str
     motor: Motor
@@ -64,12 +64,12 @@ class MotorUse:
 
     @property
     def too_small(self) -> bool:
-        """Whether some limit is passed, by more than round-off."""
+        """True if a limit is exceeded by more than round-off."""
         return bool(over_limit(self.tightest.share))
 
     @property
     def words(self) -> str:
-        """What of the motor is nearest to its limit, or farthest beyond."""
+        """Demand nearest to its limit, or farthest beyond, in words."""
         d = self.tightest
         when = "" if math.isnan(d.time) else f" at t = {seconds(d.time)} s"
         return f"{self.joint}, {d.what} {quantity(d.value, d.unit)} of {number(d.limit)} ({percent_of_limit(d.share)}){when}"
@@ -89,7 +89,7 @@ class MotorTally:
         self._stride, self._phase = 1, 0
 
     def add(self, time: Array, loads: MotorLoads) -> None:
-        """Take in consecutive rows."""
+        """Add consecutive rows."""
         if not self._actuators:
             return
         picked = {name: getattr(loads, name)[:, self._columns] for name in ("torque", *self._peaks)}
@@ -99,7 +99,7 @@ class MotorTally:
         self._keep(np.stack([picked["speed"], picked["torque"]], axis=-1))
 
     def _keep(self, points: Array) -> None:
-        """Every so many states, half as often each time there are too many: (n, motors, 2)."""
+        """Keep every n-th state (n, motors, 2), doubling n when there are too many."""
         self._points.append(points[self._phase :: self._stride])
         self._phase = (self._phase - len(points)) % self._stride
         while sum(map(len, self._points)) > _MOST_POINTS:
@@ -136,7 +136,7 @@ class MotorTally:
 
 
 class Steps:
-    """Steps of known weight, one after the other; ``progress`` is told the share of all that is done, None tells nobody."""
+    """Steps of known weight, one after the other; ``progress`` receives the finished share of all."""
 
     def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
         self._progress = progress
@@ -144,7 +144,7 @@ class Steps:
         self._begin = self._end = 0.0
 
     def next(self, size: int | None = None) -> Callable[[float], None] | None:
-        """Begin the next step; what is to be told the share of it that is done, or, of ``size``, each portion done."""
+        """Begin the next step; returns a callback for its finished share, or, given ``size``, for each finished portion."""
         self.skip(1)
         if self._progress is None:
             return None
@@ -167,6 +167,6 @@ class Steps:
             self._begin, self._end = self._end, self._end + self._left.pop(0)
 
     def done(self) -> None:
-        """All is done, whatever was left."""
+        """Report completion."""
         if self._progress is not None:
             self._progress(1.0)

@@ -181,7 +181,7 @@ def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array
 
 
 def degrees_hint(robot: Robot, q: Array) -> str:
-    """What to say of coordinates q (nq,) [rad] that are plainly degrees; empty if they are not.
+    """Hint on coordinates q (nq,) [rad] that are plainly degrees; empty if they are not.
 
     >>> import twistwrench as tw
     >>> degrees_hint(tw.robots.planar_2r(), np.array([90.0, 0.0]))[:45]
@@ -208,7 +208,7 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
 
 
 def parse_numbers(text: str, what: str, form: str, count: int) -> list[float]:
-    """That many finite numbers, separated by commas; ValueRangeError shows the form."""
+    """Parse ``count`` finite numbers separated by commas; ValueRangeError shows the form."""
     try:
         numbers = [float(x) for x in text.split(",")]
     except ValueError:

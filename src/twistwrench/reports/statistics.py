@@ -153,7 +153,7 @@ _UNSURE = 0.12
 class Contenders:
     """The largest values of each column, one for each run of ``rows`` rows; rows come in any portions.
 
-    A run whose largest value stands at its border, with a larger one next to it, is but the flank of its neighbour: noise
+    A run whose largest value stands at its border, with a larger one next to it, is the flank of its neighbour: noise
     moves both alike, and it does not count.
     """
 
@@ -167,7 +167,7 @@ class Contenders:
 
     @property
     def runs(self) -> int:
-        """How many runs there were."""
+        """Number of runs."""
         return -(-self._seen // self.rows)
 
     def add(self, values: Array) -> None:
@@ -203,7 +203,7 @@ def _own(largest: Array, before: Array, after: Array) -> Array:
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
-    """By how much the largest of falling ``values`` (k,) exceeds the largest true value, and that excess's deviation.
+    """Excess of the largest of falling ``values`` (k,) over the largest true value, with its deviation.
 
     Values of -inf do not count. Each other is a true one with independent normal noise of deviation ``sigma``; they are
     the largest of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's
@@ -253,7 +253,7 @@ _CELL = 2.0
 
 @dataclass(frozen=True)
 class PeakEstimate:
-    """The largest magnitude of one joint's torque as the noise of the log lets it be known."""
+    """Estimated largest torque of one joint, corrected for noise of the log."""
 
     value: float
     """With its sign."""
@@ -266,7 +266,7 @@ class PeakEstimate:
 
 
 class PeakSearch:
-    """One pass over the smoothed motion: the peaks, what contends with them, and the log around them."""
+    """Peaks of the smoothed motion, their contenders, and the log around them, from one pass."""
 
     def __init__(self, differentiation: Differentiation, load: LoadCase) -> None:
         nv = load.robot.nv
@@ -282,7 +282,7 @@ class PeakSearch:
         self.around: list[tuple[LogRows, int] | None] = [None] * nv
 
     def add(self, core: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
-        """Take in an overlapping run: what is new in it, with its torques, and the log around that."""
+        """Add an overlapping run: its new rows with their torques, and the log around them."""
         self.contenders.add(np.abs(torques))
         for joint, row in self.peak.add(core.time, np.abs(torques)):
             self.sign[joint] = np.sign(torques[row, joint]) or 1.0
@@ -294,7 +294,7 @@ class PeakSearch:
             self.way[joint] = np.sign(core.dq[row, joint]) or 1.0
 
     def estimate(self, joint: int, steady: float) -> PeakEstimate:
-        """The joint's peak; ``steady`` is what it has there of causes that are no accelerations.
+        """The joint's peak; ``steady`` is its part there that does not depend on accelerations.
 
         Draws come from a fixed seed, so that the same log always gives the same numbers.
         """

@@ -36,19 +36,19 @@ _SMALL = 0.02
 NEGLIGIBLE = 0.001
 """Share of a peak from which noise is estimated, and worth a column."""
 _AT_AN_END = 5.0
-"""How many times as uncertain derived accelerations are at the ends of a log."""
+"""Factor of the uncertainty of derived accelerations at the ends of a log."""
 
 
 @dataclass(frozen=True)
 class JointTorque:
-    """What one joint's motor has to give."""
+    """Torque of one joint over a motion."""
 
     joint: str
     unit: str
     largest: float
     """The torque of largest magnitude, with its sign: of the smoothed motion, where noise matters."""
     time: float
-    """When that, and the peak, occurs [s]."""
+    """Time of it and of the peak [s]."""
     rms: float
     limit: float
     """inf where none is known."""
@@ -64,7 +64,7 @@ class JointTorque:
     raw: float | None = None
     """The torque of largest magnitude as derived from the log as it is, with its sign; None where that is the peak itself."""
     raw_time: float | None = None
-    """When that occurs [s]: noise may make it the largest at another instant."""
+    """Time of it [s], which noise may move."""
 
     @property
     def peak(self) -> float:
@@ -73,7 +73,7 @@ class JointTorque:
 
     @property
     def chance(self) -> float:
-        """What choosing the largest of many noisy torques adds, which is taken off: with the causes it makes the peak."""
+        """Correction for the selection of the largest of many noisy torques; added to the causes it gives the peak."""
         return self.peak - self.largest
 
     @property
@@ -112,7 +112,7 @@ class Excess:
 
 @dataclass(frozen=True, eq=False)
 class AsDerived:
-    """What a noisy log gives as it is, before it is smoothed: named beside the answer, and drawn pale behind it."""
+    """Results of a noisy log before smoothing, listed beside the answer and drawn pale behind it."""
 
     differentiation: Differentiation
     excesses: tuple[Excess, ...]
@@ -123,7 +123,7 @@ class AsDerived:
 
 @dataclass(frozen=True, eq=False)
 class TorqueReport:
-    """Everything the report, the plot and the exit code are made from.
+    """Results of the analysis, from which tables, pictures and the exit code are made.
 
     Where the noise of the log matters, all of it is of the smoothed motion but ``derived``.
     """
@@ -146,13 +146,13 @@ class TorqueReport:
     largest: Array
     """(nq,) the largest magnitude of each coordinate, in SI units."""
     limits: Limits
-    """What was held against the motion."""
+    """Limits that the motion is compared with."""
     outliers: tuple[Outlier, ...]
     """Samples that smoothing removed and noise does not explain."""
     stationary: tuple[float, ...]
-    """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
+    """Share of rows for each joint whose velocity is within the noise of derived velocities."""
     motors: tuple[MotorUse, ...]
-    """What the motion asks of the motors that are described."""
+    """Demands of the motion on the described motors."""
     around: MotionSamples
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
     contradictions: tuple[str, ...] = ()
@@ -163,15 +163,15 @@ class TorqueReport:
     measured: tuple[MeasuredTorque, ...] = ()
     """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
     idle_payload: bool = False
-    """Whether payloads with a mass make no torque in any joint."""
+    """True if payloads with a mass cause no torque in any joint."""
     payload_margin: PayloadMargin | None = None
-    """How heavy the one payload may be; None where that is not known, or there is none or several."""
+    """Largest mass of a single payload; None if unknown, or with no or several payloads."""
     derived: AsDerived | None = None
-    """What the log gives as it is; None where that is the answer, or was not asked for."""
+    """Results of the log without smoothing; None if they are the answer or were not requested."""
 
     @property
     def noisy(self) -> bool:
-        """Whether the noise of the log matters, so that peaks are estimates."""
+        """True if noise of the log matters, so that peaks are estimates."""
         return any(j.estimate is not None for j in self.joints)
 
     @cached_property
@@ -187,7 +187,7 @@ class TorqueReport:
         return max((abs(j.largest) for j in self.joints), default=0.0)
 
     def is_zero(self, value: float) -> bool:
-        """Whether a torque is but rounding of the others."""
+        """True if a torque is round-off of the others."""
         return abs(value) <= ZERO * self.scale
 
     def label(self, value: float) -> str:
@@ -195,12 +195,12 @@ class TorqueReport:
         return "0" if self.is_zero(value) else torque(value)
 
     def reference(self, joint: JointTorque) -> float:
-        """What noise of that joint's torque is held against: its peak, unless that is next to nothing."""
+        """Scale for the noise of the joint's torque: its peak, unless that is negligible."""
         known = joint.limit if np.isfinite(joint.limit) else 0.0
         return max(abs(joint.peak), _SMALL * max(known, self.scale))
 
     def at_an_end(self, joint: JointTorque) -> bool:
-        """Whether the joint's peak is where derived accelerations want for neighbours."""
+        """True if the joint's peak is at an end of the log, where derived accelerations lack neighbours."""
         d = self.differentiation
         if d.source == "given":
             return False
@@ -208,7 +208,7 @@ class TorqueReport:
         return bool(np.abs(joint.time - d.ends).min() < steps * self.quality.step)
 
     def reach(self, joint: JointTorque) -> float:
-        """How far the peak may be off, as a standard deviation: several times its own at an end of the log."""
+        """Standard deviation of the peak, several times larger at an end of the log."""
         return joint.uncertainty * (_AT_AN_END if self.at_an_end(joint) else 1.0)
 
     @property
@@ -237,7 +237,7 @@ _BAND_SAMPLES = 512
 
 
 class MotionTally:
-    """What is kept of the states, which come in any portions."""
+    """Running figures of states that come in any portions."""
 
     def __init__(self, load: LoadCase, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
         nv = load.robot.nv
@@ -250,11 +250,11 @@ class MotionTally:
         """The values themselves at their worst."""
         self.terms = {name: np.zeros(nv) for name in TERMS}
         self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
-        """By how much."""
+        """Excess over each limit."""
         self.envelope, self.band = MinMaxDecimation(), MinMaxDecimation()
-        """Of the torques, and of their 95 % intervals where that is known, which are none of their largest."""
+        """Decimated torques, and their 95 % intervals if known."""
         self.around: list[MotionSamples | None] = [None] * nv
-        """Of each joint: the states on either side of its peak."""
+        """States on either side of each joint's peak."""
         self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.robot.nq + 3 * nv))))
         self.gaps = Gaps(_GAP * plan.quality.step)
         self.noise = np.zeros(nv)
@@ -276,7 +276,7 @@ class MotionTally:
         """Rows in which the direction of motion is unknown."""
 
     def add(self, states: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
-        """Take in an overlapping run: its states, the torques (n, nv) of those that are new in it, and what the log says."""
+        """Add an overlapping run: its states, the torques (n, nv) of its new rows, and the rows of the log."""
         s = states.at(inner)
         noisy = bool(self.plan.sigma_ddq.any())
         sigma = self._sigma(s) if noisy and (self.search or motion.tau is not None) else np.zeros_like(torques)
@@ -409,7 +409,7 @@ class MotionTally:
 _NUMBERS_PER_CHUNK = 1 << 19
 """Rows times velocities worked on at a time: 4 MiB an array."""
 _OF_A_PASS, _OF_THE_PLAN, _OF_THE_DRAWS = 1.0, 8.0, 1.0
-"""How long each takes for a log of up to :data:`_PLANNED` bytes, in terms of a pass over it."""
+"""Durations for a log of up to :data:`_PLANNED` bytes, relative to a pass over it."""
 _PLANNED = 1 << 21
 """Bytes of the excerpts that a longer log is planned with."""
 

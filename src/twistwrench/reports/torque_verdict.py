@@ -22,9 +22,9 @@ from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
 _SHARE = 0.05
-"""Of the robot's weight: less is what masses in files and derived accelerations are off by."""
+"""Share of the robot's weight that errors of masses and derived accelerations explain."""
 _WEIGHTLESS = 0.001
-"""Of what the robot would weigh on earth: less is rounding and noise of the log where gravity is weak, or none."""
+"""Share of the robot's weight on earth that rounding and noise explain where gravity is weak."""
 _SURE_FORCE = 5.0
 """Standard deviations."""
 
@@ -60,14 +60,14 @@ def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
 
 
 def force_in_words(model: Model, force: float) -> str:
-    """How much the base needs."""
+    """Sentence on the missing force at the base."""
     weight = _weight(model)
     share = f", {percent(force / weight)} of the robot's weight" if weight else ""
     return f"Nothing drives the base, but the motion needs {quantity(force, 'N')} there{share}"
 
 
 def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
-    """What that means, and what to do about it; empty where no force is missing."""
+    """Meaning and remedy of a missing force; empty without one."""
     if not (force := missing_force(model, joints)):
         return ""
     return (
@@ -102,7 +102,7 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
 def assumptions(
     model: Model, payloads: Sequence[Payload], *, held: Sequence[str] = (), friction: bool = True
 ) -> list[str]:
-    """A clause for each thing that a verdict takes for granted, the most momentous first.
+    """Assumptions of a verdict, a clause each, the most consequential first.
 
     ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request.
     """
@@ -126,13 +126,13 @@ def assumptions(
 
 
 def _without_mass(model: Model, link: str) -> bool:
-    """Whether a link that moves, as part of a body with mass, has none itself."""
+    """True if a moving link has no mass of its own, but its body has."""
     body, own = model.frames[link].body, model.link_inertias.get(link)
     return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
 
 
 def assumed_words(said: Sequence[str]) -> str:
-    """How many there are, and the first of :func:`assumptions`; empty without any."""
+    """Number of :func:`assumptions`, and the first; empty without any."""
     if not said:
         return ""
     return f"; 1 assumption: {said[0]}" if len(said) == 1 else f"; {len(said)} assumptions, first: {said[0]}"
@@ -141,7 +141,7 @@ def assumed_words(said: Sequence[str]) -> str:
 # ── The verdict
 
 _KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
-"""What the limits that may be passed are about."""
+"""Quantity of each kind of limit."""
 _ERROR = 0.025
 """Chance that noise alone makes some joint pass for over its limit, or hides that some is."""
 _SURE = 5.0
@@ -264,7 +264,7 @@ def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
 
 
 def because(joint: JointTorque) -> str:
-    """What the joint's peak is mostly made of."""
+    """Main cause of the joint's peak."""
     cause, share = joint.main_cause
     return f", mostly {cause_label(cause)} ({percent(share)})"
 
@@ -317,7 +317,7 @@ def _is_noise(report: TorqueReport, e: Excess) -> bool:
 
 
 def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
-    """The worst in full, and the others by name."""
+    """Sentence on the worst excess, and names of the others."""
     if not over:
         return []
     first, text = over[0]
@@ -337,7 +337,7 @@ _NOISY = 0.02
 
 
 def notes_of(report: TorqueReport) -> Iterator[str]:
-    """Remarks on the log that bear on how far the figures can be trusted, a sentence or two each."""
+    """Notes on the log that affect the accuracy of the figures."""
     d, q = report.differentiation, report.quality
     derived = {"positions": "accelerations", "velocities": "accelerations (from the velocity columns)", "given": ""}[
         d.source
@@ -473,7 +473,7 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _stamps_matter(report: TorqueReport) -> bool:
-    """Whether most columns that move show that stamps are off, by more than their noise."""
+    """True if most moving columns show errors of time stamps beyond their noise."""
     errors = report.differentiation.errors
     moving = report.quality.noise > 0
     shows = errors.stamp > 0
