@@ -37,7 +37,7 @@ def found(name, criterion="log_det"):
 def keeps(one, q, dq, ddq):
     """Whether a motion keeps what the motion found had to keep, by the library's own limits and distances."""
     motion = tw.Motion(np.arange(len(q)) * 0.01, q, dq, ddq, robot=one.robot, in_seconds=True)
-    clear = one.room.capsules.distances(q)
+    clear = one.constraints.capsules.distances(q)
     return motion.violations(one.bounds, friction=True) == () and (clear.size == 0 or clear.min() >= 0.0)
 
 

@@ -16,14 +16,13 @@ from ..core.cluster import Failure, Workers
 from ..core.numbers import percent
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..estimation.cross_validation import HeldOut, HeldOutRows
-from ..estimation.least_squares import Method
+from ..estimation.least_squares import Method, sum_of
 from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction, left_unexplained
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .chunks import CHUNK, LogClock, LogSource, RowFrame, rows_of, steady_windows
-from .consistent import sum_of
 from .identify import METHODS, checked_motions, fit_options, identified
 from .normal_equation_blocks import MOST_BLOCKS, SHOWN, JointBlocks, NormalEquationBlocks, block_fit
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters

@@ -46,7 +46,7 @@ class Band:
     def shares(self, x: Array) -> Array:
         """(n, k) distances of x (n, m) from all edges, as shares; below 0 beyond them."""
         return np.concatenate(
-            [sign * (limit - x[:, told]) / self.size[told] for sign, told, limit in self.edges], axis=1
+            [sign * (limit - x[:, limited]) / self.size[limited] for sign, limited, limit in self.edges], axis=1
         )
 
     def least(self, x: Array) -> float:
@@ -56,15 +56,15 @@ class Band:
     def slope(self, forces: Array) -> Array:
         """(n, m) derivative by x of the sum of forces (n, k) times shares."""
         found, done = np.zeros((len(forces), len(self.size))), 0
-        for sign, told, _ in self.edges:
-            found[:, told] -= sign * forces[:, done : done + len(told)] / self.size[told]
-            done += len(told)
+        for sign, limited, _ in self.edges:
+            found[:, limited] -= sign * forces[:, done : done + len(limited)] / self.size[limited]
+            done += len(limited)
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryConstraints:
-    """Room of one robot's motions.
+    """Constraints on the motions of one robot.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class TrajectoryConstraints:
 
     def clearances(self, q: Array) -> Array:
         """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
-        return np.concatenate([self.capsules.distances(q, MARGIN + _NEAR), self._told(q)], axis=1)
+        return np.concatenate([self.capsules.distances(q, MARGIN + _NEAR), self._user_clearances(q)], axis=1)
 
     def clearance_slopes(self, q: Array, weights: Array) -> Array:
         """(n, nq) derivative by the joints of a sum of the clearances with weights (n, m)."""
@@ -116,11 +116,11 @@ class TrajectoryConstraints:
         found = self.capsules.slopes(q, weights[:, :own])
         if self.clear is not None and weights[:, own:].any():
             for k, step in enumerate(_STEP * np.eye(q.shape[1])):
-                moved = (self._told(q + step) - self._told(q - step)) / (2.0 * _STEP)
+                moved = (self._user_clearances(q + step) - self._user_clearances(q - step)) / (2.0 * _STEP)
                 found[:, k] += (moved * weights[:, own:]).sum(axis=1)
         return found
 
-    def _told(self, q: Array) -> Array:
+    def _user_clearances(self, q: Array) -> Array:
         if self.clear is None:
             return np.zeros((len(q), 0))
         try:

@@ -32,7 +32,7 @@ class Round(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class LimitBarrier:
     """Limit barrier and multipliers at the instants of a search.
 
     Attributes
@@ -48,17 +48,17 @@ class Edges:
     aim: float = 2e-3
     finer: int = 1
 
-    def pushed(self, shares: Array, multipliers: Array) -> tuple[float, Array]:
+    def cost_and_forces(self, shares: Array, multipliers: Array) -> tuple[float, Array]:
         """Cost of one band, and its forces (n, k): the negative derivative by the shares (n, k)."""
         forces = np.maximum(0.0, multipliers - self.rho * (shares - self.aim))
         return float((forces**2 - multipliers**2).sum()) / (2.0 * self.rho), forces
 
-    def followed(self, shares: tuple[Array, ...]) -> Edges:
+    def updated(self, shares: tuple[Array, ...]) -> LimitBarrier:
         """Barrier with the multipliers updated from the shares that a search reached."""
-        told = zip(shares, self.multipliers, strict=True)
-        return replace(self, multipliers=tuple(self.pushed(s, m)[1] for s, m in told))
+        pairs = zip(shares, self.multipliers, strict=True)
+        return replace(self, multipliers=tuple(self.cost_and_forces(s, m)[1] for s, m in pairs))
 
-    def at(self, finer: int) -> Edges:
+    def refined(self, finer: int) -> LimitBarrier:
         """The same at instants as many times finer: between two of them in proportion, with the same sum."""
         if finer == self.finer:
             return self
@@ -152,7 +152,7 @@ class WindowedFourierSeries:
 #     A = (n / m) Σ_j W_j' W_j / σ_j²,      deviations = sqrt(diag A⁻¹),      d log det A = Σ_j tr(G_j' dW_j),
 #     G_j = 2 (n / m) W_j A⁻¹ / σ_j²
 #
-# What a search makes large is the merit: log det A, or -r m with m the median of v_i = log (A⁻¹)_ii, smoothed:
+# A search maximises the merit: log det A, or -r m with m the median of v_i = log (A⁻¹)_ii, smoothed:
 #
 #     Σ_i S((v_i - m) / κ) = r / 2,     S the logistic function,     dm = Σ_i w_i dv_i,     w_i ~ S',  Σ_i w_i = 1,
 #     dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii
@@ -279,11 +279,10 @@ def _smooth_median(values: Array) -> tuple[float, Array]:
 
 # ── The search
 
-# What is made small is  -merit  with multipliers of all limits at some hundred instants (``motion_edges``), by SciPy's
-# L-BFGS-B;
-# multipliers follow, the pull ρ grows, and a last round looks at more instants. Coefficients z are scaled so that each of them
-# alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the states are central differences of torques
-# and regressor, one joint displaced at a time, all instants in one call; slopes by z follow, as states are linear in z.
+# The search minimises  -merit  with multipliers of all limits at some hundred instants (:class:`LimitBarrier`) by SciPy's
+# L-BFGS-B; then multipliers follow, the pull ρ grows, and a last round has more instants. Coefficients z are scaled so that
+# each alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the states are central differences of
+# torques and regressor, one joint displaced at a time, all instants in one call; slopes by z follow, as states are linear in z.
 
 _PER_PERIOD = 32
 """Instants per period of the highest harmonic at which limits are looked at in the search."""
@@ -303,7 +302,7 @@ _NARROW = 0.02
 """Share of a motion's width, below which it is none."""
 _HALVINGS = 12
 
-Told = Callable[[float], None]
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,7 +421,7 @@ class MotionSearch:
 
     # ── the search ──
 
-    def best(self, rng: np.random.Generator, told: Told) -> Array | None:
+    def best(self, rng: np.random.Generator, progress: Progress) -> Array | None:
         """The motion that a search from random ones comes to; None where no motion is possible."""
         starts = list[Array]()
         for _ in range(_STARTS):
@@ -434,26 +433,26 @@ class MotionSearch:
             return None
         start = max(starts, key=self.merit)
         most = sum(round_.steps for round_ in _ROUNDS)
-        z, edges, done = start, self._edges(start), 0
+        z, barrier, done = start, self._barrier(start), 0
         for round_ in _ROUNDS:
-            edges = replace(edges, rho=round_.rho).at(round_.finer)
-            z = self._descended(z, edges, round_.steps, lambda k, done=done: told((done + k) / most))  # type: ignore[misc]
-            edges = edges.followed(self._shares(z, edges.finer))
+            barrier = replace(barrier, rho=round_.rho).refined(round_.finer)
+            z = self._descended(z, barrier, round_.steps, lambda k, done=done: progress((done + k) / most))  # type: ignore[misc]
+            barrier = barrier.updated(self._shares(z, barrier.finer))
             done += round_.steps
         for _ in range(_REPAIRS):
             beyond = _MARGIN - self.constraints.least(*self._states(z, self._fine))
             if beyond <= 0.0:
                 break
-            edges = replace(edges, aim=edges.aim + 1.5 * beyond)
-            z = self._descended(z, edges, _ROUNDS[-1].steps, lambda _: None)
-            edges = edges.followed(self._shares(z, edges.finer))
+            barrier = replace(barrier, aim=barrier.aim + 1.5 * beyond)
+            z = self._descended(z, barrier, _ROUNDS[-1].steps, lambda _: None)
+            barrier = barrier.updated(self._shares(z, barrier.finer))
         fits = [found for found in (self.fitted(z), self.fitted(start)) if found is not None]
-        told(1.0)
+        progress(1.0)
         return max(fits, key=self.merit, default=None)
 
-    def _edges(self, z: Array) -> Edges:
-        """Edges of which none holds anything yet."""
-        return Edges(tuple(np.zeros_like(s) for s in self._shares(z, 1)))
+    def _barrier(self, z: Array) -> LimitBarrier:
+        """Barrier before any limit is active."""
+        return LimitBarrier(tuple(np.zeros_like(s) for s in self._shares(z, 1)))
 
     def _shares(self, z: Array, finer: int) -> tuple[Array, ...]:
         """Distances from all edges at the instants of the search."""
@@ -461,7 +460,7 @@ class MotionSearch:
         values = (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
         return tuple(band.shares(x) for band, x in zip(self.constraints.bands, values, strict=True))
 
-    def _descended(self, z: Array, edges: Edges, steps: int, told: Callable[[int], None]) -> Array:
+    def _descended(self, z: Array, barrier: LimitBarrier, steps: int, progress: Callable[[int], None]) -> Array:
         from scipy.optimize import minimize
 
         count = 0
@@ -469,10 +468,10 @@ class MotionSearch:
         def tick(_: Array) -> None:
             nonlocal count
             count += 1
-            told(count)
+            progress(count)
 
         def cost(x: Array) -> tuple[float, Array]:
-            value, slope = self.cost_and_slope(x.reshape(z.shape), edges)
+            value, slope = self.cost_and_slope(x.reshape(z.shape), barrier)
             return value, slope.ravel()
 
         options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
@@ -480,19 +479,19 @@ class MotionSearch:
         found = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", callback=called, options=options)
         return np.asarray(found.x.reshape(z.shape))
 
-    def cost_and_slope(self, z: Array, edges: Edges) -> tuple[float, Array]:
+    def cost_and_slope(self, z: Array, barrier: LimitBarrier) -> tuple[float, Array]:
         """-merit with the edges' part, and its derivative by z (nv, K)."""
-        states = self._states(z, edges.finer)
+        states = self._states(z, barrier.finer)
         merit, G = self.information.merit_and_slope(self.information.rows(*states))
         values = (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
         cost, slopes = -merit, list[Array]()
-        for band, x, m in zip(self.constraints.bands, values, edges.multipliers, strict=True):
-            value, forces = edges.pushed(band.shares(x), m)
+        for band, x, m in zip(self.constraints.bands, values, barrier.multipliers, strict=True):
+            value, forces = barrier.cost_and_forces(band.shares(x), m)
             cost += value
             slopes.append(band.slope(-forces))
         by_states = np.stack(slopes[:3]) + self._slopes(states, -G, slopes[3])
         by_states[0] += self.constraints.clearance_slopes(states[0], slopes[4])
-        by_coefficients = np.einsum("mnj,mnk->jk", by_states, self._basis(edges.finer))
+        by_coefficients = np.einsum("mnj,mnk->jk", by_states, self._basis(barrier.finer))
         return cost, np.einsum("jk,jkl->jl", by_coefficients, self._units)
 
     def _slopes(self, states: Array, of_rows: Array, of_torques: Array) -> Array:
