@@ -275,7 +275,7 @@ def _steady(
 #     τ(t + shift) = W x - δ_shift dτ/dt + Σ_j δ_j ∂(W x_0)/∂v_0j.
 
 PERIODS = 16
-"""Of the cut-off, that a filter reaches to either side: what comes from beyond is below 1e-16."""
+"""Periods of the cut-off that a filter reaches to either side: beyond, its response is below 1e-16."""
 _STATES = 8192
 FASTER = 0.1
 """Share of a friction speed that its derivative is taken over."""
@@ -283,7 +283,7 @@ FASTER = 0.1
 
 @dataclass(frozen=True, eq=False)
 class RowFrame:
-    """What rows of all logs are made with, so that they add up.
+    """Common settings of the rows of all logs, so that they add up.
 
     Attributes
     ----------
@@ -312,18 +312,18 @@ class RowFrame:
 
     @cached_property
     def speeds(self) -> list[tuple[int, Array]]:
-        """Of each friction speed that was chosen a column of it, and the joints that it is in."""
+        """Column of each chosen friction speed, and the joints that it is in."""
         found = self.base.unknown.coulomb_columns(self.base.kept) if self.free_speed else []
         return list({int(np.flatnonzero(joints)[-1]): (c, joints) for c, joints in reversed(found)}.values())[::-1]
 
     @property
     def extra(self) -> int:
-        """How many columns of settings there are."""
+        """Number of columns of settings."""
         return int(self.free_shift) + len(self.speeds)
 
     @cached_property
     def felt(self) -> tuple[Array, ...]:
-        """Of each joint the columns, of groups and then of settings, that its rows have entries in."""
+        """Columns of each joint, of groups and then of settings, in which its rows have entries."""
         r, found = self.base.count, list[Array]()
         for j, groups in enumerate(self.columns.groups):
             mine = [r] if self.free_shift else []

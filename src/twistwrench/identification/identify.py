@@ -27,7 +27,7 @@ from .rows import MOST_ROWS, FilteredRows
 from .zero_phase import SteadySamples, pauses
 
 MOST_SAMPLES = 90_000
-"""Of all logs, from which their rows are gathered in portions."""
+"""Samples of all logs, beyond which their rows are accumulated by chunk."""
 METHODS = ("irls", "wls", "ols")
 _WRONG = 0.01
 """Share of the rows that may leave their path alone, to be left out."""
@@ -132,7 +132,7 @@ def identify(
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was identified, and of what rows."""
+    """Identified robot, with the rows it was identified from."""
 
     robot: IdentifiedRobot
     dead: Array
@@ -204,7 +204,7 @@ def identified(
 
 
 def fit_options(cutoff: float | None, friction_speed: float | None, shift: float | None) -> FitOptions:
-    """What the user fixes; raises ValueRangeError for what is no frequency, speed or time."""
+    """Settings fixed by the caller; raises ValueRangeError for invalid frequencies, speeds and times."""
     return FitOptions(
         None if cutoff is None else check_speed(cutoff),
         None if friction_speed is None else check_speed(friction_speed),
@@ -240,7 +240,7 @@ def _samples(motion: Motion, number: int, what: str) -> list[SteadySamples]:
 
 
 def _believed(motion: Motion) -> Motion:
-    """The motion without rows that one wrong number, or a wrong stamp, takes from their path; its notes say so."""
+    """Motion without rows with a single wrong number or a wrong stamp, and notes on them."""
     c = motion.coordinates
     at = c.position_of[c.position_of >= 0]
     glitches = SingleRowGlitches(len(at), c.angular[at])
@@ -258,7 +258,7 @@ def _believed(motion: Motion) -> Motion:
 
 
 def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
-    """What was left out of the logs."""
+    """Notes on rows left out of the logs, and on their gaps."""
     said = [note for motion in motions for note in motion.notes if note.startswith(LEFT_OUT)]
     lengths = [float(np.diff(motion.time)[k]) for motion in motions for k in pauses(motion.time).tolist()]
     return (*said, *gap_notes(np.array(lengths)))
@@ -297,7 +297,7 @@ def _five_fold(
 
 
 def _settings_anew(source: SettingRows, prior: Prior, tell: Callable[[float], None]) -> Callable[[int], FitSettings]:
-    """Settings for each fifth that is held out, chosen on the others; ``tell`` is told the share done, from a half to all."""
+    """Settings for each held-out fifth, chosen on the others; progress goes from a half to all."""
     done = 0
 
     def of(block: int) -> FitSettings:
@@ -341,5 +341,5 @@ def _predicted(
 
 
 def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
-    """Of weighted rows, in units in which residuals have size 1."""
+    """Normal equations of weighted rows, in units of the residuals."""
     return NormalEquations.of(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .result import IdentifiedRobot
 
 MOST_BLOCKS = 60
-"""Of time; beyond, the two neighbours with fewest rows become one."""
+"""Most blocks of time; beyond, the two neighbours with fewest rows are merged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class JointBlocks:
 
     @classmethod
     def none(cls, frame: RowFrame, blocks: int) -> JointBlocks:
-        """Of no rows yet, in so many blocks."""
+        """Blocks without rows."""
         widths = [len(felt) + 1 for felt in frame.felt]
         size = sum(w * (w + 1) // 2 for w in widths)
         return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), tuple(np.zeros((w, w)) for w in widths))
@@ -130,7 +130,7 @@ if TYPE_CHECKING:
 
 _MARK = "twistwrench information 1"
 SHOWN = ("time", "log", "measured", "predicted")
-"""What there is of rows for pictures."""
+"""Fields of the rows that pictures show."""
 
 
 def write_information(i: NormalEquationBlocks, path: str | Path) -> Path:
@@ -183,7 +183,7 @@ def write_information(i: NormalEquationBlocks, path: str | Path) -> Path:
 
 
 def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
-    """What information of a file is made with; raises NotFoundError, ShapeError, ValueRangeError."""
+    """Arguments of the blocks in a file; raises NotFoundError, ShapeError, ValueRangeError."""
     path = as_path(path)
     if not path.is_file():
         raise NotFoundError(f"no information {str(path)!r}. Give a file that --information wrote.")
@@ -229,7 +229,7 @@ if TYPE_CHECKING:
     pass
 
 _SPEED_SIZE = 3.0
-"""What a friction speed could be off by at most, in units of its step."""
+"""Largest error of a friction speed, in units of its step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +318,7 @@ class BlockFit:
         return GroupCovariance(found[0][:r, :r] * huber, found[1][:r], textbook, seconds)
 
     def settings(self, x: Array) -> FitSettings:
-        """Those of the excerpt with the corrections of all rows."""
+        """Settings of the excerpt with the corrections of all rows."""
         settings, r = self.frame.settings, self.frame.base.count
         speed, shift = settings.friction_speed.copy(), settings.shift
         if self.frame.free_shift:
@@ -329,7 +329,7 @@ class BlockFit:
         return replace(settings, shift=shift, friction_speed=speed)
 
     def folded(self, x: Array, sigma: Array) -> list[NormalEquations]:
-        """Of the groups in each fifth, in units of the residuals, with what the settings were off taken from the torques."""
+        """Normal equations of the groups in each fifth, whitened, with corrections of settings taken off the torques."""
         r, off, found = self.frame.base.count, x[self.frame.base.count :], list[NormalEquations]()
         for mine in self.folds():
             one = self.moments.equations(self.frame, 1, mine)
@@ -411,7 +411,7 @@ class NormalEquationBlocks:
         )
 
     def __add__(self, other: NormalEquationBlocks) -> NormalEquationBlocks:
-        """Of both; raises ValueRangeError where they were made with other groups or settings."""
+        """Sum of both; raises ValueRangeError if they were made with other groups or settings."""
         if not isinstance(other, NormalEquationBlocks):
             return NotImplemented
         mine, their = self.frame, other.frame
@@ -446,7 +446,7 @@ class NormalEquationBlocks:
         return block_fit(self).solved(np.arange(len(self.moments.counts)))[0][: self.frame.base.count]
 
     def identified(self, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
-        """The robot that all rows together tell.
+        """Robot identified from all rows together.
 
         Parameters
         ----------
@@ -521,7 +521,7 @@ class NormalEquationBlocks:
 
     @classmethod
     def load(cls, path: str | Path, robot: Robot) -> NormalEquationBlocks:
-        """Load what :meth:`save` wrote.
+        """Load blocks from a file of :meth:`save`.
 
         Parameters
         ----------

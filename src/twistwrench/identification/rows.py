@@ -24,7 +24,7 @@ from .zero_phase import Filtered, SteadySamples, kept_rows, low_pass, states_bel
 
 @dataclass(frozen=True, eq=False)
 class BaseColumns:
-    """Which entries there are, and where.
+    """Nonzero entries of rows of equations, and their places.
 
     Attributes
     ----------
@@ -39,14 +39,14 @@ class BaseColumns:
 
     @classmethod
     def of(cls, base: BaseParameters) -> BaseColumns:
-        """Of all groups."""
+        """Entries of all groups."""
         groups = tuple(np.flatnonzero(felt) for felt in base.felt)
         ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
         return cls(base, groups, tuple(slice(a, b) for a, b in pairwise(ends)))
 
     @property
     def count(self) -> int:
-        """How many entries a row has."""
+        """Number of entries of a row."""
         return self.slices[-1].stop if self.slices else 0
 
     def rows(self, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
@@ -101,29 +101,29 @@ class BaseColumns:
 _CHUNK = 8192
 """States that columns are made for at a time."""
 _PERIODS = 12
-"""Of the cut-off, that a filter reaches to either side."""
+"""Periods of the cut-off that a filter reaches to either side."""
 MOST_ROWS = 10_000
-"""Of all logs together: 46 MB for seven joints."""
+"""Most rows of all logs together: 46 MB for seven joints."""
 _JUDGED_ROWS = 2500
 """States of all logs that predictions of different cut-offs are compared in."""
 
 
 @dataclass(eq=False)
 class _LogRows:
-    """What is kept of one log's states: more than rows where friction of another speed, or of another time, is asked for."""
+    """States of one log: more than rows if friction of another speed, or of another time, is needed."""
 
     time: Array
     rate: float
     rows: slice
     dq: Array
     acceleration: Array
-    """Of the rows."""
+    """Accelerations of the rows."""
     _tau: Array
     """Low-passed twice; none once they are in the spline."""
 
     @cached_property
     def spline(self) -> Any:
-        """Of the torques, by its coefficients alone."""
+        """Spline of the torques."""
         from scipy.interpolate import make_interp_spline
 
         found, self._tau = make_interp_spline(self.time, self._tau), self._tau[:0]
@@ -193,7 +193,7 @@ class FilteredRows:
 
     @property
     def nbytes(self) -> int:
-        """What it takes in memory: columns, velocities, torques as a spline, and friction of other speeds."""
+        """Memory of columns, velocities, torques as a spline, and friction of other speeds [bytes]."""
         friction = sum(column.nbytes for column in self._coulomb.values())
         return int(self.W.nbytes + friction + sum(x.time.nbytes + 2 * x.dq.nbytes for x in self.logs))
 

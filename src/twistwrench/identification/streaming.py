@@ -38,7 +38,7 @@ _OFF = 0.5
 
 
 def streaming_fit(information: NormalEquationBlocks, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
-    """The robot that all rows tell; ``test`` is only predicted."""
+    """Robot identified from all rows; ``test`` is only predicted."""
     fit, frame = block_fit(information), information.frame
     blocks = len(information.moments.counts)
     x, sigma = fit.solved(np.arange(blocks))
@@ -72,7 +72,7 @@ def streaming_fit(information: NormalEquationBlocks, test: NormalEquationBlocks 
 
 
 def _doubts(information: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[Doubt, ...]:
-    """Those of the excerpts, and what all rows say besides."""
+    """Doubts of the excerpts and of all rows."""
     found = list(information.doubts)
     kinds = {d.kind for d in found}
     found += [doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds]
@@ -88,7 +88,7 @@ def _doubts(information: NormalEquationBlocks, held: HeldOut, among: HeldOut, x:
 
 
 def _settings_off(information: NormalEquationBlocks, x: np.ndarray) -> str:
-    """What is off by more than the linear correction can be trusted with."""
+    """Settings that are off by more than the linear correction is valid for."""
     frame, r = information.frame, information.frame.base.count
     if frame.free_shift and abs(x[r]) > _OFF * 0.1 / frame.settings.cutoff:
         return "offset of the clock"
@@ -104,7 +104,7 @@ def _settings_off(information: NormalEquationBlocks, x: np.ndarray) -> str:
 CORE, LEAST_CORE = 8192, 1 << 15
 """States, and rows, that a chunk has besides its margins."""
 _MOST_CORE = 1 << 18
-"""Rows of a chunk at most, unless margins ask for more."""
+"""Most rows of a window, unless margins need more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ _WINDOWS, WINDOW = 16, 4096
 _OF_JOINT = 0.35
 """Share of a joint's torques left from which a log is another's."""
 _MOST_ROWS = 3000
-"""Of equations of an excerpt."""
+"""Most rows of equations of an excerpt."""
 
 
 def accumulate(
@@ -164,7 +164,7 @@ def accumulate(
     client: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> NormalEquationBlocks:
-    """Gather the information of logs of any length, in memory that does not grow with them.
+    """Accumulate normal equations of logs of any length, in bounded memory.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def _parts(
     made: Iterable[tuple[JointBlocks, tuple[str, ...]] | Failure],
     failed: dict[str, str],
 ) -> Iterator[tuple[NormalEquationBlocks, list[str]]]:
-    """What each log tells, with sentences on what contradicts itself in it; ``failed`` is told why there is none of a log."""
+    """Normal equations of each log, with its contradictions; reasons of logs without any go into ``failed``."""
     for k, of_log in groupby(zip(work, made, strict=True), lambda pair: pair[0][0]):
         path, results = sources[k].path, [result for _, result in of_log]
         if broken := [result.reason for result in results if isinstance(result, Failure)]:
@@ -318,7 +318,7 @@ def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[Doubt
 
 
 def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) -> list[tuple[int, Any]]:
-    """What did not fail, by the number of its source."""
+    """Results without a failure, with the number of their source."""
     found = []
     for k, (source, result) in enumerate(zip(sources, results, strict=True)):
         if isinstance(result, Failure):
@@ -355,7 +355,7 @@ def _from_excerpt(
     failed: dict[str, str],
     payload_only: str | None,
 ) -> NormalEquationBlocks:
-    """No rows yet, with the settings that some rows of the logs ask for."""
+    """Empty blocks with the settings of an excerpt of the logs."""
     some = [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, _WINDOWS).astype(int))]
     windows: list[Motion] = []
     for source, result in zip(some, Workers().results(_Windows(-(-_WINDOWS // len(some))).of, some), strict=True):
@@ -394,5 +394,5 @@ class _Windows:
     count: int
 
     def of(self, source: LogSource) -> list[Motion]:
-        """Runs of rows of one log, cut to no more than asked for."""
+        """Runs of rows of one log, at most ``count``."""
         return source.excerpts(self.count, WINDOW)

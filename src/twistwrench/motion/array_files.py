@@ -1,7 +1,7 @@
 """Motions in files of arrays and tables (npz, npy, MAT, HDF5, parquet, feather), and the writer of CSV files.
 
-An array (n,) is a column called by its name; of one (n, k) the columns are numbered, ``q1`` to ``qk``. What is no column of
-numbers as long as most is left out.
+An array (n,) is a column called by its name; of one (n, k) the columns are numbered, ``q1`` to ``qk``. Other
+arrays, and columns of another length than most, are ignored.
 """
 
 from __future__ import annotations
@@ -271,7 +271,7 @@ def _arrow(path: Path) -> Mapping[str, Any]:
 
 
 def _feather_bytes(source: Any) -> int:
-    """Bytes of all columns of a feather file once unpacked, as its batches say them, of 8 bytes a number."""
+    """Bytes of all columns of a feather file once unpacked, of 8 bytes a number, by the headers of its batches."""
     import pyarrow
 
     if source.read(6) != b"ARROW1":
@@ -316,7 +316,7 @@ class TableFile:
     @staticmethod
     @contextlib.contextmanager
     def writing(path: str | Path | None, header: Sequence[str]) -> Iterator[TableFile | None]:
-        """Begin a file with that header, and finish it on leaving; None, and nothing written, if there is no path."""
+        """Write a CSV file with that header; yield None, and write nothing, without a path."""
         if path is None:
             yield None
             return

@@ -62,7 +62,7 @@ def check_archive(path: Path) -> None:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether the file begins as archives of NumPy do; False for what cannot be read."""
+    """True if the file begins as archives of NumPy do; False if it cannot be read."""
     try:
         if not path.is_file():  # a pipe would lose what is read of it here
             return False
@@ -73,7 +73,7 @@ def is_archive(path: Path) -> bool:
 
 
 def is_simulation(path: Path) -> bool:
-    """Whether the archive is one that ``simulate --npz`` wrote; False for what cannot be read."""
+    """True if ``simulate --npz`` wrote the archive; also if it cannot be read."""
     try:
         with zipfile.ZipFile(path) as archive:
             if "format.npy" not in archive.namelist():
@@ -297,7 +297,7 @@ def _parquet(path: Path) -> tuple[list[str], int, Read, tuple[str, ...]] | None:
 
 
 def lists_left_out(fields: Sequence[Any]) -> tuple[str, ...]:
-    """What is said of the fields of an arrow schema whose cells are lists or structures of numbers."""
+    """Note on the fields of an arrow schema whose cells are lists or structures of numbers."""
     import pyarrow.types
 
     nested = [f"{f.name!r} ({f.type})" for f in fields if pyarrow.types.is_nested(f.type)]

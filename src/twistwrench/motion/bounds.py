@@ -38,7 +38,7 @@ class Bounds:
     """Largest torques [N m or N]."""
 
     def excess(self, kind: str, values: Array) -> Array:
-        """How far values are past their limits.
+        """Excess of values over their limits.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Bounds:
         return np.asarray({"velocity": self.velocity, "acceleration": self.acceleration, "torque": self.effort}[kind])
 
     def tolerance(self, kind: str) -> Array:
-        """How far past a limit still counts as at it: the same share of every limit.
+        """Tolerance of a limit, within which a value counts as at it: the same share of every limit.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class Violation:
 
     @property
     def by(self) -> float:
-        """How far beyond, above zero, in the unit of the limit."""
+        """Excess over the limit, above zero, in the unit of the limit."""
         return abs(self.value - self.limit)
 
     def __str__(self) -> str:
@@ -195,7 +195,7 @@ class Violation:
 
 
 class LimitCheck:
-    """Takes in states, in any portions, and tells the limits they pass.
+    """Running check of states against limits.
 
     Joints of several coordinates have no limits of position: theirs are infinite. Values past a limit by less than
     ``bounds.tolerance`` are at it.

@@ -16,22 +16,22 @@ from ..lie.labelled import WRENCH
 from ..typing import Array
 
 SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque"}
-"""What our files write behind a joint's name, for each part of a motion."""
+"""Suffixes of a joint's name in files written here, for each part of a motion."""
 
 READ = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort")}
-"""What is read, the shortest first."""
+"""Suffixes that are read, the shortest first."""
 
 DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2"}
-"""What columns say that they are in, in brackets, where angles are in degrees."""
+"""Units in brackets of columns with angles in degrees."""
 
 ENERGIES = ("kinetic_energy", "potential_energy")
 WORK = "work."
 MOMENTUM = tuple(f"momentum.{x}" for x in WRENCH)
-"""What simulations write besides a motion: energies, the work of each cause, the momentum."""
+"""Columns of simulations besides the motion: energies, the work of each cause, the momentum."""
 
 
 def is_result(name: str) -> bool:
-    """Whether a column holds what follows from the motion, as simulations write it, and so is none of its coordinates.
+    """True if a column holds a result of simulations, and not a coordinate of the motion.
 
     >>> is_result("work.torques"), is_result("workpiece")
     (True, False)
@@ -51,27 +51,27 @@ _WORDS = {
     "tau": ("tau", "torque", "torques", "effort", "efforts", "force", "jointtorque"),
 }
 PART_OF = {word: part for part, words in _WORDS.items() for word in words}
-"""Which part of a motion a word means."""
+"""Part of a motion that a word means."""
 _NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
 _NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
 _JOINT = frozenset(("joint", "joints", "axis", "j"))
 _UNITS = frozenset(("rad", "deg"))
 ROS_TIME = "%time"
-"""What ``rostopic echo -p`` calls its time, in whole nanoseconds; other programs write seconds under the same name."""
+"""Name of the time column of ``rostopic echo -p``, in whole nanoseconds; other programs write seconds under it."""
 _TIMES = ("time", "t")
 _STAMPS = ("timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", "seconds", "secs", "clock")
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column is of a joint."""
+    """Meaning of a column: joint, quantity and unit."""
 
     name: int
-    """Which of the names."""
+    """Number of the joint's name."""
     part: str
     """One of :data:`PARTS`."""
     unit: str | None = None
-    """That the name ends in, as ``elbow_pos_deg`` does."""
+    """Unit at the end of the name, as in ``elbow_pos_deg``."""
 
 
 class NamedJoints:
@@ -91,7 +91,7 @@ class NamedJoints:
         self._known = sorted(known.items(), key=lambda item: -len(item[0]))
 
     def meaning(self, text: str) -> Meaning | None:
-        """Of a column's name without its unit in brackets; None where it is not of these joints for certain.
+        """Meaning of a column's name without its unit in brackets; None if it is not certain.
 
         >>> joints = NamedJoints(["arm_1_joint", "arm_10_joint"])
         >>> joints.meaning("- arm_1_joint_position")
@@ -134,7 +134,7 @@ def numbered(text: str) -> tuple[str, int | None, str | None] | None:
 
 
 def time_meaning(text: str) -> tuple[int, str | None] | None:
-    """How surely a name means time (0 most), and the unit that it ends in; None for all other names.
+    """Rank of a name of time (0 is surest) and the unit at its end; None for other names.
 
     >>> time_meaning("Time"), time_meaning("timestamp_ns"), time_meaning("elbow")
     ((0, None), (1, 'ns'), None)
@@ -149,7 +149,7 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
 
 
 def time_column(names: Sequence[str]) -> str:
-    """What the column of time is called in a file of ours, beside columns of these names.
+    """Name of the time column in files written here, beside columns of these names.
 
     >>> time_column(["elbow"]), time_column(["time", "elbow"])
     ('time', 'time [s]')
@@ -158,7 +158,7 @@ def time_column(names: Sequence[str]) -> str:
 
 
 def _place(name: str, text: str) -> int | None:
-    """Where the name stands in the text as a word of its own."""
+    """Position of the name in the text as a word of its own; None if it is not there."""
     at = text.find(name)
     while at >= 0:
         before, after = text[at - 1 : at] if at else "", text[at + len(name) : at + len(name) + 1]
@@ -173,7 +173,7 @@ def _words(text: str) -> list[str]:
 
 
 def _part_of(words: list[str]) -> tuple[str, str | None] | None:
-    """The quantity that the words beside a joint's name say, and their unit; none at all say its position."""
+    """Quantity and unit of the words beside a joint's name; a position without any words."""
     units = [w for w in words if w in _UNITS]
     kinds = [w for w in words if w not in _UNITS and w not in _NEUTRAL]
     if units and kinds[-1:] == ["s"]:  # deg_s
@@ -242,7 +242,7 @@ def split_unit(text: str) -> tuple[str, str | None]:
 
 
 def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
-    """What takes a column of that unit to SI units; ``part`` is q, dq, ddq or tau. TrajectoryError begins with ``where``."""
+    """Factor from a unit to SI units; ``part`` is q, dq, ddq or tau. TrajectoryError begins with ``where``."""
     known = _UNITS_of_column_units[part, angular]
     factor = known.get(_plain(unit, products=part == "tau"))
     if factor is None:
@@ -254,7 +254,7 @@ def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
 
 
 def time_factor(unit: str) -> float | None:
-    """What takes a time of that unit to seconds; None for what is no unit of time.
+    """Factor from a unit of time to seconds; None for other units.
 
     >>> time_factor("ms"), time_factor("kg")
     (0.001, None)
@@ -263,7 +263,7 @@ def time_factor(unit: str) -> float | None:
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
-    """Whether stamps (n,) are nanoseconds: whole numbers as large as those of a date, or with steps of 10 us at least.
+    """True if stamps (n,) are nanoseconds: whole numbers as large as those of a date, or with steps of at least 10 us.
 
     Fractions are seconds, unless they are as large as only nanoseconds of a date are.
 
@@ -293,7 +293,7 @@ def _plain(unit: str, *, products: bool = False) -> str:
 
 @dataclass(frozen=True)
 class Choice:
-    """A column of the file, and the unit it is in where that is said."""
+    """Column of a file, and its unit if it is given."""
 
     column: int
     unit: str | None = None
@@ -319,7 +319,7 @@ class Header:
         return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
 
     def column(self, name: str, told: str) -> Choice:
-        """The column of that name, with or without its unit; ``told`` says who asks."""
+        """Column of that name, with or without its unit; ``told`` names the option in errors."""
         base, unit = split_unit(name)
         exact = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         alike = exact or [k for k, (text, _) in enumerate(self.split) if text == base]

@@ -45,7 +45,7 @@ _OTHER = re.compile(
     r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
     r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|target|desired|reference|setpoint"
 )
-"""Words in names of columns that are no positions of joints, or those that were asked for."""
+"""Words in names of columns that are not positions of joints, or are commanded ones."""
 
 
 def check_complete(
@@ -147,7 +147,7 @@ class Chosen:
     extra: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     followers: dict[int, Choice] = field(default_factory=dict)
-    """Of mimic joints, by their number: columns that ought to be their leaders'."""
+    """Columns of mimic joints, by the number of the joint."""
 
 
 def choose(
@@ -208,7 +208,7 @@ def choose(
 def absent_joints(
     cells: Sequence[str], coordinates: Coordinates, joints: Sequence[str], columns: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Which of the ``joints`` have no column of their position in this header, by their names or as ``columns`` says."""
+    """Joints without a column of their position in this header, by their names or by ``columns``."""
     header = Header(cells, "", coordinates.names)
     given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
@@ -224,7 +224,7 @@ def absent_joints(
 def _told(
     header: Header, names: Mapping[str, Sequence[str]], columns: Mapping[str, str]
 ) -> dict[tuple[str, int], Choice]:
-    """What ``columns`` says, by part and place."""
+    """Columns of the option ``columns``, by part and number of the coordinate."""
     suffixes = {".pos": "q", **{suffix: part for part, endings in READ.items() for suffix in endings}}
     known = {f"{name}{suffix}": (part, k) for suffix, part in suffixes.items() for k, name in enumerate(names[part])}
     known["time"] = ("time", 0)
@@ -371,9 +371,9 @@ def _of(locked: Sequence[str], text: str) -> bool:
 # ── Columns of mimic joints, checked against those of their leaders
 
 _SHARE = 0.1
-"""Of how far the joint goes: less is play, and the error of a coupling."""
+"""Share of a joint's travel; less is play, and the error of a coupling."""
 _LEAST = {True: 0.02, False: 0.002}
-"""rad where the joint turns, else m, that are never told."""
+"""Least deviation that is reported, of turning [rad] and sliding [m] joints."""
 
 
 class MimicJointColumn(NamedTuple):
@@ -381,13 +381,13 @@ class MimicJointColumn(NamedTuple):
 
     follower: MimicJoint
     column: int
-    """Of the table."""
+    """Column of the table."""
     factor: float
-    """What takes it to SI units."""
+    """Factor to SI units."""
 
 
 class MimicJointCheck:
-    """How far columns are from what their leaders' say, over rows that come in any portions."""
+    """Deviation of the columns of mimic joints from their leaders' coordinates."""
 
     def __init__(self, columns: Sequence[MimicJointColumn]) -> None:
         self._columns = tuple(columns)
@@ -424,28 +424,28 @@ class MimicJointCheck:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Where time, q, dq, ddq and torques stand in the table of a motion file, which has the used columns only."""
+    """Places of time, q, dq, ddq and torques in the table of a log, which has the used columns only."""
 
     header: tuple[str, ...]
-    """Of the table."""
+    """Header of the table."""
     used: tuple[int, ...]
-    """Which columns of the file these are; without a time column the table's first is none of them, but counts rows."""
+    """Columns of the file; without a time column the table begins with one more, the row's number."""
     time: int
     """The column of time [s]."""
     seconds: float
-    """What takes the file's time, or the row's number, to seconds."""
+    """Factor from the file's time, or from the row's number, to seconds."""
     counted: bool
-    """Whether time is the row's number, as there is no column of it."""
+    """True if time is the row's number, for want of a column."""
     time_stated: bool
-    """Whether the file, or whoever reads it, says the unit of time."""
+    """True if the unit of time is given, by the file or the caller."""
     places: dict[str, Array | None]
     """For ``q``, ``dq``, ``ddq``, ``tau``: the columns in the robot's order, or None where the file has none."""
     factors: dict[str, Array]
-    """What takes each of them to SI units."""
+    """Factors to SI units."""
     angle: Array
     """(nq,) what takes the file's angles to radians; 1 where the coordinate is none."""
     angle_stated: Array
-    """(nq,) bool: the column's name, or whoever reads it, says its unit."""
+    """(nq,) bool: the unit is given, by the column's name or the caller."""
     of_locked: tuple[str, ...] = ()
     """Columns that belong to joints held still; they are ignored."""
     extra: tuple[str, ...] = ()
@@ -455,7 +455,7 @@ class Columns:
     notes: tuple[str, ...] = ()
     """A sentence for each thing that was taken to be meant."""
     mimic_joints: tuple[MimicJointColumn, ...] = ()
-    """Columns of mimic joints, which ought to be as their leaders' say."""
+    """Columns of mimic joints."""
 
     @classmethod
     def of(
@@ -529,7 +529,7 @@ class Columns:
 
 
 def _factor_of(follower: MimicJoint, choice: Choice, header: Sequence[str], where: str, degrees: bool) -> float:
-    """What takes the column of a mimic joint to SI units."""
+    """Factor from the column of a mimic joint to SI units."""
     if choice.unit is not None:
         return unit_factor(choice.unit, "q", follower.angular, f"{where}, column {header[choice.column]!r}")
     return math.radians(1.0) if degrees and follower.angular else 1.0
@@ -538,7 +538,7 @@ def _factor_of(follower: MimicJoint, choice: Choice, header: Sequence[str], wher
 def _factors(
     part: str, found: Sequence[Choice], coordinates: Coordinates, header: Sequence[str], where: str, *, degrees: bool
 ) -> Array:
-    """What takes the columns found for a part to SI units: the unit that each says, else ``degrees``."""
+    """Factors from the columns of a part to SI units: by the unit of each, else by ``degrees``."""
     angular = coordinates.angular if part == "q" else coordinates.angular_velocity
     usual = np.where(angular, math.radians(1.0) if degrees and part != "tau" else 1.0, 1.0)
     for k, choice in enumerate(found):

@@ -44,9 +44,9 @@ class AngleUnits:
     upper: Array
     """Limits; infinite where they are not known."""
     factor: Array
-    """What took the file's numbers to radians."""
+    """Factor from the file's numbers to radians."""
     stated: Array
-    """bool: the file says that unit."""
+    """bool: the file gives that unit."""
 
     @property
     def contradictions(self) -> tuple[str, ...]:
@@ -198,7 +198,7 @@ class Contradictions:
         angle: Array | None = None,
         angle_stated: Array | None = None,
     ) -> None:
-        """``angle`` (nq,) is what took the file's angles to radians, and ``angle_stated`` (nq,) whether the file says that."""
+        """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file gives that unit."""
         count = len(coordinates.names)
         self._factor = np.ones(count) if angle is None else angle
         self._stated = np.zeros(count, bool) if angle_stated is None else angle_stated
@@ -219,9 +219,9 @@ class Contradictions:
         self._wraps = np.zeros(count, int)
         self._turned = AngleWrapping(self._bounded, _WRAP)
         self._jumps: dict[int, tuple[float, float, float]] = {}
-        """Of each joint the fastest step beyond half a turn: speed, time before, size."""
+        """Fastest step beyond half a turn of each joint: speed, time before, size."""
         self._wrapped: dict[int, tuple[float, float, float]] = {}
-        """Of each joint the first step that may be a turn left out, likewise."""
+        """First step of each joint that may be an omitted turn: speed, time before, size."""
         self._speed, self._move = np.zeros(count), np.zeros(count)
         self._steps: list[float] = []
         self._rows = 0
@@ -285,7 +285,7 @@ class Contradictions:
         return np.asarray(about_zero | ((self._least >= -_SPILL) & (self._greatest <= math.tau + _SPILL)))
 
     def notes(self) -> list[str]:
-        """What was put right by itself."""
+        """Notes on corrections that were made."""
         found = np.flatnonzero((self._wraps > 0) & self._within_a_turn())
         return [
             f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, "
@@ -294,7 +294,7 @@ class Contradictions:
         ]
 
     def sentences(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
-        """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
+        """Contradictions, a sentence each; velocity limits help to distinguish a jump from a fast motion."""
         of_time = tuple(self._of_time(limits))
         angles = self._angle_units(limits).contradictions
         wrapped = (self._wraps > 0) & self._within_a_turn()
@@ -398,7 +398,7 @@ class Contradictions:
         return [f"{sentence}: remove the row" for sentence in said]
 
     def _of_rates(self, *, time_told: bool, late: Array) -> Iterable[str]:
-        """``late`` (k,) bool are joints whose velocity is the slope of another time, so that its size says nothing."""
+        """Sentences on rates; ``late`` (k,) bool: the velocity is that of another time, so that its size is not compared."""
         every = np.arange(len(self._names))
         cases = (
             (self._velocity, self._single, "velocity", "positions", "/s"),
@@ -435,7 +435,7 @@ _UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
 
 
 def time_doubt(coordinates: Coordinates, time: Array, q: Array, dq: Array | None, limits: Limits) -> str:
-    """What speaks against times (n,) in seconds, of positions (n, nq) and velocities (n, nv) where they are given; or "".
+    """Doubt about times (n,) in seconds, of positions (n, nq) and velocities (n, nv) or None; "" without a doubt.
 
     With velocities: the way that they make in these times is 1000 (or 1000², 1000³) times the way of the positions. Without:
     joints hardly move within steps that are long.

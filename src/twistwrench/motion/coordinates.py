@@ -21,7 +21,7 @@ class MimicJoint(NamedTuple):
 
     name: str
     leader: int
-    """Where in q its leader's coordinate stands."""
+    """Index of its leader's coordinate in q."""
     ratio: float
     offset: float
     angular: bool
@@ -44,12 +44,12 @@ class Coordinates:
     endless: Array
     """(nq,) bool: an angle that a log may wrap at ±π, a continuous joint's or a planar joint's theta."""
     quaternions: tuple[slice, ...]
-    """Where in q the quaternions of floating joints stand."""
+    """Places of the quaternions of floating joints in q."""
     mimic_joints: tuple[MimicJoint, ...]
     """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
-        """The names of the columns of a quantity in files of ours; angles in ``degrees`` say so.
+        """Names of the columns of a quantity in files written here; with ``degrees`` they name that unit.
 
         Parameters
         ----------
@@ -138,26 +138,26 @@ def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[A
 
 
 _KEPT: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
-"""Of each model as long as it lives: simulations ask for it in every run."""
+"""Coordinates of each model in use: simulations need them in every run."""
 
 
 # ── Continuous curves: unwrapped angles, quaternions of steady sign
 
 _FULL = 0.75
-"""Of a turn: the least step of a bounded joint that is taken for a turn left out."""
+"""Share of a turn: least step of a bounded joint that counts as an omitted turn."""
 _SPILL = 0.01
-"""Of half a turn: how far beyond it rounding to two decimals, or less, carries a wrapped angle (3.15 for π)."""
+"""Share of half a turn by which rounding to two decimals exceeds it (3.15 for π)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Continuity:
-    """Which columns of q jump without the robot jumping; decided once for a file, so that all its windows agree."""
+    """Columns of q that jump without the robot jumping; decided once for a log, so that all its windows agree."""
 
     wrapped: Array
     """(nq,) bool: endless angles that never leave one turn, within ±π or 0 to 2π. Others count turns, and steps of more
     than π are meant."""
     quaternions: tuple[slice, ...]
-    """Where the quaternions of floating joints stand: p and -p are one rotation, but not one curve."""
+    """Places of quaternions: p and -p are one rotation, but not one curve."""
     left_out: Array
     """(nq,) bool: angles of bounded joints within one turn. There a step of nearly a full turn, and no other, is a turn that
     the log left out."""

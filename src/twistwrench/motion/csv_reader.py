@@ -27,7 +27,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
 
 
 def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
-    """Whether a cell is a finite decimal number and nothing else.
+    """True if a cell is a finite decimal number and nothing else.
 
     >>> is_number(" -1.5e3 "), is_number("1_000"), is_number("0,5"), is_number("0,5", decimal_comma=True)
     (True, False, False, True)
@@ -41,13 +41,13 @@ def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
 
 @dataclass(frozen=True)
 class Dialect:
-    """What stands between the cells of a line; None for blanks. A comma marks decimals wherever it separates nothing."""
+    """Separator of the cells of a line; None for blanks. Commas are decimal marks unless they separate."""
 
     separator: str | None = ","
 
     @classmethod
     def of(cls, header: str, row: str | None) -> Dialect:
-        """That of a header and the row below it (None if there is none): the one that cuts both into as many cells."""
+        """Dialect of a header and the row below it (None if there is none): it cuts both into as many cells."""
         cut = {s: cls(s).cells(header) for s in _SEPARATORS}
         many = {s: len(cells) for s, cells in cut.items() if len(cells) > 1}
         if not many:  # one column
@@ -70,7 +70,7 @@ class Dialect:
         return [unescape_cell(cell.strip()) for cell in cells]
 
     def has_decimal_commas(self, text: str | bytes) -> bool:
-        """Whether commas in a text are decimal ones."""
+        """True if commas in a text are decimal marks."""
         return self.separator != "," and ("," in text if isinstance(text, str) else b"," in text)
 
     def number(self, cell: str) -> float | None:
@@ -92,7 +92,7 @@ class Dialect:
 # ── Errors of rows: the first line at fault
 
 _GAPS = ("nan", "inf", "infinity")
-"""What stands for a number that is not there, whatever its sign."""
+"""Words for a missing number, with either sign."""
 
 
 def blame(
@@ -132,7 +132,7 @@ def blame(
 
 
 def _passed_over(raw: str) -> bool:
-    """Whether a line is no row: blank, or a comment."""
+    """True if a line is blank or a comment."""
     return not raw.strip() or raw.lstrip(" \t").startswith("#")
 
 
@@ -254,7 +254,7 @@ def _by_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
 
 
 def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
-    """Whether every line has that many cells, blank lines aside."""
+    """True if every line has that many cells, blank lines aside."""
     if dialect.separator is None:
         return all(len(line.split()) in (0, columns) for line in text.split(b"\n"))
     raw = np.frombuffer(text, np.uint8)
@@ -293,12 +293,12 @@ _TAIL, _LINES_ABOVE = 1 << 14, 8
 
 
 class EmptyTableError(TrajectoryError):
-    """A file without a line that says anything."""
+    """Error of an empty file."""
 
 
 @contextmanager
 def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
-    """Say of a table that is no motion what it is: ``what`` was looked for, and what it has to look like (``form``).
+    """Errors of a table: ``what`` was expected, in the form ``form``.
 
     Raises NotFoundError, and ValueRangeError in place of TrajectoryError.
     """
@@ -321,10 +321,10 @@ class CsvFile:
     header_line: int
     """Line of the header, counting from 1."""
     data_offset: int
-    """Where the first row begins [bytes]."""
+    """Offset of the first row [bytes]."""
     dialect: Dialect
     seems_cut: bool = False
-    """Whether the last line has no end, and its last number fewer decimals than all of those above: 0.5 below 0.123."""
+    """True if the last line has no end, and its number fewer decimals than those above: 0.5 below 0.123."""
 
     @classmethod
     def open(cls, path: str | Path) -> CsvFile:
@@ -349,12 +349,12 @@ class CsvFile:
 
     @property
     def path(self) -> Path:
-        """Of the file."""
+        """Path of the file."""
         return self.source.path
 
     @property
     def size(self) -> int:
-        """Of its text [bytes]."""
+        """Size of its text [bytes]."""
         return self.source.size
 
     @property
@@ -468,7 +468,7 @@ def _decoded(raw: bytes, path: Path, number: int) -> str:
 
 
 def _is_row(raw: bytes) -> bool:
-    """Whether a line is neither blank nor a comment."""
+    """True if a line is neither blank nor a comment."""
     return bool(raw.strip()) and not raw.lstrip(b" \t").startswith(b"#")
 
 

@@ -25,7 +25,7 @@ _ROUND_OFFS = 16.0
 
 
 def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
-    """Where derived velocities (n, nv) are within their uncertainty: that of noise, and that of arithmetic."""
+    """Mask (n, nv) of derived velocities within their uncertainty, that of noise and that of arithmetic."""
     steps = np.diff(t)
     step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
     # A joint whose samples repeat stands, although the spline still rings there from where it moved; on a grid, where
@@ -44,7 +44,7 @@ def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: 
 
 
 def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, factors: Array) -> Array:
-    """Where the spline moves a joint and the samples on either side do not, or the other way: it rings; (n, nv) bool.
+    """Mask (n, nv) of ringing: the spline moves a joint and the samples on either side do not, or the other way.
 
     Only where the step it claims is one that the samples would show. ``factors`` take the columns of q to SI units.
     """
@@ -74,7 +74,7 @@ class MotionSamples:
     time: Array
     """(n,) s."""
     q: Array
-    """As differentiated: smoothed if asked, and without the jumps of wrapped angles."""
+    """Coordinates as differentiated: smoothed if requested, without jumps of wrapped angles."""
     dq: Array
     """Velocities (n, nv), rad/s or m/s."""
     ddq: Array
@@ -152,19 +152,19 @@ _MAD = 1.4826  # standard deviations a median absolute deviation of normal noise
 
 @dataclass(frozen=True)
 class Outlier:
-    """What is known of one column's outlier samples."""
+    """Outliers of one column."""
 
     column: int
-    """Which of the smoothed columns."""
+    """Number among the smoothed columns."""
     count: int
     time: float
-    """Of the farthest [s]."""
+    """Time of the farthest [s]."""
     sigmas: float
-    """How far that one is from the curve, in standard deviations, with its sign."""
+    """Distance of the farthest from the curve in standard deviations, with its sign."""
     off: float
     """The same in SI units."""
     matters: bool = True
-    """Whether any of them could be a torque beyond a limit."""
+    """True if any of them could be a torque beyond a limit."""
 
 
 class RunningOutliers:
@@ -243,21 +243,21 @@ The Bootstrap and Edgeworth Expansion, 1992, section 4.5."""
 
 @dataclass(frozen=True, eq=False)
 class Differentiation:
-    """How the states of a motion file come about, and how uncertain that makes them."""
+    """Plan of differentiation of a log, and the uncertainty of its results."""
 
     trajectory: MotionLog
     model: Model
     quality: Survey
-    """Of the columns that are differentiated."""
+    """Quality of the differentiated columns."""
     source: str
-    """What accelerations come from: ``given``, ``velocities`` or ``positions``."""
+    """Source of accelerations: ``given``, ``velocities`` or ``positions``."""
     derives_velocities: bool
     places: Array
     """(k,) the columns that are differentiated."""
     strengths: Array
     """(k,) smoothing strengths of those; 0 for none."""
     continuity: Continuity
-    """What makes curves of the columns of q."""
+    """Continuity of the columns of q."""
     sigma_ddq: Array
     """(nv,) standard deviation of the accelerations that follows from the noise of the log; 0 where they are given."""
     sigma_dq: Array
@@ -267,7 +267,7 @@ class Differentiation:
     ends: Array
     """Times at which the log, or a stretch of it between pauses, begins or ends [s]."""
     errors: SampleErrors
-    """Those of the columns that are differentiated, in SI units."""
+    """Errors of the differentiated columns, in SI units."""
 
     @classmethod
     def plan(
@@ -353,12 +353,12 @@ class Differentiation:
 
     @property
     def smooths(self) -> bool:
-        """Whether some column is smoothed."""
+        """True if some column is smoothed."""
         return bool(self.strengths.any())
 
     @property
     def derives(self) -> bool:
-        """Whether anything is derived at all."""
+        """True if velocities or accelerations are derived."""
         return self.source != "given" or self.derives_velocities
 
     def sigma_at(self, s: MotionSamples) -> Array:

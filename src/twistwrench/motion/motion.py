@@ -1,4 +1,4 @@
-"""Motion: states of a robot over time, wherever they come from, and what is asked of them.
+"""Motion: states of a robot over time from any source, with torques, limits, interpolation and files.
 
 Logs, trajectories, simulations and rollouts give one; reports, pictures, the viewer, controllers and files take one.
 """
@@ -73,9 +73,9 @@ class Motion(MotionFiles):
     tau: Array | None = None
     robot: Robot = None  # type: ignore[assignment]
     notes: tuple[str, ...] = ()
-    """What was taken to be meant, and what contradicts itself, in what it was made from."""
+    """Notes on assumptions and contradictions of its source."""
     in_seconds: bool = False
-    """Whether the times are known to be seconds: long steps of time are then not doubted."""
+    """True if times are known to be seconds: long steps of time are then not doubted."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -287,7 +287,7 @@ class Motion(MotionFiles):
         return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
 
     def _doubts_of_rates(self) -> tuple[str, ...]:
-        """Those of :attr:`contradictions` that are about the sizes of rates, which take little time to find."""
+        """Contradictions in the sizes of rates, which take little time to find."""
         from .motion_log import LogRows
 
         tally = Contradictions(self.coordinates, time_stated=False)
@@ -426,7 +426,7 @@ class Motion(MotionFiles):
         Raises
         ------
         MissingExtraError
-            There is no matplotlib.
+            matplotlib is not installed.
         ValueRangeError
             The file cannot be written.
 

@@ -30,7 +30,7 @@ from .log_table import slices, table_of
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
-"""What words of a file's name say of the columns in it."""
+"""Quantities by words in a file's name."""
 _SAME_STAMPS = 1e-6
 """s."""
 
@@ -43,9 +43,9 @@ class JoinedFile:
     header: tuple[str, ...]
     parts: tuple[MotionFile, ...]
     places: tuple[tuple[int, int], ...]
-    """Of each column of the header: the file, and the column in it."""
+    """File of each column of the header, and the column in it."""
     stamps: tuple[int | None, ...]
-    """Of each file: its column of time."""
+    """Column of time of each file."""
     size: int
     notes: tuple[str, ...] = ()
 
@@ -175,7 +175,7 @@ _PARTS = (("position", "q"), ("velocity", "dq"), ("effort", "tau"))
 
 
 def is_recording(path: Path) -> bool:
-    """Whether it is named as recordings of ROS are: .mcap, .bag, or a folder with a metadata.yaml."""
+    """True if it is named like recordings of ROS: .mcap, .bag, or a folder with a metadata.yaml."""
     try:
         return path.suffix.lower() in (".mcap", ".bag") or (path / "metadata.yaml").is_file()
     except (OSError, ValueError):
@@ -202,7 +202,7 @@ def ros_file(path: Path) -> ArrayFile:
 
 
 def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
-    """Of messages that name the same joints as the first; others, of a gripper say, are left out."""
+    """Header and table of the messages that name the same joints as the first; others are ignored."""
     names = list(messages[0].name)
     mine = [m for m in messages if set(m.name) >= set(names)]
     begin = mine[0].header.stamp
@@ -284,7 +284,7 @@ def _is_there(path: Path) -> bool:
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:
-    """Whether the file has columns for the motors of elastic joints; what is wrong with it is said when it is opened."""
+    """True if the file has columns for the motors of elastic joints; False if it cannot be opened."""
     try:
         file = open_motion_file(path) if isinstance(path, str | Path) else path
     except TwistWrenchError:

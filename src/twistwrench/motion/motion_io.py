@@ -99,7 +99,7 @@ class MotionFiles:
         Raises
         ------
         MissingExtraError
-            There is no pandas.
+            pandas is not installed.
 
         Examples
         --------
@@ -126,7 +126,7 @@ class MotionFiles:
         Raises
         ------
         MissingExtraError
-            There is no xarray.
+            xarray is not installed.
 
         Examples
         --------
@@ -191,9 +191,9 @@ _HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
 def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
-    """Its index, where it is a time, and its columns of numbers; and a sentence on those that are none.
+    """File of a DataFrame: its index if it is a time, its numeric columns, and a note on others.
 
-    Raises ShapeError for what is no DataFrame.
+    Raises ShapeError for other objects.
     """
     if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
         raise ShapeError(

@@ -106,7 +106,7 @@ class DuplicateTimestamps:
 
 
 def steady_times(stamps: Array) -> Array | None:
-    """Times (n,) of rows whose stamps were rounded to a grid coarser than their steps; None where they are no steady clock's.
+    """Times (n,) of rows whose stamps were rounded to a grid coarser than their steps; None without a steady clock.
 
     Between pauses, times are the straight line through the stamps, which no stamp is farther from than rounding takes it.
     """
@@ -175,7 +175,7 @@ class MotionLog:
     file: MotionFile
     """The file."""
     columns: Columns
-    """Which column is which."""
+    """Assignment of its columns."""
     coordinates: Coordinates
     """Names and units of the robot's coordinates."""
     held: tuple[str, ...] = ()
@@ -250,12 +250,12 @@ class MotionLog:
 
     @property
     def path(self) -> Path:
-        """Of the file."""
+        """Path of the file."""
         return self.file.path
 
     @property
     def size(self) -> int:
-        """Of the file [bytes]."""
+        """Size of the file [bytes]."""
         return self.file.size
 
     @property

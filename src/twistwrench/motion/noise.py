@@ -11,7 +11,7 @@ import numpy as np
 from ..typing import Array
 
 ORDERS = range(3, 9)
-"""Of the differences that noise is told from motion by."""
+"""Orders of the differences that separate noise from motion."""
 _FINEST_DECIMAL = 11
 _ROUND_OFF = 4e-16
 """Noise below this share of the values is arithmetic, not measurement."""
@@ -58,9 +58,9 @@ def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Arra
 
 
 def quantum(parts: Sequence[Array]) -> float:
-    """The grid that a column's values lie on, 0 if none shows: a power of ten, or the smallest step of an encoder.
+    """Grid of a column's values, 0 if none shows: a power of ten, or the smallest step of an encoder.
 
-    At a steady speed, or a steady acceleration, all increments are multiples of one, too: that is no grid.
+    At a steady speed, or a steady acceleration, all increments are multiples of one, too: those are not a grid.
     """
     values = np.concatenate(parts)
     size = float(np.abs(values).max(initial=0.0))

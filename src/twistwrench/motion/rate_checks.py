@@ -1,4 +1,4 @@
-"""How many times the slope of a curve the column is that claims to be its rate."""
+"""Scale and lag checks of rates against the slopes of positions, and single wrong rows."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def segments(time: Array) -> list[slice]:
 
 
 class RateScale:
-    """Of k curves x and what is said to be their rates y: the y that the slopes of x show, by least squares on ∫y dt."""
+    """Scale of rates y over the slopes of k curves x, by least squares on ∫y dt."""
 
     def __init__(self, count: int) -> None:
         self._xx, self._xy, self._yy, self._noise = (np.zeros(count) for _ in range(4))
@@ -71,7 +71,7 @@ class RateScale:
         self._yy += np.sum(b * b, axis=0)
 
     def result(self, alike: Array) -> Array:
-        """(k,) y over the slope of x: 1 where they agree or nothing can be said, inf where y moves and x stands.
+        """Scale (k,) of y over the slope of x: 1 if they agree or it is undetermined, inf if y moves and x does not.
 
         ``alike`` (k,) tells curves of different units apart: speeds are compared among those of one kind.
         """
@@ -112,7 +112,7 @@ _SOME_MOVE = 0.05
 
 
 class RateLag:
-    """Of k curves x and what is said to be their rates y: the d with y(t) = x'(t - d), by least squares on ∫y dt.
+    """Lag d of rates y of k curves x with y(t) = x'(t - d), by least squares on ∫y dt.
 
     Means and trends of both are taken off, window by window, so that a bias of y says nothing. Rows come in any portions.
     """
@@ -151,7 +151,7 @@ class RateLag:
         self._last = float(time[-1]), x[-1].copy(), y[-1].copy(), sums[-1].copy()
 
     def result(self) -> Array:
-        """(k,) s, 0 where there is no delay to speak of or nothing can be said."""
+        """Lag (k,) [s], 0 if it is negligible or undetermined."""
         self._flush()
         padded = np.pad(self._errors, ((1, 1), (0, 0)), constant_values=np.inf)
         dips = (self._errors <= padded[:-2]) & (self._errors <= padded[2:])
@@ -195,13 +195,13 @@ def _without(basis: Array, x: Array) -> Array:
 # ── What a gain between a column and the slope of another one says about their units, in words
 
 _WITHIN = 0.1
-"""How near a known factor between units a gain is taken to be that factor."""
+"""Relative tolerance within which a scale is taken for a known factor between units."""
 
 _DEGREES = math.degrees(1.0)
 
 
 def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
-    """What a column is, whose slope over time should be that of ``base``; ``per`` is the unit's end, such as /s."""
+    """Description of a rate column by its scale against the slope of ``base``; ``per`` is the unit's end, such as /s."""
     slope = f"the slope of the {base}"
     if math.isinf(gain):
         return f"moves, and the {base} stand"
@@ -229,7 +229,7 @@ def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
 
 
 def near(gain: float, factor: float) -> bool:
-    """Whether a gain is taken to be a factor between units."""
+    """True if a scale is close to a factor between units."""
     return abs(gain / factor - 1.0) < _WITHIN
 
 
@@ -242,23 +242,23 @@ def near(gain: float, factor: float) -> bool:
 _BEYOND = 5.0
 """Times the largest e of the rest of the log, from which the wrong row explains itself."""
 _ALIKE = 0.25
-"""How far the neighbours' e may be from -d/2, as a share of d: the path goes on beside the glitch."""
+"""Deviation of the neighbours' e from -d/2, as a share of d: the path goes on beside the glitch."""
 _ROUNDING_of_single_row_glitches, _NO_COUNT = 1e-6, 1e-2
-"""rad or m: what is smaller is not told from rounded numbers, and what is larger is no count of an encoder that flickers."""
+"""Sizes [rad, m]: smaller is rounding; larger is not a count of an encoder that flickers."""
 _COUNTS = 3.0
-"""Times the least step of the log, from which it is no such count either."""
+"""Multiples of the least step of the log from which it is not such a count."""
 _MOST = 50
 """Candidates that are kept for a joint; with more the log is rough, and not one row wrong."""
 _LISTED = 3
 SINGLE_ROW = "for a single row"
 LEFT_OUT = "Left out: "
-"""What a sentence on a wrong row has in it, and what a note on one begins with that is left out."""
+"""Words in sentences on a wrong row, and at the beginning of notes on rows left out."""
 _GAP_of_single_row_glitches = 5.0
 """Usual steps of time from which a step is a pause."""
 _OF_CLOCK = 0.25
 """Share of the largest d of a row that is left where the stamp is wrong."""
 _MOVING = 0.05
-"""Share of the fastest joint's speed from which a joint moves: one alone cannot tell its stamp from its position."""
+"""Share of the fastest joint's speed from which a joint moves: one moving joint does not separate stamp and position."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class Glitch:
     """|d| [rad, m]."""
     time: float
     late: float
-    """What its stamp is off by [s], if every joint leaves its path in proportion to its speed; else 0."""
+    """Delay of its stamp [s], if every joint leaves its path in proportion to its speed; else 0."""
 
 
 class SingleRowGlitches:
@@ -282,7 +282,7 @@ class SingleRowGlitches:
         self._usual = 0.0
         self._largest, self._least_step = np.zeros(count), np.full(count, np.inf)
         self._found: list[list[Glitch]] = [[] for _ in range(count)]
-        """Of each joint the candidates."""
+        """Candidates of each joint."""
 
     def add(self, time: Array, q: Array) -> None:
         """Take in consecutive rows, (n,) and (n, k)."""
@@ -345,7 +345,7 @@ class SingleRowGlitches:
 
 
 def _late(d: Array, speed: Array) -> float:
-    """What a row's stamp is late by [s], where joints of speeds (k,) leave their paths by d (k,); 0 where it is not that."""
+    """Delay of a row's stamp [s] if joints of speeds (k,) leave their paths by d (k,) in proportion; else 0."""
     if (np.abs(speed) > _MOVING * np.abs(speed).max(initial=0.0)).sum() < 2:
         return 0.0
     found = float(d @ speed) / float(speed @ speed)

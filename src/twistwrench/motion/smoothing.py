@@ -108,7 +108,7 @@ def best_strength(
 
 
 def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
-    """How many samples in a row share one rounding error, in the mean over those that move; 1 to 10, and 1 without a grid.
+    """Mean number of consecutive samples with one rounding error, 1 to 10; 1 without a grid.
 
     A slow motion keeps to a point of the grid for many samples. Beyond ten the motion is so slow that stairs are all there
     is to see. Of the whole ``noise``, only what rounding makes of it counts.
@@ -159,7 +159,7 @@ def margin_of(strength: float) -> int:
 # ── Samples of a motion as a curve: without jumps that are no motion, its derivatives, and configurations between samples
 
 DEGREE = 5
-"""Of the spline."""
+"""Degree of the spline."""
 FEWEST = DEGREE + 1
 """Samples that velocities and accelerations can be derived from."""
 
@@ -177,7 +177,7 @@ class Between(NamedTuple):
 
 
 def continuous(model: Model, q: Array) -> Array:
-    """q (n, nq) without the jumps that are no motion: of angles by a turn, of quaternions to their negatives."""
+    """Coordinates q (n, nq) without jumps of angles by a turn and of quaternions to their negatives."""
     coordinates, q = Coordinates.of(model), q.astype(float)
     q[:, coordinates.endless] = np.unwrap(q[:, coordinates.endless], axis=0)
     for place in coordinates.quaternions:
@@ -306,7 +306,7 @@ def _ad(groups: Array, x: Array) -> Array:
 
 
 def _needed(x: Array) -> int:
-    """How many terms of the series matter: they fall as (|x|/2π)ⁿ at least."""
+    """Number of terms of the series that matter: they fall as (|x|/2π)ⁿ at least."""
     reach = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)
     return min(len(_FORWARD), math.ceil(_DIGITS / math.log(2 * math.pi / reach)))
 

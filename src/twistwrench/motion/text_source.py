@@ -37,7 +37,7 @@ class TextSource:
 
     path: Path
     size: int
-    """Of the plain text [bytes]."""
+    """Size of the plain text [bytes]."""
     _copy: IO[bytes] | None = None
 
     @classmethod
