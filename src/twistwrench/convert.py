@@ -37,7 +37,7 @@ _MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
 
 
 def require_pair(robot: Robot, model: object, library: str) -> None:
-    """Raise ValueRangeError unless the first is a robot and the second a model of that library."""
+    """Raise ValueRangeError unless the arguments are a robot and a model of that library."""
     require_robot(robot, "tw.convert")
     if not hasattr(model, _MARKS[library]):
         raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and one of {library}'s is wanted.")
@@ -187,7 +187,7 @@ def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
 
 
 def _name(model: Any, i: int) -> str:
-    """The joint's name; of one without, that which reading its MJCF file gives it: ``body3.hinge``, ``body3.slide1``."""
+    """Name of the joint; without one, the name from reading its MJCF file: ``body3.hinge``, ``body3.slide1``."""
     if model.joint(i).name:
         return str(model.joint(i).name)
     b = int(model.jnt_bodyid[i])

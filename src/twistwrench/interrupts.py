@@ -1,4 +1,4 @@
-"""Ctrl-C while the package is imported: the command ends as it does later, and shows no traceback."""
+"""Ctrl-C during the import of the package: the command ends as it does later, without a traceback."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .core.verdict import ExitCode
 
 
 def end_at_once(*_: Any) -> None:
-    """End the process; nothing has begun that would have to be finished."""
+    """End the process; no work is lost."""
     os.write(2, b"interrupted\n")
     os._exit(ExitCode.INTERRUPTED)
 

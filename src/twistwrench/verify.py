@@ -30,7 +30,7 @@ Residual = Callable[[Robot, State], float]
 __all__ = ["Check", "VerifyReport", "verify"]
 
 ROUNDING = 1e-10
-"""Two ways of computing one thing in float64: some thousand operations each, 1e-16 apart, and room for cancellation."""
+"""Tolerance of two float64 computations: some thousand operations each, 1e-16 apart, with a margin for cancellation."""
 DIFFERENCES = 1e-9
 """Tolerance if one side is a derivative by differences."""
 
@@ -205,7 +205,7 @@ def coriolis_gap(robot: Robot, at: State) -> float:
 
 
 def round_trip_gap(robot: Robot, at: State) -> float:
-    """Gap of torques after forward and inverse dynamics: a nearly massless finger makes M⁻¹ large, but not M q̈."""
+    """Gap of torques after forward and inverse dynamics: a nearly massless finger makes M⁻¹ large, not M q̈."""
     tau = robot.inverse_dynamics(*at)
     ddq = robot.forward_dynamics(at.q, at.dq, tau)
     size = float(np.abs(robot.mass_matrix(at.q) * ddq).max() + np.abs(tau).max())

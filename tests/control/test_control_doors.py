@@ -131,7 +131,7 @@ REFUSED = {
         tw.ValueRangeError,
         "the robot is 'ur5': give a tw.Robot",
     ),
-    "a controller that is none": (lambda: MomentumObserver(ARM, 1).watch(3), tw.ValueRangeError, "no controller"),
+    "a controller that is none": (lambda: MomentumObserver(ARM, 1).watch(3), tw.ValueRangeError, "not a controller"),
     "a record of a wrong length": (
         lambda: MomentumObserver(ARM, 1).over([0, 1], np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((2, 3))),
         tw.ShapeError,

@@ -221,7 +221,7 @@ REFUSED = {
     "a bent pose to invert": (se3.inverse, np.stack([np.eye(4), se3.pose(BENT, [1, 2, 3])]), r"\(row 1 of the batch\)"),
     "a bent matrix as a quaternion": (quaternion.from_matrix, BENT, r"R' R is 0\.0196"),
     "no quaternion": (quaternion.rotation, np.zeros((2, 4)), r"quaternion\.rotation: quat is zero in row \(0,\)"),
-    "the log of none": (quaternion.log, np.zeros(4), r"quaternion\.log: quat is zero, which is no rotation"),
+    "the log of none": (quaternion.log, np.zeros(4), r"quaternion\.log: quat is zero, which is not a rotation"),
     "for SciPy": (so3.as_scipy, BENT, r"R' R is"),
     "a pose for SciPy": (se3.as_scipy, np.zeros((4, 4)), r"last row"),
 }

@@ -55,7 +55,7 @@ def test_a_helical_joint_advances_by_its_pitch():
         ("helical", {"axis": (1, 0, 0, 0, 0, 0), "pitch": 1.0}, "leave out pitch"),
         ("revolute", {"pitch": 1.0}, "only helical"),
         ("hinge", {}, "Allowed: revolute"),
-        ("revolute", {"placement": 2 * np.eye(4)}, "no pose"),
+        ("revolute", {"placement": 2 * np.eye(4)}, "not a pose"),
         ("revolute", {"placement": np.eye(3)}, "(4, 4)"),
         ("revolute", {"lower": 1.0, "upper": -1.0}, "reversed"),
         ("revolute", {"lower": np.nan}, "lower=nan"),

@@ -85,7 +85,7 @@ def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
 
 # ── Armature: inertia A = diag(a) of drives, with kinetic energy ½ u' A u in the joint velocities u
 
-# The velocities of planar, ball and floating joints are no rates of coordinates, but the joint's own twist V by its axes S_k.
+# The velocities of planar, ball and floating joints are not rates of coordinates, but the joint's own twist V by its axes S_k.
 # So Lagrange's equations are those of Hamel, and an armature has products of velocities as any inertia of that twist has:
 #
 #     τ = A du/dt - [V, ·]' A u = A du/dt + C u,     C = L u,     L_abc = a_c S_c·[S_a, S_b]     (axes of unit length).

@@ -241,7 +241,7 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
     a = arguments.one(value, name, count) if count > 1 else np.array([arguments.number(value, name)])
-    if not ((a >= 1e-100) & (a <= 1e100)).all():  # beyond, their squares and products are no numbers
+    if not ((a >= 1e-100) & (a <= 1e100)).all():  # beyond, their squares and products overflow or vanish
         given = a.tolist() if count > 1 else a[0]
         raise ValueRangeError(f"{name} is {given}; lengths must be positive and finite, 1e-100 to 1e100 m.")
     return a
@@ -263,7 +263,7 @@ def _centred(
 
 # A solid may be bounded by several shells: its outer one, those of its cavities, those of solids beside it. What a shell
 # bounds does not depend on how its faces are turned: by itself it is a solid; inside another it is a cavity, inside a cavity a
-# solid again. Shells that cut each other are no such nest.
+# solid again. Shells that cut each other do not nest.
 
 _LOOKED_AT = 64
 """Corners and face centres of a shell that are tested for being inside another."""

@@ -226,7 +226,9 @@ class MomentumObserver:
         [29.43, 9.81]
         """
         if not callable(controller):
-            raise ValueRangeError(f"MomentumObserver.watch: {controller!r} is no controller, a function of (t, q, dq).")
+            raise ValueRangeError(
+                f"MomentumObserver.watch: {controller!r} is not a controller, a function of (t, q, dq)."
+            )
         held = np.zeros(self.robot.nv)
 
         def watched(t: float, q: Array, dq: Array) -> Array:

@@ -212,8 +212,8 @@ def require_driven(robot: object, what: str) -> Robot:
     found = require_robot(robot, what)
     if names := undriven(found.model):
         raise ValueRangeError(
-            f"{what} wants a torque for every velocity, and {', '.join(names)} of robot {found.name!r} is no joint of one "
-            "degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
+            f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {found.name!r} is not a joint of "
+            "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
         )
     return found
 

@@ -155,7 +155,7 @@ def screw_motion(axis: Array, theta: Any) -> Array:
     """
     w, v = axis[:3], axis[3:]
     rate = float(np.linalg.norm(w))
-    if abs(rate - 1.0) < 1e-15:  # a unit vector to the last bit or so: its length is no factor
+    if abs(rate - 1.0) < 1e-15:  # a unit vector to the last bit or so: its length is left out
         rate = 1.0
     if rate == 0.0:
         return se3.pose(np.eye(3), v * theta)

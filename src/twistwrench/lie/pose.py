@@ -100,7 +100,7 @@ class Pose:
         place = f"{what}: at {vector(self.position)} m"
         if self.matrix.dtype == object:
             return place
-        turn = so3.log(so3.project(self.rotation, within=np.inf))  # what adds up in products is no reason not to print
+        turn = so3.log(so3.project(self.rotation, within=np.inf))  # rounding that adds up in products is still printed
         angle = float(np.linalg.norm(turn))
         return f"{place}, " + (
             f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
@@ -144,7 +144,7 @@ class Pose:
 
 
 def _follows(matrix: Array, to: str, of: str) -> Pose:
-    """A pose that follows from checked ones, whose rounding may add up to more than a new one is allowed."""
+    """Pose computed from checked ones, whose rounding may exceed the tolerance of a new one."""
     pose = object.__new__(Pose)
     matrix.setflags(write=False)
     for name, value in (("matrix", matrix), ("to", to), ("of", of)):

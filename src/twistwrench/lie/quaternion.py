@@ -90,7 +90,7 @@ def _turning(size: Array, what: str) -> None:
     if not size.all():  # NaN counts as true
         row = tuple(int(i) for i in np.argwhere(size == 0)[0])
         raise ValueRangeError(
-            f"{what} is zero{f' in row {row}' if row else ''}, which is no rotation; none is (1, 0, 0, 0)."
+            f"{what} is zero{f' in row {row}' if row else ''}, which is not a rotation; the identity is (1, 0, 0, 0)."
         )
 
 
@@ -178,7 +178,7 @@ def cotangent_quotient(square: Any) -> Any:
 
 
 def short_way(cosine: Any) -> Any:
-    """-1 where a rotation by (cosine, …) of half the angle turns by more than π, so that its opposite is meant, else 1."""
+    """-1 if a rotation by (cosine, …) of half the angle exceeds π, so that its opposite is shorter, else 1."""
     sign = _sign(cosine)
     return sign + (1.0 - sign * sign)
 

@@ -44,7 +44,7 @@ def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Mode
 
 
 def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
-    """The model with friction behind the gears, where the links turn: of elastic joints that of the joint's own coordinate.
+    """Model with friction behind the gears, on the link side: for elastic joints that of the joint's own coordinate.
 
     A rigid gear turns with its joint, so there it adds to what the gear has. Raises ModelError where the sum of two laws
     is not a law, as of two Stribeck speeds.
@@ -134,7 +134,7 @@ def _driven(model: Model, actuator: Actuator) -> Model:
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
-    """The model whose carrying link has the rotor taken out where it counts it, and the rotor as a body."""
+    """Model without the rotor in its carrying link, if that includes it, and the rotor as a body."""
     carrier, T, axis = _mounted(model, driven, rotor)
     placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
     # A thin ring: what a rotor has across its axis moves with the carrier however it spins, and is in no balance twice.
@@ -190,7 +190,7 @@ def counted(model: Model, rotor: Body) -> bool:
 
 
 def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
-    """The body that carries the rotor, the frame its place is given in, and its axis there."""
+    """Body that carries the rotor, frame of its position, and its axis there."""
     if rotor.link is None:
         return driven.parent, driven.placement, _axis(driven.joint, rotor)
     frame = model.frame(rotor.link)

@@ -193,7 +193,7 @@ _RATIOS = 1e-6, 1e9
 
 
 def check_actuator(actuator: Actuator) -> None:
-    """Raise ValueRangeError for a number that no drive has."""
+    """Raise ValueRangeError for a number that is impossible for a drive."""
     who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
     if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
         raise ValueRangeError(

@@ -24,7 +24,7 @@ from .rounding import snap_pose
 
 
 def fuse(model: Model, held: Mapping[int, Array]) -> Model:
-    """The model with the joints of some bodies held rigid: ``held[i]`` is the pose T_joint,child (4, 4) of body i.
+    """Model with the joints of some bodies held rigid: ``held[i]`` is the pose T_joint,child (4, 4) of body i.
 
     Each such body's inertia is added to the body that carries it, its frames and children move over, and its
     coordinates and limits go. Whoever holds a leader holds its followers too.
@@ -106,7 +106,7 @@ class _Columns:
             nq += body.joint.nq
 
     def fields(self, model: Model) -> dict[str, Any]:
-        """The per-velocity data of the model, without the columns that went."""
+        """Data per velocity, without the removed columns."""
         pick, old = np.array(self._order, int), model.limits
         limits = Limits(old.lower[pick], old.upper[pick], old.velocity[pick], old.effort[pick])
         q_pick = np.array(self._q_order, int)
@@ -178,7 +178,7 @@ def _coordinates(q: Array, body: Body) -> Array:
 
 
 def default_tip(model: Model) -> str | None:
-    """The last leaf in document order on the last moving body, where the moving joints form one chain; else None."""
+    """Last leaf in document order on the last moving body, if the moving joints form one chain; else None."""
     if any(body.parent != i - 1 for i, body in enumerate(model.bodies)):
         return None
     last = len(model.bodies) - 1
@@ -250,7 +250,7 @@ def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry
 def shared_limits(
     leader: JointEntry, followers: Iterable[JointEntry], drives: Mapping[str, Drive]
 ) -> tuple[Limits, list[str]]:
-    """The limits of a leader in which its followers keep theirs, and a remark on each follower that none would suit.
+    """Limits of a leader in which its followers keep theirs, and a remark on each follower for which there are none.
 
     Limits of position and velocity are shared. A limit of effort stays the follower's own: see :func:`follower_torques`.
     """
@@ -321,7 +321,7 @@ def assemble(
     source: str,
     additions: Additions,
 ) -> Model:
-    """The model of a checked tree, fixed links fused; a follower of a fixed joint, or with ratio 0, is fixed too."""
+    """Model of a checked tree, fixed links fused; a follower of a fixed joint, or with ratio 0, is fixed too."""
     joints = ([_root_entry(tree.root)] if floating_base else []) + list(tree.joints)
     leaders = [j for j in joints if j.name not in drives and j.joint.nv]
     columns, nq, nv = {}, 0, 0
@@ -416,7 +416,7 @@ def _stacked(limits: list[Limits]) -> Limits:
 
 
 def _armature(joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int) -> Array:
-    """Inertia of the drives per velocity; that of a follower counts ratio², as a gear's does."""
+    """Armature per velocity; that of a follower counts ratio², as a gear's does."""
     found = [0.0] * nv
     for entry in joints:
         drive = drives[entry.name]
@@ -443,6 +443,6 @@ def _friction(
 
 
 def _velocities(entry: JointEntry, drive: Drive, columns: Mapping[str, _Column]) -> range:
-    """The places in dq that move a joint; none where its leader is fixed."""
+    """Places in dq of a joint; none if its leader is fixed."""
     column = columns.get(drive.leader)
     return range(0) if column is None else range(column.v, column.v + entry.joint.nv)

@@ -69,12 +69,12 @@ class ModelBuilder:
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """The links added so far."""
+        """Names of the links added so far."""
         return tuple(self._links)
 
     @property
     def site_names(self) -> tuple[str, ...]:
-        """The sites added so far, as they are called."""
+        """Names of the sites added so far."""
         return tuple(self._additions.sites)
 
     def remark(self, text: str) -> None:
@@ -215,7 +215,7 @@ class ModelBuilder:
         self._remarks.extend(remarks)
 
     def add_site(self, name: str, link: str, pose: ArrayLike | None = None, where: str = "") -> str:
-        """Add a site: a frame fixed to a link, which is not a link.
+        """Add a site: a named frame fixed to a link.
 
         Parameters
         ----------
@@ -273,7 +273,7 @@ class ModelBuilder:
         for name in terms:
             if name not in self._joints or self._joints[name].joint.nq != 1:
                 raise ModelError(
-                    f"a spring{f' ({where})' if where else ''} acts on {name!r}, which is no joint of one degree."
+                    f"a spring{f' ({where})' if where else ''} acts on {name!r}, which is not a joint of one degree of freedom."
                 )
         values = numbers([stiffness, rest, *terms.values()], (2 + len(terms),), f"the numbers of a spring ({where})")
         weights = zip(terms, values[2:].tolist(), strict=True)
@@ -300,7 +300,7 @@ class ModelBuilder:
         self._additions.configurations[name] = dict(positions)
 
     def add_closure(self, name: str, closure: OfferedClosure) -> None:
-        """Offer a loop to close between two frames that were added.
+        """Add a loop closure between two frames that the user may request.
 
         Parameters
         ----------
@@ -414,7 +414,7 @@ _locked = lock  # inside build, `lock` is the option
 
 
 def _on_massless(links: list[str]) -> list[str]:
-    """One remark on all moving links that ought to have a mass and have none."""
+    """Remark on all moving links that lack a mass."""
     if not links:
         return []
     verb, whose = ("has", "its") if len(links) == 1 else ("have", "their")

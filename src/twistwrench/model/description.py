@@ -97,7 +97,7 @@ class SiteEntry:
 def link_entry(
     name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False, hidden: bool = False
 ) -> LinkEntry:
-    """A link whose inertia is finite and whose mass is not negative: no policy can mend those."""
+    """Link with a finite inertia and a mass that is not negative: the policies do not repair those."""
     link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped, hidden)
     if not all(map(math.isfinite, link.inertia.parameters.tolist())):
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
@@ -109,7 +109,7 @@ def link_entry(
 
 
 def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
-    """A mimic with its numbers checked."""
+    """Mimic entry with its numbers checked."""
     if mimic is None:
         return None
     leader, multiplier, offset = mimic
@@ -118,7 +118,7 @@ def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
 
 
 def armature_of(armature: ArrayLike, who: str) -> float:
-    """The inertia of a joint's drive, finite and not negative."""
+    """Armature of a joint, finite and not negative."""
     value = number(armature, f"the armature of {who}")
     if value < 0:
         raise ModelError(
@@ -128,7 +128,7 @@ def armature_of(armature: ArrayLike, who: str) -> float:
 
 
 def placement_of(T: ArrayLike | None, who: str) -> Array:
-    """A pose (4, 4), the identity for None; raises unless it is a rigid motion."""
+    """Pose (4, 4), the identity for None; raises unless it is a rigid motion."""
     if T is None or T is IDENTITY:
         return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
@@ -138,7 +138,9 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     R = T[:3, :3]
     # 1e-6: rotations typed with six digits are meant as rotations; anything worse is another kind of matrix.
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(T[3] != (0, 0, 0, 1)):
-        raise ModelError(f"the placement of {who} is no pose: it needs a rotation, a position and a last row 0 0 0 1.")
+        raise ModelError(
+            f"the placement of {who} is not a pose: a rotation, a position and the last row 0 0 0 1 are required."
+        )
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # the nearest rotation: algorithms take a transpose for an inverse
         left, _, right = np.linalg.svd(R)
         T = T.copy()
@@ -149,7 +151,7 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
 def limits_of(
     joint: Joint, lower: float | None, upper: float | None, velocity: float | None, effort: float | None, who: str
 ) -> tuple[Limits, list[str]]:
-    """The limits of a joint, (nv,) each, infinite where none is given, and remarks on those that cannot be meant."""
+    """Limits of a joint, (nv,) each, infinite if not given, and remarks on implausible ones."""
     remarks: list[str] = []
     if joint.nv != 1:
         if joint.nv and any(x is not None for x in (lower, upper, velocity, effort)):

@@ -29,7 +29,7 @@ class Friction:
     static: Array
     """Breakaway torque, N m or N, at least ``coulomb``."""
     stribeck: Array
-    """rad/s or m/s: the speed at which static friction has mostly gone over into Coulomb friction; above 0."""
+    """Speed at which static friction has mostly become Coulomb friction, above 0 [rad/s or m/s]."""
     load: Array
     """Friction per torque carried, below 1."""
 
@@ -43,7 +43,7 @@ class Friction:
 
     @classmethod
     def plain(cls, viscous: Array, coulomb: Array) -> Friction:
-        """Viscous and Coulomb friction only, as robot files give it."""
+        """Viscous and Coulomb friction only, as in robot files."""
         viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
         return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
 
@@ -52,19 +52,19 @@ class Friction:
         return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
 
     def replaced(self, place: int, **values: float) -> Friction:
-        """With other numbers for one velocity."""
+        """Friction with other numbers for one velocity."""
         columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
         for name, value in values.items():
             columns[name][place] = value
         return Friction(**columns)
 
     def extended(self) -> Friction:
-        """With one more velocity at the end, without friction."""
+        """Friction with one more velocity at the end, without friction."""
         new = Friction.plain(np.zeros(1), np.zeros(1))
         return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
 
     def moved(self, place: int, to: int) -> Friction:
-        """With the friction of one velocity at another, and none left where it was."""
+        """Friction of one velocity moved to another."""
         laws = {f.name: float(getattr(self, f.name)[place]) for f in fields(self)}
         return self.replaced(to, **laws).replaced(place, **dict.fromkeys(laws, 0.0) | {"stribeck": 1.0})
 
@@ -75,4 +75,4 @@ class Friction:
 
 
 LAWS = tuple(entry.name for entry in fields(Friction))
-"""Names of the parts of the law, as actuator files and parameters have them."""
+"""Names of the parts of the law in actuator files and parameters."""

@@ -15,13 +15,13 @@ from .model import BASE, Body, Model
 from .notes import ModelNote
 
 _LISTED = 3
-"""Bodies that cannot exist that an error describes; a file with many has one cause most often."""
+"""Number of impossible bodies that an error describes; many have one cause most often."""
 INERTIA_POLICIES = ("error", "accept", "repair")
 """Policies for a physically impossible moving body: refuse it, keep it, or take the nearest consistent inertia."""
 
 
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
-    """Why no body has this inertia, in words with amounts. Rotational inertia without mass is judged by itself.
+    """Violated conditions of physical consistency, in words with amounts. Rotational inertia without mass is checked by itself.
 
     Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error. ``size`` [kg m²] is
     that of the moments it was made of, which rounding goes by.
@@ -75,7 +75,7 @@ def _clear(inertias: Sequence[SpatialInertia]) -> Array:
 
 
 def moved_moments(model: Model, index: int) -> float:
-    """The moments [kg m²] that those of a fused body are sums and differences of: each link's, moved along its own levers."""
+    """Largest moments [kg m²] of the sums and differences in a fused body: each link's, moved along its own levers."""
     total = 0.0
     for name, frame in model.frames.items():
         if frame.body == index:
@@ -85,7 +85,7 @@ def moved_moments(model: Model, index: int) -> float:
 
 
 def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
-    """The body by its links: those at fault where some are, else all that weigh anything."""
+    """Name of the body by its links: those at fault, if any, else all with a mass."""
     members = [n for n, f in model.frames.items() if f.body == index and model.link_inertias[n].parameters.any()]
     guilty = [n for n in members if reasons(model.link_inertias[n])] or members
     fused = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
@@ -104,7 +104,7 @@ def _repaired(body: Body) -> tuple[Body, str]:
 
 
 def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
-    """Remarks on links that are doubtful by themselves and do no harm."""
+    """Remarks on links that are doubtful by themselves and have no effect."""
     remarks: list[str] = []
     clear = _clear(list(model.link_inertias.values()))
     for (name, inertia), fine in zip(model.link_inertias.items(), clear.tolist(), strict=True):

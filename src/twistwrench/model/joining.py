@@ -1,4 +1,4 @@
-"""Joining two robots, and cutting one out: edits of the links and joints that a model is made of."""
+"""Joining of two robots, and extraction of a part: edits of the links and joints of a model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _Value = TypeVar("_Value")
 
 
 def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: str) -> Model:
-    """The model with another one's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` goes before the other's names.
+    """Model with another one's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` goes before the other's names.
 
     Raises :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.FrameError` as :meth:`Model.frame`, and
     :class:`~twistwrench.ModelError` where a name would stand for two things.
@@ -60,7 +60,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
 
 
 def chain(model: Model, base: str | None, tip: str | None) -> Model:
-    """A part of the model, its base standing still: all that a link carries, or the joints between it and a tip alone.
+    """Part of the model, its base fixed: all that a link carries, or the joints between it and a tip alone.
 
     What is fixed rigidly to the part belongs to it; gravity is seen from the new base with every joint neutral.
 
@@ -104,7 +104,7 @@ def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
 
 
 def _renamed(part: ModelParts, prefix: str) -> ModelParts:
-    """The outline with a prefix before every name of it."""
+    """Parts with a prefix before every name."""
     if not prefix:
         return part
 
@@ -199,7 +199,7 @@ def _rotation(model: Model, link: str) -> Array:
 
 
 def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
-    """The outline with some links only, and all that concerns nothing else."""
+    """Parts with some links only, and everything that concerns nothing else."""
     joints = [joint for joint in found.joints if {joint.parent, joint.child} <= kept]
     names = {joint.name for joint in joints} | ({ROOT_JOINT} if found.floating else set())
     for joint in joints:

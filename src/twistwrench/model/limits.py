@@ -10,7 +10,7 @@ import numpy as np
 from ..typing import Array
 
 TOLERANCE = 1e-6
-"""Share of a joint's largest limit by which it may be past one and still counts as at it: rounding to float32, or to six
+"""Share of a joint's largest limit by which it may exceed one and still count as at it: rounding to float32, or to six
 digits in a file, does not count as excess."""
 
 

@@ -23,7 +23,7 @@ from .limits import Limits
 
 @dataclass(frozen=True)
 class Tree:
-    """The root link, the joints depth first (document order among siblings), and the links without children."""
+    """Root link, joints depth first (document order among siblings), and the links without children."""
 
     root: str
     joints: tuple[JointEntry, ...]
@@ -31,7 +31,7 @@ class Tree:
 
 
 def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
-    """Order the joints depth first; :class:`~twistwrench.ModelError` unless they join all links into one tree."""
+    """Order the joints depth first; raises :class:`~twistwrench.ModelError` unless they join all links into one tree."""
     if not links:
         raise ModelError("the robot has no links. Give at least one.")
     parent_joint: dict[str, JointEntry] = {}
@@ -107,7 +107,7 @@ def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
 
 @dataclass(frozen=True)
 class Spring:
-    """Stores ``½ stiffness (Σ weight · coordinate - rest)²`` over the one-degree joints named."""
+    """Spring with the energy ``½ stiffness (Σ weight · coordinate - rest)²`` of the one-degree joints named."""
 
     terms: tuple[tuple[str, float], ...]
     """(joint, weight) pairs."""
@@ -117,7 +117,7 @@ class Spring:
     """rad or m."""
 
     def with_fixed(self, positions: dict[str, float]) -> Spring:
-        """The same spring once some joints are locked: their part of its stretch is constant."""
+        """Spring with some joints locked: their part of its stretch is constant."""
         fixed = sum(weight * positions[joint] for joint, weight in self.terms if joint in positions)
         return Spring(tuple(t for t in self.terms if t[0] not in positions), self.stiffness, self.rest - fixed)
 
@@ -127,14 +127,14 @@ class Spring:
 
 @dataclass(frozen=True)
 class OfferedClosure:
-    """Two frames that the file holds on each other: ``robot.close(closure.frame_a, closure.frame_b, closure.rows)``."""
+    """Loop closure of the file: ``robot.close(closure.frame_a, closure.frame_b, closure.rows)``."""
 
     frame_a: str
-    """One of them."""
+    """First frame."""
     frame_b: str
-    """The other."""
+    """Second frame."""
     rows: str = "wx wy wz vx vy vz"
-    """The rows of the frames' relative twist that are held at zero."""
+    """Rows of the frames' relative twist that are held at zero."""
 
 
 # ── Model: moving bodies, joints and frames
@@ -212,7 +212,7 @@ class Model:
     base_inertia: SpatialInertia
     """The links that do not move, fused, in the base frame."""
     tip: str | None
-    """The frame meant when none is named."""
+    """Default frame of quantities."""
     leaves: tuple[str, ...] = ()
     """Links without children, in document order."""
     defects: tuple[str, ...] = ()
@@ -228,7 +228,7 @@ class Model:
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     """(frame, inertia about it) of attached payloads; the bodies and the links that carry them include them."""
     shaped: frozenset[str] = frozenset()
-    """The links that the file gives a shape, to be seen or to be touched."""
+    """Links with a visual or collision shape."""
     snap: float = 0.0
     """Distance from 0 or ±1 below which an entry of a fixed rotation was set to it; edits use it too."""
     armature: Array = field(default_factory=lambda: np.zeros(0))

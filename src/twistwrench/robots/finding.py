@@ -23,11 +23,11 @@ _PATHS = ("URDF_PATH", "MJCF_PATH")
 
 @dataclass(frozen=True)
 class FoundRobot:
-    """A robot file that has a name."""
+    """Robot file with a name."""
 
     name: str
     source: str
-    """The package it is from: ``twistwrench``, ``example-robot-data``, ``robot_descriptions``."""
+    """Package of the file: ``twistwrench``, ``example-robot-data``, ``robot_descriptions``."""
     path: Path
 
 
@@ -90,7 +90,7 @@ def _bundled() -> Iterator[FoundRobot]:
 
 
 def _examples() -> Iterator[FoundRobot]:
-    """Files by their names; folders by theirs, where one file is clearly meant."""
+    """Files by their names; folders by theirs, if one file is clearly the robot."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     source = "example-robot-data"
@@ -153,7 +153,7 @@ def _repositories(file: Path) -> dict[str, str]:
 
 
 def _path_said(module: Path, places: Mapping[str, Path]) -> Path | None:
-    """The robot file that a description names, by the few expressions that descriptions are made of."""
+    """Robot file named by a description, from the few expressions that descriptions are made of."""
     known: dict[str, Path] = {}
     for node in _parsed(module).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):

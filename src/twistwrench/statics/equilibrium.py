@@ -422,7 +422,7 @@ def _sparse_basis(B: Array) -> Array:
 
 
 def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", least: float = 0.0) -> str:
-    """Numbers with their names, round-off left out: ``0.5 mx − 2 fz``."""
+    """Numbers with their names, without round-off: ``0.5 mx − 2 fz``."""
     least = max(least, 1e-9 * float(np.abs(x).max(initial=0.0)))
     shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
     if not shown:

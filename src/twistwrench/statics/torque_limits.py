@@ -25,7 +25,7 @@ _NO_LEVER = 1e-12
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
-    """The largest torque of each joint, (nv,) N m or N: ``limits`` if given, else the robot's own.
+    """Largest torque of each joint, (nv,) N m or N: ``limits`` if given, else the robot's own.
 
     Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. At rest an elastic joint
     carries what its motor gives, so the motor's limit is the joint's. Raises
@@ -64,7 +64,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
 
 
 def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, ArrayLike] | None = None) -> Array:
-    """The torques that hold the robot at rest, (..., nv): gravity's, those of springs, and of wrenches on the robot.
+    """Torques that hold the robot at rest, (..., nv): those of gravity, of springs, and of wrenches on the robot.
 
     Elastic gears are stretched as that needs, wherever q has their motors, so that they add nothing: see
     :func:`effort_limits`.
@@ -110,7 +110,7 @@ def span(values: Array) -> str:
 
 
 def require_fixed_base(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError for a robot on a floating base, or without joints: it holds nothing by its own torques."""
+    """Raise ValueRangeError for a robot on a floating base, or without joints: its torques cannot hold it."""
     if robot.nv == 0:
         raise ValueRangeError(
             f"{what} of {robot.name!r} has no answer: it has no joint that moves. Lock fewer of them."
@@ -139,7 +139,7 @@ class Growth:
 
 
 def growth(start: Array, step: Array, limits: Array) -> Growth:
-    """All s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
+    """Range of s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
 
     Joint by joint, s lies between (∓L - sign(a) τ₀) / abs(a), with a the step and τ₀ the start.
 

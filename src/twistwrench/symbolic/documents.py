@@ -223,20 +223,20 @@ def heading(step: Step) -> str:
 
 
 def sentence(remark: str) -> str:
-    """A remark with a full stop, and a capital where it begins with a word."""
+    """Remark with a full stop, and a capital if it begins with a word."""
     first = remark.partition(" ")[0]
     return f"{remark[:1].upper()}{remark[1:]}." if first.isalpha() and len(first) > 1 else f"{remark}."
 
 
 def remarks_of(equations: Equations) -> list[str]:
-    """Sentences that belong under the title: the check, where there is one."""
+    """Sentences under the title: the check, if there is one, and the remarks."""
     check = getattr(equations, "check", None)
     sentence = [] if check is None else [f"{str(check)[0].upper()}{str(check)[1:]}."]
     return [*sentence, *equations.remarks]
 
 
 def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Latex, *, whole: bool) -> str:
-    """Sections of aligned equations; a document where ``whole``."""
+    """Sections of aligned equations; a whole document if ``whole``."""
     parts = []
     for step in steps:
         parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(sentence(step.remark))}")
@@ -272,7 +272,7 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
 
 
 def _in_markdown(text: str) -> str:
-    """Names and sentences, which make no links and no elements of HTML."""
+    """Text without links and elements of HTML."""
     return visible(text).replace("](", "]\\(").replace("<", "&lt;")
 
 

@@ -375,13 +375,13 @@ STEPS = {
 
 
 def entry_name(letter: str, *indices: int) -> str:
-    """M, 0, 1 → M_12; indices beyond nine are kept apart."""
+    """Name of an entry: M, 0, 1 → M_12; indices beyond nine are separated."""
     apart = "_" if max(indices) > 8 else ""
     return f"{letter}_{apart.join(str(i + 1) for i in indices)}"
 
 
 def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
-    """The fields of :class:`~twistwrench.symbolic.equations.Equations` that follow from K and P."""
+    """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
     n, ring = len(terms.coordinates), terms.ring
     rates = [c.rate for c in terms.coordinates]
     motions = [*rates, *(c.acceleration for c in terms.coordinates)]
