@@ -225,12 +225,13 @@ def test_smooth_leaves_out_what_is_raw_and_changes_no_estimate(arm, tmp_path):
 
 def test_the_picture_of_a_noisy_log_shows_the_estimate_and_cuts_off_what_is_raw(arm, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import torques as plotting
+    from twistwrench.plotting import style
+    from twistwrench.plotting.torques import plot_report
 
     drawn = []
-    monkeypatch.setattr(plotting, "save", lambda figure, path: drawn.append(figure))
+    monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure))
     report = report_of(arm, noisy(tmp_path / "m.csv", arm))
-    plotting.plot_report(report, tmp_path / "o.png")
+    plot_report(report, tmp_path / "o.png")
     for k, axis in enumerate(drawn[0].axes[:2]):
         j = report.joints[k]
         low, high = axis.get_ylim()

@@ -492,11 +492,11 @@ def test_pictures_are_drawn(result, tmp_path):
 def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monkeypatch):
     """Lengths, angles and quaternions apart; up to 14 curves in a panel, each of its own colour."""
     pytest.importorskip("matplotlib")
-    from twistwrench.plotting import simulation as picture
+    from twistwrench.plotting import style
 
     drawn = []
-    save = picture.save
-    monkeypatch.setattr(picture, "save", lambda figure, path: drawn.append(figure) or save(figure, path))
+    save = style.save
+    monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure) or save(figure, path))
     dog = tw.robots.quadruped()
     dog.simulate(None, np.ones(dog.nv), 0.02, 0.01).plot(tmp_path / "a.png")
     cart = tw.robots.cart_pole()
