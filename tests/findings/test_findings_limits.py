@@ -461,3 +461,25 @@ def test_finding_19_a_thousand_newton_metres_on_half_of_the_joints_stand_for_no_
     (tmp_path / "arm.urdf").write_text(arm((1000, 10)))
     (found,) = tw.doctor(tmp_path / "arm.urdf", only="placeholder-limits").findings
     assert "efforts of 1000 and more on 1 of 2 joints" in str(found)
+
+
+def test_finding_19_efforts_beside_an_actuator_file_are_the_users(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text(small(35))
+    (tmp_path / "a.yaml").write_text("actuators:\n  j1: {friction: {viscous: 0.1 N m s/rad}}\n")
+    assert run("payload", "arm.urdf")[0] == 1
+    code, said = run("payload", "arm.urdf", "--actuators", "a.yaml")
+    assert code == 0 and "the largest payload held at rest" in said, said
+
+
+@pytest.mark.parametrize(("depth", "doubted"), [(4, True), (5, False)])
+def test_finding_19_fingers_have_at_most_four_joints(tmp_path, depth, doubted):
+    """The weight of an arm of three links is judged where it branches into fingers, and not where it carries other arms."""
+    names = [["l3", *(f"{side}{k}" for k in range(depth))] for side in "ab"]
+    fingers = "".join(
+        link(child, 0.01, 0.02) + joint(f"j{child}", parent, child, 35, x=0.1 if parent == "l3" else 0.02)
+        for chain in names
+        for parent, child in zip(chain, chain[1:], strict=False)
+    )
+    (tmp_path / "hand.urdf").write_text(small(35).replace("</robot>", f"{fingers}</robot>"))
+    found = tw.doctor(tmp_path / "hand.urdf", only="placeholder-limits").findings
+    assert bool(found) == doubted

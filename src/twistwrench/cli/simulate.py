@@ -29,7 +29,7 @@ from .console import picture, progress_bar, show, show_written
 from .motion_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES
 from .plain_table import PlainTable, friction_words, remarks
 from .robot_options import RobotOptions, robot_command
-from .usage import Given, option_group
+from .usage import Given, option_group, with_option_names
 
 _CONTACT = "1e5,0.3,0.5"
 
@@ -182,7 +182,7 @@ def simulation_view(
     c = Coordinates.of(robot.model)
     word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
     verdict = [
-        Text.assemble(word, f": {result.stopped}."),
+        Text.assemble(word, f": {with_option_names(result.stopped)}."),
         *remarks(_limits_passed(robot, result)),
         Text(),
     ]

@@ -83,8 +83,8 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
         asked = int(loaded_entries(model, peaks).sum())
         named = "" if len(missing) == asked else f" ({listed(missing, _LISTED)})"
         said.append(
-            f"no torque limit for {len(missing)} of {asked} joint{'s' if asked > 1 else ''}{named}, which cannot be judged; "
-            f"{TEMPLATE}"
+            f"no torque limit for {f'{len(missing)} of {asked} joints{named}' if asked > 1 else f'the joint {missing[0]}'}, "
+            f"which cannot be judged; {TEMPLATE}"
         )
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):

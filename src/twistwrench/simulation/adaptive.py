@@ -74,12 +74,12 @@ class Stiffness:
             return (
                 f"{said}. Dry friction of joint {names[worst]!r} is eased off below {printed(friction.creep[worst], 2)} "
                 "rad/s or m/s, "
-                'which is steep for so light a joint. Take method="semi_implicit", in whose steps friction stops joints and '
-                "holds them; or a larger creep=."
+                "which is steep for so light a joint. Take method='semi_implicit', in whose steps friction stops joints and "
+                "holds them; or, in Python, a larger creep=."
             )
         return (
             f"{said}, most of all in joint {names[worst]!r}: a torque, a wrench or a contact there is steep for so light a "
-            'joint. Take less gain or stiffness, or method="semi_implicit", which takes viscous friction, and the kd of a '
+            "joint. Take less gain or stiffness, or method='semi_implicit', which takes viscous friction, and the kd of a "
             "tw.control.PD given as tau=, at the end of its steps."
         )
 

@@ -149,7 +149,7 @@ def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
     if (L == 0).any():
         raise ValueRangeError(
             "a torque limit of zero leaves the ellipsoid and the polytope no inside. "
-            "Give limits above zero, or ask statics.robot_equilibrium, which takes joints that nothing drives."
+            "Give limits above zero, or, in Python, call statics.robot_equilibrium, which takes joints that nothing drives."
         )
     return 1.0 / L
 

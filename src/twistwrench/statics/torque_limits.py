@@ -113,12 +113,12 @@ def require_fixed_base(robot: Robot, what: str) -> None:
     """Raise ValueRangeError for a robot on a floating base, or without joints: its torques cannot hold it."""
     if robot.nv == 0:
         raise ValueRangeError(
-            f"{what} of {robot.name!r} has no answer: it has no joint that moves. Lock fewer of them."
+            f"{what} of {robot.name!r} has no answer: it has no joint that moves. If joints are locked, lock fewer of them."
         )
     if floating_entries(robot).any():
         raise ValueRangeError(
             f"{what} of {robot.name!r} needs a fixed base: nothing drives a floating one. "
-            "Load it with its base fixed, or ask statics.robot_equilibrium what its contacts can bear."
+            "Load it with its base fixed, or, in Python, call statics.robot_equilibrium for what its contacts can bear."
         )
 
 
