@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -478,7 +479,7 @@ def test_finding_19_fingers_have_at_most_four_joints(tmp_path, depth, doubted):
     fingers = "".join(
         link(child, 0.01, 0.02) + joint(f"j{child}", parent, child, 35, x=0.1 if parent == "l3" else 0.02)
         for chain in names
-        for parent, child in zip(chain, chain[1:], strict=False)
+        for parent, child in pairwise(chain)
     )
     (tmp_path / "hand.urdf").write_text(small(35).replace("</robot>", f"{fingers}</robot>"))
     found = tw.doctor(tmp_path / "hand.urdf", only="placeholder-limits").findings
