@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .result import IdentifiedRobot
 
 SIGNATURE = "twistwrench identify"
-"""What comments of files begin with."""
+"""Beginning of comments in written files."""
 
 
 def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, object] | None = None) -> str:
@@ -169,7 +169,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
 
 
 def _names_files(text: str) -> bool:
-    """Whether it names other files by paths from its own folder: those that it includes, meshes, textures."""
+    """True if the file names others by paths from its own folder: includes, meshes, textures."""
     elements = list(parse(text).walk())
     named = [element.attributes.get(key, "") for element in elements for key in ("file", "filename")]
     named += [element.content.strip() for element in elements if element.tag == "uri"]
@@ -233,7 +233,7 @@ def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, Spat
 
 
 def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
-    """What joints are to have by kind: friction that was sought, and motor inertias, none where none was sought."""
+    """Values of the joints by kind: identified friction, and motor inertias, zero if they were not identified."""
     model = found.base.unknown.model
     sought = {kind: found.of_joints(kind) for kind in ("viscous", "coulomb", "stribeck")}
     inertias = dict.fromkeys(model.velocity_names, 0.0) | found.of_joints("motor_inertia")
@@ -375,7 +375,7 @@ def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
 
 
 def _notes(made: WrittenRobot, path: Path, *, beside: bool) -> list[str]:
-    """What to know of the robot's file; ``beside``: an actuator file is written too."""
+    """Remarks on the robot's file; ``beside``: an actuator file is written too."""
     notes = [f"{link} is part of the link that carries it now" for link in made.folded]
     if made.folder is not None and path.resolve().parent != made.folder:
         notes.append(
