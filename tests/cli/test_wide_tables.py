@@ -10,7 +10,7 @@ from rich.console import Group
 
 from twistwrench.cli.console import console
 from twistwrench.cli.plain_table import PlainTable
-from twistwrench.core import numbers as printed_numbers
+from twistwrench.core import numbers
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 
@@ -33,11 +33,11 @@ def test_numbers_names_and_heads_are_never_cut(width, capsys):
 @pytest.mark.parametrize("huge", [3e9, -1.5e120, 1e300])
 def test_huge_numbers_have_four_digits_and_their_power_of_ten(huge):
     said = [
-        printed_numbers.torque(huge),
-        printed_numbers.percent(huge),
-        printed_numbers.percent_of_limit(huge),
-        printed_numbers.deviation(abs(huge)),
-        *printed_numbers.estimate(huge, abs(huge) / 7),
+        numbers.torque(huge),
+        numbers.percent(huge),
+        numbers.percent_of_limit(huge),
+        numbers.deviation(abs(huge)),
+        *numbers.estimate(huge, abs(huge) / 7),
     ]
     assert max(map(len, said)) <= 12, said
     assert all(float(text.removesuffix(" %")) != 0 for text in said)

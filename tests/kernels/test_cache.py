@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.core import object_cache as cache
+from twistwrench.core import object_cache
 from twistwrench.ir.tracer import trace
 from twistwrench.lowering.reference_interpreter import NumpyKernel
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
@@ -43,7 +43,7 @@ def place(tmp_path, monkeypatch):
     pytest.importorskip("llvmlite.binding")
     folder = tmp_path / "chosen" / "cache"
     monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", str(folder))
-    monkeypatch.setattr(cache, "_REMARKS", set())
+    monkeypatch.setattr(object_cache, "_REMARKS", set())
     return folder
 
 
@@ -135,7 +135,7 @@ def test_off_means_off(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     for word in ("off", "OFF"):
         monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", word)
-        assert cache.folder() is None
+        assert object_cache.folder() is None
         assert not compiled(PROGRAM, DOUBLE).cached
         assert not compiled(PROGRAM, DOUBLE).cached
     assert list(tmp_path.iterdir()) == []
@@ -145,12 +145,12 @@ def test_off_means_off(tmp_path, monkeypatch):
 def test_by_default_it_is_the_user_s_cache_folder(tmp_path, monkeypatch):
     monkeypatch.delenv("TWISTWRENCH_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache.folder() == tmp_path / "twistwrench" / "kernels"
+    assert object_cache.folder() == tmp_path / "twistwrench" / "kernels"
 
 
 # ── damage ──
 
-HEAD = len(cache.MAGIC)
+HEAD = len(object_cache.MAGIC)
 CUTS = [0, 1, HEAD - 1, HEAD, HEAD + 1, HEAD + 31, HEAD + 32, HEAD + 33, HEAD + 32 + 512]
 """Lengths that end before, in and behind each part of an entry."""
 
@@ -164,7 +164,7 @@ DAMAGE = {
     "another's digest": lambda raw: raw[:HEAD] + bytes(32) + raw[HEAD + 32 :],
     "all zeros": lambda raw: bytes(len(raw)),
     "one bit turned": lambda raw: raw[:-100] + bytes([raw[-100] ^ 1]) + raw[-99:],
-    "another format": lambda raw: b"twistwrench code 0\n" + raw[len(cache.MAGIC) :],
+    "another format": lambda raw: b"twistwrench code 0\n" + raw[len(object_cache.MAGIC) :],
     "something appended": lambda raw: raw + b"\0",
     "noise": lambda raw: np.random.default_rng(0).bytes(len(raw)),
 }
@@ -198,7 +198,7 @@ def test_an_entry_under_another_s_name_is_rebuilt(place):
 def test_sound_entries_that_do_not_link_are_rebuilt(place):
     compiled(PROGRAM, DOUBLE)
     (entry,) = place.iterdir()
-    cache.store(entry.name, b"no object file")
+    object_cache.store(entry.name, b"no object file")
     assert not compiled(PROGRAM, DOUBLE).cached
     assert works()
 
@@ -214,8 +214,8 @@ def test_a_folder_others_can_write_to_is_neither_read_nor_written(place, mode):
     before = entry.stat()
     place.chmod(mode)
     with one_remark(str(place), f"(mode {mode:o})", "chmod go-w"):
-        assert cache.folder() is None
-    assert cache.load(entry.name) is None  # and nothing is said again
+        assert object_cache.folder() is None
+    assert object_cache.load(entry.name) is None  # and nothing is said again
     assert not compiled(PROGRAM, DOUBLE).cached
     compiled(OTHER, DOUBLE)
     assert list(place.iterdir()) == [entry]
@@ -327,11 +327,11 @@ def test_a_disk_that_is_full_is_no_error(place, monkeypatch, call):
     if call == "mkstemp":
         monkeypatch.setattr(tempfile, "mkstemp", refuse)
     elif call == "fdopen":
-        monkeypatch.setattr(cache.os, "fdopen", lambda handle, mode: (os.close(handle), refuse()))
+        monkeypatch.setattr(object_cache.os, "fdopen", lambda handle, mode: (os.close(handle), refuse()))
     elif call == "replace":
-        monkeypatch.setattr(cache.Path, "replace", refuse)
+        monkeypatch.setattr(object_cache.Path, "replace", refuse)
     else:
-        monkeypatch.setattr(cache.os, "fdopen", lambda handle, mode: Full(opened(handle, mode)))
+        monkeypatch.setattr(object_cache.os, "fdopen", lambda handle, mode: Full(opened(handle, mode)))
     with one_remark(str(place), "No space left on device"):
         assert works()
     assert works(OTHER)
@@ -343,7 +343,7 @@ def test_an_interrupt_while_writing_leaves_nothing_behind(place, monkeypatch):
     def interrupt(*args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cache.Path, "replace", interrupt)
+    monkeypatch.setattr(object_cache.Path, "replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
         works()
     assert list(place.iterdir()) == []
@@ -396,7 +396,7 @@ def test_an_entry_that_cannot_be_read_or_removed_is_no_error(place, monkeypatch,
     def refuse(*args, **options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(cache.Path, call, refuse)
+    monkeypatch.setattr(object_cache.Path, call, refuse)
     assert works()
 
 
@@ -426,7 +426,7 @@ def test_what_stands_in_an_entry_s_place_is_cleared_away(place, kind, monkeypatc
     elif kind == "empty folder":
         entry.mkdir()
     elif kind == "huge":
-        monkeypatch.setattr(cache, "MOST_BYTES", 1 << 16)
+        monkeypatch.setattr(object_cache, "MOST_BYTES", 1 << 16)
         with entry.open("wb") as file:
             file.truncate((1 << 16) + 1)
     else:
@@ -436,7 +436,7 @@ def test_what_stands_in_an_entry_s_place_is_cleared_away(place, kind, monkeypatc
     assert [p.name for p in place.iterdir()] == [entry.name]
     assert entry.is_file()
     assert not entry.is_symlink()
-    assert entry.read_bytes().startswith(cache.MAGIC)
+    assert entry.read_bytes().startswith(object_cache.MAGIC)
 
 
 @contextmanager
@@ -457,12 +457,12 @@ def never_waiting(seconds: int = 60) -> Iterator[None]:
 
 def test_a_reader_never_sees_half_an_entry(place):
     values = [bytes([k]) * 1_000_000 for k in range(2)]
-    cache.store("key", values[0])
+    object_cache.store("key", values[0])
     stop, wrong, reads = threading.Event(), [], []
 
     def read():
         while not stop.is_set():
-            found = cache.load("key")
+            found = object_cache.load("key")
             reads.append(found is not None)
             if found not in values:
                 wrong.append(found)
@@ -471,7 +471,7 @@ def test_a_reader_never_sees_half_an_entry(place):
     for reader in readers:
         reader.start()
     for k in range(60):
-        cache.store("key", values[k % 2])
+        object_cache.store("key", values[k % 2])
     stop.set()
     for reader in readers:
         reader.join()
@@ -481,10 +481,10 @@ def test_a_reader_never_sees_half_an_entry(place):
 
 
 def test_the_oldest_entries_go_when_there_are_too_many(place, monkeypatch):
-    monkeypatch.setattr(cache, "MOST_ENTRIES", 8)
+    monkeypatch.setattr(object_cache, "MOST_ENTRIES", 8)
     keys = [hashlib.sha256(bytes([k])).hexdigest() for k in range(30)]
     for k, key in enumerate(keys):
-        cache.store(key, b"code")
+        object_cache.store(key, b"code")
         os.utime(place / key, (k, k))
     left = {entry.name for entry in place.iterdir()}
     assert len(left) <= 8
@@ -493,7 +493,7 @@ def test_the_oldest_entries_go_when_there_are_too_many(place, monkeypatch):
 
 def test_entries_that_another_process_drops_meanwhile_are_no_fault(place, monkeypatch):
     """Two processes that drop the oldest entries at once; a warning is an error here."""
-    monkeypatch.setattr(cache, "MOST_ENTRIES", 8)
+    monkeypatch.setattr(object_cache, "MOST_ENTRIES", 8)
     keys = [hashlib.sha256(bytes([k])).hexdigest() for k in range(12)]
     plain = Path.stat
 
@@ -504,32 +504,32 @@ def test_entries_that_another_process_drops_meanwhile_are_no_fault(place, monkey
 
     monkeypatch.setattr(Path, "stat", vanished)
     for key in keys:
-        cache.store(key, b"code")
+        object_cache.store(key, b"code")
     assert keys[-1] in {entry.name for entry in place.iterdir()}
 
 
 def test_files_of_others_in_the_folder_stay(place, monkeypatch):
     """Someone may have named a folder that is full of other things."""
-    monkeypatch.setattr(cache, "MOST_ENTRIES", 4)
+    monkeypatch.setattr(object_cache, "MOST_ENTRIES", 4)
     place.mkdir(parents=True, mode=0o700)
     names = {f"thesis{k}.tex" for k in range(20)} | {"0" * 63, "0" * 65, "A" * 64, ".newer"}
     for name in names:
         (place / name).write_text("years of work")
         os.utime(place / name, (0, 0))
     for k in range(9):
-        cache.store(hashlib.sha256(bytes([k])).hexdigest(), b"code")
+        object_cache.store(hashlib.sha256(bytes([k])).hexdigest(), b"code")
     assert names <= {entry.name for entry in place.iterdir()}
     assert len(list(place.iterdir())) <= len(names) + 4
 
 
 def test_what_a_killed_process_left_goes_in_time(place, monkeypatch):
-    monkeypatch.setattr(cache, "MOST_ENTRIES", 8)
+    monkeypatch.setattr(object_cache, "MOST_ENTRIES", 8)
     place.mkdir(parents=True, mode=0o700)
     for k in range(8):
         (place / f".new-abc_{k}").write_bytes(b"half")
         os.utime(place / f".new-abc_{k}", (0, 0))
     for k in range(12):
-        cache.store(hashlib.sha256(bytes([k])).hexdigest(), b"code")
+        object_cache.store(hashlib.sha256(bytes([k])).hexdigest(), b"code")
     assert not [entry for entry in place.iterdir() if entry.name.startswith(".new-")]
 
 

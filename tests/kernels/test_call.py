@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.runtime import dispatch as fast_call
+from twistwrench.runtime import dispatch
 from twistwrench.testing import random_state
 
 ONE_STATE = {
@@ -192,7 +192,7 @@ def test_threads(robot):
 
 
 def test_an_interpreter_that_is_not_understood_goes_without(robot, monkeypatch):
-    monkeypatch.setattr(fast_call, "abi_matches", lambda: False)
+    monkeypatch.setattr(dispatch, "abi_matches", lambda: False)
     for _ in range(3):
         g = robot.gravity_forces(np.zeros(6))
     assert not is_builtin(robot.gravity_forces)

@@ -15,9 +15,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.lowering.ir_builder import LlvmWriter
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
-from twistwrench.runtime import batch_threads as threads
-from twistwrench.runtime import dispatch as fast_call
-from twistwrench.runtime import gufunc as ufunc
+from twistwrench.runtime import batch_threads, dispatch, gufunc
 from twistwrench.runtime.dispatch_ir import has_nonfinite
 from twistwrench.runtime.jit import assembled
 from twistwrench.testing import random_state
@@ -39,8 +37,8 @@ def robot(request):
 def direct(monkeypatch):
     """Counts the calls that came the long way."""
     calls = []
-    call = threads.call
-    monkeypatch.setattr(threads, "call", lambda *given: (calls.append(1), call(*given))[1])
+    call = batch_threads.call
+    monkeypatch.setattr(batch_threads, "call", lambda *given: (calls.append(1), call(*given))[1])
     return calls
 
 
@@ -78,7 +76,7 @@ def warm(call, times=3):
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
     """Long programs wait for no more calls than short ones."""
-    monkeypatch.setattr(fast_call, "LONG", 1_000_000)
+    monkeypatch.setattr(dispatch, "LONG", 1_000_000)
 
 
 # ── bits ──
@@ -187,11 +185,11 @@ def test_frames_and_kinds_by_name_or_place(robot, direct):
 
 
 def test_more_ways_than_stand_in_a_row_still_work(monkeypatch):
-    monkeypatch.setattr(fast_call, "MOST_IN_A_ROW", 4)
+    monkeypatch.setattr(dispatch, "MOST_IN_A_ROW", 4)
     robot = tw.robots.panda()
     q = robot.random_configuration(3)
     expected = {frame: robot.kernel("jacobian", frame=frame)(q) for frame in robot.frame_names}
-    assert len(expected) > fast_call.MOST_IN_A_ROW
+    assert len(expected) > dispatch.MOST_IN_A_ROW
     for _ in range(3):
         for frame in robot.frame_names:
             same(robot.jacobian(q, frame=frame), expected[frame])
@@ -388,17 +386,17 @@ def test_ways_may_be_made_by_many_threads_at_once():
 
 def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
     robot = tw.robots.planar_2r()
-    monkeypatch.setattr(fast_call, "LONG", 1)
-    monkeypatch.setattr(fast_call, "EACH", 10)
-    monkeypatch.setattr(ufunc, "LONGEST_SCALAR", 1)
+    monkeypatch.setattr(dispatch, "LONG", 1)
+    monkeypatch.setattr(dispatch, "EACH", 10)
+    monkeypatch.setattr(gufunc, "LONGEST_SCALAR", 1)
     q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
     wanted = len(robot.program("inverse_dynamics").instructions) // 10
     for k in range(wanted):
-        assert fast_call.is_made_here(robot.inverse_dynamics) == (k > wanted)
+        assert dispatch.is_made_here(robot.inverse_dynamics) == (k > wanted)
         robot.inverse_dynamics(q, dq, ddq)
-    assert fast_call.is_made_here(robot.inverse_dynamics)
+    assert dispatch.is_made_here(robot.inverse_dynamics)
     same(robot.inverse_dynamics(q, dq, ddq), robot.kernel("inverse_dynamics")(q, dq, ddq))
-    assert not ufunc.owner_of(robot.kernel("inverse_dynamics")).scalar
+    assert not gufunc.owner_of(robot.kernel("inverse_dynamics")).scalar
 
 
 @pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=lambda p: p.char)

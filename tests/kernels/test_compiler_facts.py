@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from twistwrench.core import object_cache as cache
-from twistwrench.lowering import target_machine as facts
+from twistwrench.core import object_cache
+from twistwrench.lowering import target_machine
 
 CPUINFO = "processor\t: {core}\nvendor_id\t: X\nmodel name\t: {name}\ncpu MHz\t\t: {speed}\nflags\t\t: fpu {flags}\n\nprocessor\t: 9\n\n"
 
@@ -16,32 +16,32 @@ CPUINFO = "processor\t: {core}\nvendor_id\t: X\nmodel name\t: {name}\ncpu MHz\t\
 def asked(tmp_path, monkeypatch):
     """What is known without loading LLVM, by a description of the processor; and how often LLVM was asked."""
     llvm = pytest.importorskip("llvmlite.binding")
-    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(object_cache.VARIABLE, str(tmp_path / "cache"))
     count = []
-    truth = facts._asked
+    truth = target_machine._asked
 
     def ask():
         count.append(1)
         return truth()
 
-    monkeypatch.setattr(facts, "_asked", ask)
-    monkeypatch.setattr(facts, "_CPUINFO", tmp_path / "cpuinfo")
+    monkeypatch.setattr(target_machine, "_asked", ask)
+    monkeypatch.setattr(target_machine, "_CPUINFO", tmp_path / "cpuinfo")
     assert llvm
 
-    def known(text: str | None = None, **changes: str) -> tuple[facts.CompilerFacts, int]:
+    def known(text: str | None = None, **changes: str) -> tuple[target_machine.CompilerFacts, int]:
         about = {"core": "0", "name": "Y", "speed": "1000", "flags": "avx2", **changes}
         (tmp_path / "cpuinfo").write_text(CPUINFO.format(**about) if text is None else text)
-        facts._kept.cache_clear()
+        target_machine._kept.cache_clear()
         before = len(count)
-        return facts._kept(), len(count) - before
+        return target_machine._kept(), len(count) - before
 
     yield known
-    facts._kept.cache_clear()
+    target_machine._kept.cache_clear()
 
 
 def test_it_is_asked_once_for_each_processor(asked):
     first, count = asked()
-    assert (first, count) == (facts._asked(), 1)
+    assert (first, count) == (target_machine._asked(), 1)
     assert asked() == (first, 0)
     assert asked(core="3", speed="2000") == (first, 0)  # another core of it, at another moment
     assert asked(flags="avx512f")[1] == 1
@@ -74,12 +74,12 @@ def test_where_the_system_does_not_say_which_processor_nothing_is_kept(asked, te
 def test_an_entry_of_another_form_is_made_again(asked, tmp_path, kept):
     first, _ = asked()
     (entry,) = (tmp_path / "cache").iterdir()
-    cache.store(entry.name, kept)
+    object_cache.store(entry.name, kept)
     assert asked() == (first, 1)
     assert asked() == (first, 0)
 
 
 def test_where_llvm_is_loaded_it_is_asked_itself(asked, monkeypatch):
     first, _ = asked()
-    monkeypatch.setattr(facts, "_asked", lambda: first._replace(cpu="newer"))
-    assert facts.compiler().cpu == "newer"
+    monkeypatch.setattr(target_machine, "_asked", lambda: first._replace(cpu="newer"))
+    assert target_machine.compiler().cpu == "newer"

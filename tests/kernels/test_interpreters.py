@@ -16,10 +16,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.lowering.reference_interpreter import NumpyKernel
-from twistwrench.runtime import batch_threads as batch_split
-from twistwrench.runtime import dispatch as fast_call
-from twistwrench.runtime import dispatch_ir, interpreter
-from twistwrench.runtime import gufunc as ufunc
+from twistwrench.runtime import batch_threads, dispatch, dispatch_ir, gufunc, interpreter
 
 WAIT = 120.0
 """Seconds until a test that would hang fails instead."""
@@ -66,7 +63,7 @@ warnings.simplefilter("ignore")  # NumPy warns that it makes no promises here
 import numpy as np
 import twistwrench as tw
 from twistwrench.runtime import interpreter
-from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import batch_threads
 import threading
 
 robot = tw.robots.planar_3r()
@@ -78,7 +75,7 @@ for k in range(5):  # by the method, then by the builtin
     assert np.array_equal(robot.mass_matrix(q[k]), whole[k])
 single = robot.mass_matrix(q.astype(np.float32))  # where a callback from C would wait for itself
 assert single.dtype == np.float32 and np.allclose(single, whole, atol=1e-4)
-batch_split.LEAST = 2e3
+batch_threads.LEAST = 2e3
 tw.set_threads(3)
 assert np.array_equal(robot.mass_matrix(q), whole)
 assert tw.get_threads() == (3 if interpreter.is_main() else 1)
@@ -135,9 +132,9 @@ def elsewhere(monkeypatch):
 
 def test_no_stand_in_and_no_helper_where_this_is_not_the_main_one(elsewhere, monkeypatch):
     robot = tw.robots.planar_2r()
-    owner = ufunc.owner_of(robot.kernel("mass_matrix"))
+    owner = gufunc.owner_of(robot.kernel("mass_matrix"))
     assert set(owner.code) == {"d", "f"}  # both precisions from the start: nothing to call back for
-    monkeypatch.setattr(batch_split, "LEAST", 2e3)
+    monkeypatch.setattr(batch_threads, "LEAST", 2e3)
     monkeypatch.setattr(threading.Thread, "start", lambda self: pytest.fail("a thread was started"))
     tw.set_threads(3)
     try:
@@ -153,7 +150,7 @@ def test_no_stand_in_and_no_helper_where_this_is_not_the_main_one(elsewhere, mon
 @pytest.fixture
 def looked_at_again():
     """What an interpreter is like is looked at once; here it is to be looked at again, before and after."""
-    caches = (fast_call.abi_matches, ufunc._abi_matches, interpreter.is_main)
+    caches = (dispatch.abi_matches, gufunc._abi_matches, interpreter.is_main)
     for cache in caches:
         cache.cache_clear()
     yield
@@ -176,7 +173,7 @@ def test_a_free_threaded_python_goes_without_the_builtin(looked_at_again, monkey
     robot = tw.robots.ur5()
     stands_aside(robot)
     assert isinstance(robot.kernel("gravity_forces"), np.ufunc)
-    assert ufunc.owner_of(robot.kernel("gravity_forces")) is not None
+    assert gufunc.owner_of(robot.kernel("gravity_forces")) is not None
 
 
 @pytest.mark.parametrize("field", sorted(dispatch_ir.FIELDS))
@@ -196,17 +193,17 @@ def test_ufuncs_that_lie_otherwise_are_kept_for_good_and_never_looked_into(looke
     """The head as a free-threaded build would have it, read here: all that follows is 16 bytes off."""
     longer = type(
         "Longer",
-        (ufunc.ctypes.Structure,),
-        {"_fields_": (("more", ufunc.ctypes.c_byte * 16), *ufunc._UFuncObject._fields_)},
+        (gufunc.ctypes.Structure,),
+        {"_fields_": (("more", gufunc.ctypes.c_byte * 16), *gufunc._UFuncObject._fields_)},
     )
-    monkeypatch.setattr(ufunc, "_UFuncObject", longer)
-    monkeypatch.setattr(ufunc, "_FOREVER", [])
-    monkeypatch.setattr(batch_split, "LEAST", 2e4)
+    monkeypatch.setattr(gufunc, "_UFuncObject", longer)
+    monkeypatch.setattr(gufunc, "_FOREVER", [])
+    monkeypatch.setattr(batch_threads, "LEAST", 2e4)
     robot = tw.robots.ur5()
     stands_aside(robot)
-    assert ufunc.owner_of(robot.kernel("gravity_forces")) is None
-    assert ufunc.owner_of(np.matmul) is None
-    assert [owner.program for owner in ufunc._FOREVER] == [robot.program("gravity_forces")]
+    assert gufunc.owner_of(robot.kernel("gravity_forces")) is None
+    assert gufunc.owner_of(np.matmul) is None
+    assert [owner.program for owner in gufunc._FOREVER] == [robot.program("gravity_forces")]
     kernel = robot.kernel("gravity_forces")
     gone, expected = weakref.ref(robot), kernel(np.ones((7, 6)))
     tw.set_threads(2)

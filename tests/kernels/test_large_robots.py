@@ -14,14 +14,11 @@ import pytest
 import twistwrench as tw
 from twistwrench.ir.program import Program
 from twistwrench.ir.tracer import trace
-from twistwrench.lowering import batch_loop
-from twistwrench.lowering import block as llvm
-from twistwrench.lowering import lower as emitter_choice
-from twistwrench.lowering import partition as sections
+from twistwrench.lowering import batch_loop, block, lower, partition
 from twistwrench.lowering.spill_frame import SpillFrame
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, host
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.robot import large_robot_kernels as large_derivatives
+from twistwrench.robot import large_robot_kernels
 from twistwrench.runtime import jit
 from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing.robots import random_inertia, random_pose
@@ -71,7 +68,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
     whole = make_ufunc(program, "whole", "")
     whole(*states(program, 1, np.float32))  # single precision is compiled at its first call
     for name, value in (("LONG", 0), ("PARTITION", section), ("EACH", 5)):
-        monkeypatch.setattr(emitter_choice if name == "LONG" else sections, name, value)
+        monkeypatch.setattr(lower if name == "LONG" else partition, name, value)
     monkeypatch.setattr(batch_loop, "ON_STACK", on_stack)
     cut = make_ufunc(program, "cut", "")
     cut(*states(program, 1, np.float32))
@@ -85,7 +82,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
 @pytest.mark.parametrize(("section", "on_stack"), [(50, 100_000), (170, 0)], ids=["short", "in memory"])
 def test_sections_change_no_bit(bundled, monkeypatch, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)
-    monkeypatch.setattr(emitter_choice, "LONG", len(program.instructions))
+    monkeypatch.setattr(lower, "LONG", len(program.instructions))
     whole, cut = both_ways(monkeypatch, program, section, on_stack)
     for dtype in (np.float64, np.float32):
         arrays = states(program, COUNT, dtype)
@@ -127,8 +124,8 @@ def test_sections_share_threads(bundled, monkeypatch):
 def test_programs_below_the_threshold_are_one_function(bundled):
     machine = Machine("x86_64-unknown-linux-gnu", "znver4", "", 512)
     program = bundled("panda").program("mass_matrix")
-    assert list(emitter_choice.modules(program, DOUBLE, machine)) == [llvm.assembly(program, DOUBLE, machine)]
-    assert "malloc" not in llvm.assembly(program, DOUBLE, machine)
+    assert list(lower.modules(program, DOUBLE, machine)) == [block.assembly(program, DOUBLE, machine)]
+    assert "malloc" not in block.assembly(program, DOUBLE, machine)
 
 
 @pytest.mark.parametrize("length", [40, 100, 333])
@@ -166,11 +163,11 @@ def test_a_frame_keeps_what_crosses_and_nothing_twice(bundled, length):
 def test_without_memory_results_are_nan(bundled, monkeypatch):
     program = bundled("panda").program("mass_matrix")
     monkeypatch.setattr(batch_loop, "ON_STACK", 0)
-    text = llvm.assembly(program, DOUBLE, host())
+    text = block.assembly(program, DOUBLE, host())
     assert "declare ptr @malloc(i64)" in text
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
-    monkeypatch.setattr(emitter_choice, "assembly", lambda *_: text.replace("declare ptr @malloc(i64)", none))
-    monkeypatch.setattr(emitter_choice, "LONG", len(program.instructions))
+    monkeypatch.setattr(lower, "assembly", lambda *_: text.replace("declare ptr @malloc(i64)", none))
+    monkeypatch.setattr(lower, "LONG", len(program.instructions))
     kernel = make_ufunc(program, "starved", "")
     out = np.zeros((3, 7, 7, 2))
     assert np.isnan(kernel(np.zeros((3, 7)), out=out[..., 0])).all()
@@ -200,7 +197,7 @@ def wide() -> Program:
 def test_wide_results_need_no_large_stack(monkeypatch, way):
     program = wide()
     if way != "usual":
-        monkeypatch.setattr(emitter_choice, "LONG", 0 if way == "cut" else 10**9)
+        monkeypatch.setattr(lower, "LONG", 0 if way == "cut" else 10**9)
     kernel = make_ufunc(program, "wide", "")
     x = np.random.default_rng(2).normal(size=(COUNT, 4))
     expected = np.einsum("ni,nj->nij", np.tile(x, 75), np.tile(x, 10))
@@ -286,7 +283,7 @@ def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, 
     q, dq, tau = robot.random_configuration(rng, (2, 3)), rng.normal(size=(3, robot.nv)), rng.normal(size=robot.nv)
     wrench = {frame: rng.normal(size=6)}
     usual = robot.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
-    monkeypatch.setattr(large_derivatives, "LAPACK_FROM", 1)
+    monkeypatch.setattr(large_robot_kernels, "LAPACK_FROM", 1)
     long = tw.robot.Robot(robot.model)
     found = long.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
     assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "LapackDerivatives"
@@ -360,7 +357,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
 def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     program = bundled("planar_2r").program("forward_dynamics")
     for name, value in (("LONG", 0), ("PARTITION", 10), ("EACH", 2)):
-        monkeypatch.setattr(emitter_choice if name == "LONG" else sections, name, value)
-    assert len(list(emitter_choice.modules(program, DOUBLE, host()))) > 2
+        monkeypatch.setattr(lower if name == "LONG" else partition, name, value)
+    assert len(list(lower.modules(program, DOUBLE, host()))) > 2
     assert not jit.compiled(program, DOUBLE).cached
     assert jit.compiled(program, DOUBLE).cached

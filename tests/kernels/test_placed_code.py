@@ -13,9 +13,7 @@ import pytest
 from twistwrench.ir.tracer import trace
 from twistwrench.lowering.lower import modules
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, chosen
-from twistwrench.runtime import elf_loader as code_pages
-from twistwrench.runtime import elf_loader as placed_code
-from twistwrench.runtime import jit
+from twistwrench.runtime import elf_loader, jit
 from twistwrench.runtime.elf_loader import UnsupportedObject, placed
 from twistwrench.runtime.gufunc import make_ufunc, owner_of
 
@@ -46,7 +44,7 @@ def by_llvm(monkeypatch, program):
         patch.setattr(jit, "placed", refuse)
         kernel = make_ufunc(program, "linked", "")
         owner_of(kernel).address(SINGLE)
-    assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.LoadedObject)
+    assert not isinstance(owner_of(kernel).code["d"].keep, elf_loader.LoadedObject)
     return kernel
 
 
@@ -67,7 +65,7 @@ def test_bits_are_those_of_llvm_s_linker(monkeypatch, bundled, robot, quantity, 
     arrays = [rng.normal(size=(21, *port.shape)).astype(char) for port in program.inputs]
     arrays[0][3] *= 1e9  # sines of huge angles are the C library's
     found = here(*arrays), linked(*arrays)
-    assert isinstance(owner_of(here).code["d"].keep, placed_code.LoadedObject)
+    assert isinstance(owner_of(here).code["d"].keep, elf_loader.LoadedObject)
     assert all(
         np.array_equal(a, b, equal_nan=True)
         for a, b in zip(np.atleast_1d(found[0]), np.atleast_1d(found[1]), strict=True)
@@ -162,9 +160,9 @@ def test_where_the_system_refuses_llvm_links(monkeypatch, why):
         raise OSError(12, "Cannot allocate memory")
 
     if why == "memory":
-        monkeypatch.setattr(code_pages.mmap, "mmap", no_memory)
+        monkeypatch.setattr(elf_loader.mmap, "mmap", no_memory)
     else:
-        monkeypatch.setattr(code_pages, "_process", lambda: SimpleNamespace(mprotect=lambda *_: -1))
+        monkeypatch.setattr(elf_loader, "_process", lambda: SimpleNamespace(mprotect=lambda *_: -1))
     kernel = make_ufunc(LINE, "line", "")
-    assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.LoadedObject)
+    assert not isinstance(owner_of(kernel).code["d"].keep, elf_loader.LoadedObject)
     assert kernel(0.5) == 3.0 * np.sin(0.5) + 0.5

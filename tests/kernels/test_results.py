@@ -13,11 +13,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.lowering import batch_loop
-from twistwrench.lowering import target_machine as processor
-from twistwrench.runtime import batch_threads as batch_split
-from twistwrench.runtime import result_pool as huge_pages
-from twistwrench.runtime import result_pool as results
+from twistwrench.lowering import batch_loop, target_machine
+from twistwrench.runtime import batch_threads, result_pool
 from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.testing import random_state
 
@@ -40,13 +37,13 @@ def address(array):
 @pytest.fixture
 def pool(monkeypatch):
     """A pool of our own, from which everything from 1 MB on is lent."""
-    if not huge_pages.allowed():
+    if not result_pool.allowed():
         pytest.skip("this system has no huge pages to ask for")
-    own = huge_pages.ResultPool()
-    monkeypatch.setattr(huge_pages, "_POOL", own)
-    monkeypatch.setattr(huge_pages, "bound", lambda: 24 * huge_pages.PAGE)
-    monkeypatch.setattr(results, "LARGE", 1 << 20)
-    monkeypatch.setattr(batch_split, "ONE_ROOM", 1 << 20)
+    own = result_pool.ResultPool()
+    monkeypatch.setattr(result_pool, "_POOL", own)
+    monkeypatch.setattr(result_pool, "bound", lambda: 24 * result_pool.PAGE)
+    monkeypatch.setattr(result_pool, "LARGE", 1 << 20)
+    monkeypatch.setattr(batch_threads, "ONE_ROOM", 1 << 20)
     return own
 
 
@@ -125,16 +122,16 @@ def test_each_of_several_large_results_is_by_itself(panda, pool):
 
 def test_all_blocks_together_are_bounded_and_kept_results_do_not_wait_for_room(pool):
     shape, dtype = (3 << 18,), np.dtype(float)  # 6 MB: three huge pages
-    kept = [results.result_arrays([shape], dtype)[0] for _ in range(12)]
+    kept = [result_pool.result_arrays([shape], dtype)[0] for _ in range(12)]
     assert len(pool.blocks) == 8
     assert sum(x.flags.owndata for x in kept) == 4
     del kept
     assert len(pool.idle) == 8
-    assert results.result_arrays([(1 << 30,)], np.dtype(np.uint8))[0].flags.owndata  # more than all of it
+    assert result_pool.result_arrays([(1 << 30,)], np.dtype(np.uint8))[0].flags.owndata  # more than all of it
 
 
 def test_idle_blocks_make_room_but_not_those_in_use(pool):
-    small, large = 10 * huge_pages.PAGE, 20 * huge_pages.PAGE
+    small, large = 10 * result_pool.PAGE, 20 * result_pool.PAGE
     held = pool.acquire(small)
     assert held is not None
     assert pool.acquire(large) is None
@@ -145,12 +142,12 @@ def test_idle_blocks_make_room_but_not_those_in_use(pool):
 
 
 def test_a_block_serves_results_of_its_size_and_none_much_smaller(pool):
-    assert pool.acquire(9 * huge_pages.PAGE) is not None  # of ten pages
-    assert pool.acquire(2 * huge_pages.PAGE - 5) is not None
-    assert [block.size // huge_pages.PAGE for block in pool.blocks] == [10, 2]
-    assert pool.acquire(10 * huge_pages.PAGE) is not None
+    assert pool.acquire(9 * result_pool.PAGE) is not None  # of ten pages
+    assert pool.acquire(2 * result_pool.PAGE - 5) is not None
+    assert [block.size // result_pool.PAGE for block in pool.blocks] == [10, 2]
+    assert pool.acquire(10 * result_pool.PAGE) is not None
     assert len(pool.blocks) == 2
-    assert pool.acquire(7 * huge_pages.PAGE) is not None
+    assert pool.acquire(7 * result_pool.PAGE) is not None
     assert len(pool.blocks) == 3
 
 
@@ -165,7 +162,7 @@ def test_a_system_that_refuses_leaves_it_to_numpy(panda, pool, monkeypatch, refu
         def madvise(self, *given):
             raise OSError(22, "Invalid argument")
 
-    monkeypatch.setattr(huge_pages.mmap, "mmap", Refused)
+    monkeypatch.setattr(result_pool.mmap, "mmap", Refused)
     q = states(panda, 4096)[0]
     M = panda.mass_matrix(q)
     assert not pool.blocks
@@ -196,7 +193,7 @@ def test_results_that_outlive_each_other_in_threads_keep_their_numbers(panda, po
 
 
 def test_a_ring_of_garbage_gives_its_block_back(pool):
-    ring: list = [results.result_arrays([(1 << 20,)], np.dtype(float))[0]]
+    ring: list = [result_pool.result_arrays([(1 << 20,)], np.dtype(float))[0]]
     ring.append(ring)
     assert not pool.idle
     del ring
@@ -207,12 +204,11 @@ def test_a_ring_of_garbage_gives_its_block_back(pool):
 FORKED = """
 import os
 import numpy as np
-from twistwrench.runtime import result_pool as huge_pages
-from twistwrench.runtime import result_pool as results
+from twistwrench.runtime import result_pool
 
-pool, shape, dtype = huge_pages._POOL, (1 << 23,), np.dtype(float)
+pool, shape, dtype = result_pool._POOL, (1 << 23,), np.dtype(float)
 def room():
-    return results.result_arrays([shape], dtype)[0]
+    return result_pool.result_arrays([shape], dtype)[0]
 lent, idle = room(), room()
 lent[:] = 1.0
 place = idle.__array_interface__["data"][0]
@@ -257,18 +253,18 @@ def test_the_switch(text):
 
 
 def test_a_switch_that_is_neither(monkeypatch):
-    huge_pages.allowed.cache_clear()
+    result_pool.allowed.cache_clear()
     monkeypatch.setenv("TWISTWRENCH_HUGE_PAGES", "maybe")
     with pytest.raises(tw.ValueRangeError, match="TWISTWRENCH_HUGE_PAGES: 'maybe' is not understood"):
-        results.result_arrays([(1 << 22,), (1 << 20,)], np.dtype(float))
+        result_pool.result_arrays([(1 << 22,), (1 << 20,)], np.dtype(float))
     monkeypatch.undo()
-    huge_pages.allowed.cache_clear()
+    result_pool.allowed.cache_clear()
 
 
 # ── past the caches ──
 
 
-@pytest.mark.parametrize("cpu", processor.choices())
+@pytest.mark.parametrize("cpu", target_machine.choices())
 @pytest.mark.parametrize("name", ["mass_matrix", "inverse_dynamics_derivatives"])
 def test_results_go_past_the_caches_with_the_same_bits(panda, monkeypatch, cpu, name):
     monkeypatch.setenv("TWISTWRENCH_CPU", cpu)
@@ -280,7 +276,7 @@ def test_results_go_past_the_caches_with_the_same_bits(panda, monkeypatch, cpu, 
     for dtype in (np.float64, np.float32):
         given = [x.astype(dtype) for x in arrays]
         shapes = [(203, *port.shape) for port in program.outputs]
-        out = results.result_arrays(shapes, np.dtype(dtype))
+        out = result_pool.result_arrays(shapes, np.dtype(dtype))
         streamed(*given, out=out)
         expected = plain(*given)
         for one, other in zip(out, expected if isinstance(expected, tuple) else (expected,), strict=True):

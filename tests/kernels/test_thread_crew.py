@@ -12,8 +12,7 @@ import pytest
 from thread_calls import WAIT, same, states
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as batch_split
-from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads
 
 pytest_plugins = ("thread_fixtures",)
 
@@ -21,11 +20,11 @@ pytest_plugins = ("thread_fixtures",)
 # ── the crew, with kernels that wait for each other ──
 
 
-def together(robot: tw.Robot, kernel, count: int) -> threads._Job:
+def together(robot: tw.Robot, kernel, count: int) -> batch_threads._Job:
     """A job of so many parts for a stand-in of a kernel, and a crew of two invited to it."""
     whole = np.zeros((count, 1))
-    job = threads._Job(kernel, [batch_split.Part((), (whole[k : k + 1],)) for k in range(count)])
-    threads._THREADS.invite(job, 2)
+    job = batch_threads._Job(kernel, [batch_threads.Part((), (whole[k : k + 1],)) for k in range(count)])
+    batch_threads._THREADS.invite(job, 2)
     return job
 
 
@@ -53,12 +52,12 @@ class Stand:
         def kernel(*inputs, out):
             (caller if threading.get_ident() == here else helper)(out)
 
-        class Job(threads._Job):
+        class Job(batch_threads._Job):
             def __init__(job, _, its_parts):
                 super().__init__(kernel, its_parts)
                 self.job = job
 
-        monkeypatch.setattr(threads, "_Job", Job)
+        monkeypatch.setattr(batch_threads, "_Job", Job)
 
 
 def test_an_exception_of_a_helper_is_raised_by_the_caller(panda, jobs, monkeypatch):

@@ -14,7 +14,7 @@ from places import ROOT
 from thread_calls import WAIT
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads
 
 pytest_plugins = ("thread_fixtures",)
 
@@ -39,7 +39,7 @@ def test_numpys_whole_numbers_will_do(jobs):
 
 
 def python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    kept = {k: v for k, v in os.environ.items() if k != threads.VARIABLE}
+    kept = {k: v for k, v in os.environ.items() if k != batch_threads.VARIABLE}
     return subprocess.run(
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", code],
         env={**kept, **environment}, capture_output=True, text=True, timeout=2 * WAIT,
@@ -80,16 +80,15 @@ SETUP = """
 import os, signal, sys, threading, time
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as threads
-from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import batch_threads
 
-batch_split.LEAST = 2e4
+batch_threads.LEAST = 2e4
 robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 50_000)
 expected = robot.kernel("mass_matrix")(q).tobytes()
 shared = []
-invite = threads._THREADS.invite
-threads._THREADS.invite = lambda job, helpers: (shared.append(1), invite(job, helpers))
+invite = batch_threads._THREADS.invite
+batch_threads._THREADS.invite = lambda job, helpers: (shared.append(1), invite(job, helpers))
 
 def right():
     return robot.mass_matrix(q).tobytes() == expected
@@ -100,7 +99,7 @@ tw.set_threads(3)
 assert right() and shared
 held = threading.Event()
 def hold():
-    with threads._THREADS.lock:
+    with batch_threads._THREADS.lock:
         held.set()
         time.sleep(1)
 threading.Thread(target=hold).start()  # a fork while a lock is held by a thread that the child has not
@@ -125,8 +124,7 @@ WORKERS = """
 import multiprocessing, sys
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as threads
-from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import batch_threads
 
 def inherited(_):
     before = tw.get_threads()
@@ -225,25 +223,24 @@ POOLS = """
 import sys
 import numpy as np
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as threads
-from twistwrench.runtime import batch_threads as batch_split
+from twistwrench.runtime import batch_threads
 
 robot = tw.robots.planar_3r()
 q = robot.random_configuration(1, 5000)
 
 def work(_):
-    batch_split.LEAST = 2e3  # so that every call is worth sharing, in whichever process this is
+    batch_threads.LEAST = 2e3  # so that every call is worth sharing, in whichever process this is
     made = []
-    job = threads._Job
+    job = batch_threads._Job
     class Watched(job):
         def __init__(self, *given):
             made.append(1)
             super().__init__(*given)
-    threads._Job = Watched
+    batch_threads._Job = Watched
     try:
         fine = np.array_equal(robot.mass_matrix(q), robot.kernel("mass_matrix")(q))
     finally:
-        threads._Job = job
+        batch_threads._Job = job
     return len(made) if fine else None
 
 def joblib(backend):

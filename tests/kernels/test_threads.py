@@ -11,8 +11,7 @@ import pytest
 from thread_calls import same, states
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as batch_split
-from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads
 
 pytest_plugins = ("thread_fixtures",)
 
@@ -71,13 +70,13 @@ def test_every_batch_shape_and_broadcast(panda, jobs, shapes):
 
 def test_parts_cover_every_sample_once_and_are_whole_blocks(panda):
     kernel, arrays = panda.kernel("inverse_dynamics"), states(panda, 100_003)
-    its_parts, (tau,) = batch_split.cut(kernel, tuple(arrays), None, 4)
+    its_parts, (tau,) = batch_threads.cut(kernel, tuple(arrays), None, 4)
     tau[...] = 0.0
     for part in its_parts:
         part.outputs[0][...] += 1.0
     assert np.all(tau == 1.0)
     assert len(its_parts) == 16
-    assert all(len(part.outputs[0]) % batch_split.ROWS == 0 for part in its_parts[:-1])
+    assert all(len(part.outputs[0]) % batch_threads.ROWS == 0 for part in its_parts[:-1])
 
 
 LAYOUTS = {
@@ -165,9 +164,9 @@ def test_an_out_that_must_be_written_in_order_stays_on_one_thread(panda, jobs, w
 
 
 def test_two_outs_that_share_memory_stay_on_one_thread(panda, jobs):
-    """As they would be without threads, whatever NumPy makes of them; the method itself refuses them."""
+    """As they would be without batch_threads, whatever NumPy makes of them; the method itself refuses them."""
     arrays, out = states(panda, 900), np.zeros((900, 7, 7))
-    threads.call(panda.kernel("inverse_dynamics_derivatives"), tuple(arrays), (out, out))
+    batch_threads.call(panda.kernel("inverse_dynamics_derivatives"), tuple(arrays), (out, out))
     assert jobs == []
     with pytest.raises(tw.ShapeError, match="share memory"):
         panda.inverse_dynamics_derivatives(*arrays, out=(out, out))
@@ -184,8 +183,8 @@ def test_nothing_is_shared_unless_asked_for(panda, jobs):
 
 def test_little_work_stays_on_one_thread(panda, jobs, monkeypatch):
     monkeypatch.undo()
-    assert batch_split.cut(panda.kernel("inverse_dynamics"), tuple(states(panda, 1000)), None, 2) is None
-    assert batch_split.cut(panda.kernel("inverse_dynamics"), tuple(states(panda, 70_000)), None, 2) is not None
+    assert batch_threads.cut(panda.kernel("inverse_dynamics"), tuple(states(panda, 1000)), None, 2) is None
+    assert batch_threads.cut(panda.kernel("inverse_dynamics"), tuple(states(panda, 70_000)), None, 2) is not None
 
 
 def test_bare_kernels_and_numpys_stay_on_one_thread(panda, jobs, monkeypatch):

@@ -12,8 +12,7 @@ from twistwrench.ir.program import axes_of
 from twistwrench.lowering import batch_loop
 from twistwrench.lowering.lower import modules
 from twistwrench.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
-from twistwrench.runtime import elf_loader as placed_code
-from twistwrench.runtime import jit
+from twistwrench.runtime import elf_loader, jit
 from twistwrench.runtime.dispatch_ir import loop_steps
 from twistwrench.runtime.elf_loader import ExecutableMemory, UnsupportedObject, placed
 from twistwrench.runtime.gufunc import make_ufunc
@@ -65,7 +64,7 @@ def library(monkeypatch) -> dict[str, jit.Code]:
     monkeypatch.setattr(
         batch_loop, "ON_STACK", 100_000
     )  # frames on the stack, whose pages Windows has touched in order
-    monkeypatch.setattr(placed_code, "_library_function", address)
+    monkeypatch.setattr(elf_loader, "_library_function", address)
     return kept
 
 

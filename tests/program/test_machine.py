@@ -23,11 +23,10 @@ from random_trees import tree
 import twistwrench as tw
 from twistwrench.ir.program import Program
 from twistwrench.ir.tracer import trace
-from twistwrench.lowering import reference_interpreter as on_numpy
-from twistwrench.lowering import target_machine as processor
+from twistwrench.lowering import reference_interpreter, target_machine
 from twistwrench.lowering.block import assembly
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
-from twistwrench.runtime import gufunc as ufunc
+from twistwrench.runtime import gufunc
 from twistwrench.runtime.gufunc import make_ufunc
 from twistwrench.runtime.jit import compiled
 from twistwrench.testing import random_state
@@ -84,7 +83,7 @@ def made_for(monkeypatch):
     """A function that makes a kernel for another machine: this one with fewer or more lanes, or without fused products."""
 
     def make(program: Program, **changes):
-        monkeypatch.setattr(ufunc, "chosen", lambda: dataclasses.replace(host(), **changes))
+        monkeypatch.setattr(gufunc, "chosen", lambda: dataclasses.replace(host(), **changes))
         return make_ufunc(program, "kernel", "")
 
     return make
@@ -138,8 +137,8 @@ def test_without_fused_products_every_operation_is_numpys(made_for, monkeypatch,
     program, arrays = case(name, quantity, precision.char)
     functions = made_for(FUNCTIONS, vector_bits=128, fused=False)
     for k, op in enumerate(("sin", "cos", "exp")):
-        monkeypatch.setitem(on_numpy._FUNCTIONS, op, lambda x, k=k: functions(x)[k])
-    oracle = on_numpy.NumpyKernel(program, name, "")(*arrays)
+        monkeypatch.setitem(reference_interpreter._FUNCTIONS, op, lambda x, k=k: functions(x)[k])
+    oracle = reference_interpreter.NumpyKernel(program, name, "")(*arrays)
     found = made_for(program, vector_bits=256, fused=False)(*arrays)
     pairs = zip(*(x if isinstance(x, tuple) else (x,) for x in (found, oracle)), strict=True)
     assert all(np.array_equal(a, b) and a.dtype == b.dtype for a, b in pairs)
@@ -444,7 +443,7 @@ def test_the_processor_is_in_the_key(monkeypatch, tmp_path):
 
 
 def test_llvm_is_asked_when_something_compiles_not_before():
-    assert isinstance(processor.chosen, types.FunctionType)
+    assert isinstance(target_machine.chosen, types.FunctionType)
     code = "import sys; import twistwrench; from twistwrench.lowering import target_machine; assert 'llvmlite' not in sys.modules"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "TWISTWRENCH_CPU": "nothing"}, capture_output=True, text=True

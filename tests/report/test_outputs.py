@@ -19,7 +19,7 @@ import pytest
 import twistwrench as tw
 from twistwrench import ValueRangeError
 from twistwrench.cli.payload import write_payload
-from twistwrench.core import files as outputs
+from twistwrench.core import files
 from twistwrench.core.files import check_outputs, picture_path, replacing
 from twistwrench.core.tables import CsvWriter, harmless_text, unescape_cell
 from twistwrench.motion.array_files import TableFile
@@ -197,7 +197,7 @@ def test_owner_and_group_are_kept_where_the_system_allows_it(tmp_path, monkeypat
     monkeypatch.setattr(os, "chown", refused)
     scratch = tmp_path / "scratch"
     scratch.write_text("new")
-    outputs._keep(scratch, Elsewhere(path.stat()))
+    files._keep(scratch, Elsewhere(path.stat()))
     assert stat.S_IMODE(scratch.stat().st_mode) == 0o644  # the group that has it now may do no more than all may
 
 

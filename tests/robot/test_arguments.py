@@ -11,7 +11,6 @@ from numpy.testing import assert_array_equal
 import twistwrench as tw
 from twistwrench import robots, statics, trajectories
 from twistwrench.core import arguments
-from twistwrench.core import arguments as rotation_checks
 from twistwrench.robot.quantities import QUANTITIES
 
 pd = pytest.importorskip("pandas")
@@ -271,10 +270,10 @@ def test_a_robot_without_mass_has_no_centre_of_mass():
 @pytest.mark.parametrize("place", list(np.ndindex(3, 3)))
 def test_each_entry_of_a_rotation_is_looked_at(place, batch):
     R = np.tile(tw.so3.exp([0.3, -0.5, 0.7]), (*batch, 1, 1))
-    assert rotation_checks.rotation(R, "R") is R
+    assert arguments.rotation(R, "R") is R
     R[..., *place] += 1e-3
     with pytest.raises(tw.ValueRangeError, match="R is not a rotation"):
-        rotation_checks.rotation(R, "R")
+        arguments.rotation(R, "R")
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from simulated import rates
 
 import twistwrench as tw
 from twistwrench.lie import quaternion
-from twistwrench.lowering import block as llvm
-from twistwrench.lowering import scan_loop as step_loops
+from twistwrench.lowering import block, scan_loop
 from twistwrench.lowering.target_machine import DOUBLE, choices, host
 from twistwrench.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.simulation import BatchComputedTorque, BatchPD
@@ -343,7 +342,7 @@ def test_long_programs_and_buffers_off_the_stack(monkeypatch):
     tolerance = round_off(robot, q0, dq0, found.dq)
     assert np.abs(found.dq[4, -1] - dq).max() < tolerance and np.abs(found.q[4, -1] - q).max() < tolerance
     assert np.abs(found.tau[4] - taus[::2]).max() < 1e3 * tolerance
-    monkeypatch.setattr(step_loops, "ON_STACK", 0)
+    monkeypatch.setattr(scan_loop, "ON_STACK", 0)
     again = tw.Robot(robot.model).rollout(q0, dq0, law, steps=6, every=2, method="rk4", torques=True)
     assert np.array_equal(again.q, found.q) and np.array_equal(again.tau, found.tau)
 
@@ -587,8 +586,8 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch)
 def test_without_memory_results_are_nan(monkeypatch):
     robot = tw.robots.cart_pole()
     recurrence = recurrence_of(robot)
-    monkeypatch.setattr(step_loops, "ON_STACK", 0)
-    text = llvm.assembly(recurrence.program, DOUBLE, host(), step_loops.loop_over(recurrence))
+    monkeypatch.setattr(scan_loop, "ON_STACK", 0)
+    text = block.assembly(recurrence.program, DOUBLE, host(), scan_loop.loop_over(recurrence))
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
     monkeypatch.setattr(
         "twistwrench.lowering.lower.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 import twistwrench as tw
-from twistwrench.runtime import batch_threads as batch_split
-from twistwrench.runtime import batch_threads as threads
+from twistwrench.runtime import batch_threads
 
 
 @pytest.fixture(scope="module")
@@ -15,18 +14,18 @@ def panda() -> tw.Robot:
 
 
 @pytest.fixture
-def jobs(monkeypatch) -> list[threads._Job]:
-    """Three threads, small calls cut as well; every call that was shared leaves its job here."""
-    made: list[threads._Job] = []
+def jobs(monkeypatch) -> list[batch_threads._Job]:
+    """Three batch_threads, small calls cut as well; every call that was shared leaves its job here."""
+    made: list[batch_threads._Job] = []
 
-    class Watched(threads._Job):
+    class Watched(batch_threads._Job):
         def __init__(self, kernel, its_parts):
             super().__init__(kernel, its_parts)
             made.append(self)
 
-    monkeypatch.setattr(threads, "_Job", Watched)
-    monkeypatch.setattr(batch_split, "LEAST", 2e4)
-    monkeypatch.setattr(threads._THREADS, "wanted", threads._THREADS.wanted)
+    monkeypatch.setattr(batch_threads, "_Job", Watched)
+    monkeypatch.setattr(batch_threads, "LEAST", 2e4)
+    monkeypatch.setattr(batch_threads._THREADS, "wanted", batch_threads._THREADS.wanted)
     tw.set_threads(3)
     yield made
     tw.set_threads(1)

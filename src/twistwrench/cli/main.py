@@ -48,10 +48,10 @@ class LazyCommands(Commands):
         """Names of all commands."""
         return list(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002  as above
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Load a command; None if there is none of that name."""
         if cmd_name not in _COMMANDS:
-            return None
+            return super().get_command(ctx, cmd_name)
         module = import_module(f".{_COMMANDS[cmd_name].file}", __package__)
         found: click.Command = getattr(module, f"{cmd_name}_command")
         return found
