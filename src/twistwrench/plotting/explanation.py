@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..joints.units import torque_word
-from ..robot.explanation import MOTION_TERMS
+from ..robot.explanation import MOTION_TERMS, Explanation
 from ..sensing.log import ReadingLog
 from ..sensing.outliers import runs
 from ..sensing.sensor import ForceTorqueSensor
 from ..typing import Array
 from . import style
-
-if TYPE_CHECKING:
-    from ..robot.explanation import Explanation
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
 _APART = {"friction": style.GREY, "springs": style.YELLOW}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from ..reports.statistics import INTERVAL
 from ..reports.torque_report import ZERO, JointTorque, TorqueReport
 from ..typing import Array
 from . import style
-
-if TYPE_CHECKING:
-    from ..reports.torque_report import TorqueReport
 
 _COLOURS = {
     "inertia": style.BLUE,

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 from ..lie import se3, so3
 from ..plotting import style
 from ..typing import Array
-from .scene import turned_z
+from .scene import Scene, turned_z
 from .surface import Surface
 
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..robot import Robot
-    from .scene import Scene
 
 SHARES = (
     (0.0, (0.20, 0.55, 0.80)),

@@ -20,11 +20,10 @@ from ..plotting import style
 from ..typing import Array
 from .colours import share_colours
 from .drawn_motion import DrawnMotion, motion_of
-from .scene import Scene, scene_of
+from .scene import Scene, Shape, scene_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from .scene import Shape
     from .surface import Surface
 
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])

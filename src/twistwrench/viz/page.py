@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..diagnosis import DoctorReport
-    from ..robot import Robot
     from .drawn_motion import DrawnMotion
 
 _TRIANGLES = 300_000

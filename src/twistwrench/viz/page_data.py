@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from ..errors import SingularMassMatrixError
 from ..export.bridge import BridgedQuantity
 from ..export.javascript import javascript_module
 from ..lie import se3
-from ..model.model import BASE, Frame
+from ..model.model import BASE, Body, Frame, Model
 from ..motion.coordinates import Coordinates
 from ..robot import Robot
 from ..simulation.schemes import RK4
@@ -24,11 +24,7 @@ from .colours import COLOURS, SHARES, torque_marks
 from .scene import PAYLOAD, turned_z
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from ..joints import Slider
-    from ..model.model import Body, Model
-    from ..robot import Robot
     from .section_pages import SectionPanel
 
 LARGEST = 10_000

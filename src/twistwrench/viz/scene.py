@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..algorithms.recursion import base_poses, joint_poses
 from ..errors import InertiaError, ModelWarning
 from ..lie import se3, so3
-from ..model.model import BASE
+from ..model.model import BASE, Body, Model
 from ..typing import Array
 from .surface import Surface, box, cylinder, ellipsoid, sphere
 from .visuals import Colour, read_visuals
@@ -21,7 +21,6 @@ from .visuals import Colour, read_visuals
 if TYPE_CHECKING:
     from ..bodies.inertia import SpatialInertia
     from ..joints import Joint
-    from ..model.model import Body, Model
     from ..robot import Robot
 
 Part = tuple[int, Surface, tuple[float, float, float]]

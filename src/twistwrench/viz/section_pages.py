@@ -14,11 +14,10 @@ from ..errors import ValueRangeError
 from ..joints.units import unit_of
 from ..motion.coordinates import Coordinates
 from ..typing import Array
-from .page_data import round_above
+from .page_data import PagePrograms, round_above
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from .page_data import PagePrograms
 
 MOST_JOINTS = 9
 """Columns that a table of the page has room for."""
