@@ -258,3 +258,31 @@ def test_rows_that_nothing_explains_count_little(log):
         for method in ("irls", "wls")
     }
     assert off["irls"] < 0.5 * off["wls"], off
+
+
+@pytest.mark.parametrize(("settings", "most"), [(FIXED, 0.2), ({"cutoff": 8.0}, 1.5)], ids=["fixed", "chosen"])
+def test_a_log_gives_the_same_robot_on_both_sides_of_the_seam(log, monkeypatch, settings, most):
+    """Held whole, and accumulated by chunk as logs beyond MOST_SAMPLES are: the same within what noise leaves open.
+
+    With chosen settings the two see other rows: of the whole log every tenth of a period, of an excerpt fewer.
+    """
+    whole = tw.identification.identify(ARM, log, **settings)
+    monkeypatch.setattr(importlib.import_module("twistwrench.identification.identify"), "MOST_SAMPLES", 1000)
+    by_chunk = tw.identification.identify(ARM, log, **settings)
+    off = np.abs(by_chunk.values - whole.values) / whole.standard_deviations
+    assert off.max() < most, off
+    assert_allclose(by_chunk.standard_deviations, whole.standard_deviations, rtol=0.3)
+    assert abs(by_chunk.held_out.all / whole.held_out.all - 1) < 0.05
+    assert_allclose(by_chunk.sigma, whole.sigma, rtol=0.05)
+    assert by_chunk.verdict.word == whole.verdict.word
+
+
+def test_the_long_road_notes_gaps_and_rows_left_out(log, tmp_path):
+    """As the short one does: a pause of 30 s, and one stamp off."""
+    late = log.time + np.where(log.time > 50.0, 30.0, 0.0)
+    late[3000] += 0.0015
+    paused = tw.Motion(late, log.q, tau=log.tau, robot=ARM, in_seconds=True)
+    paused.to_csv(tmp_path / "log.csv")
+    notes = accumulate(ARM, tmp_path / "log.csv", **FIXED).identified().notes
+    assert any(note.startswith("1 gap, 30 s in all") for note in notes), notes
+    assert any(note.startswith("Left out: the time stamp of 1 row") for note in notes), notes

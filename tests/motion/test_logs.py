@@ -371,7 +371,7 @@ FAULTS = {
         TWO.replace("elbow_joint", "elbow_joint [Nm]"),
         "the unit 'Nm' is not one of this column's kind",
     ),
-    "no unit of time": (TWO.replace("time", "time [kg]"), "'kg' is no unit of time"),
+    "no unit of time": (TWO.replace("time", "time [kg]"), "'kg' is not a unit of time"),
     "two of one meaning": (TWO.replace("elbow_joint", "elbow_pos,elbow_position"), "may all be elbow_joint. Say which"),
     "an archive of nothing": (b"PK\x05\x06" + bytes(18), "cannot be read as a motion"),
     "half an archive": (b"PK\x03\x04 and no more", "cannot be read as a motion"),

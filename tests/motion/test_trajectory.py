@@ -109,7 +109,7 @@ REFUSED = {
     "short row": (GOOD + "0.2,1\n", "line 4 has 2 values, and the header names 3 columns"),
     "long row": (GOOD + "0.2,1,2,3\n", "line 4 has 4 values"),
     "blank value": (GOOD + "0.2,,1\n", "line 4, column 'joint1' is blank"),
-    "no number": (GOOD + "0.2,1,x7\n", "line 4, column 'joint2' is 'x7', which is no number"),
+    "no number": (GOOD + "0.2,1,x7\n", "line 4, column 'joint2' is 'x7', which is not a number"),
     "quoted comma": (GOOD + '0.2,"0,5",1\n', "line 4, column 'joint1' is '0,5'. Where commas separate values"),
     "nan": (GOOD + "0.2,nan,1\n", "line 4, column 'joint1' is 'nan'"),
     "infinite": (GOOD + "0.2,1,-inf\n", "line 4, column 'joint2' is '-inf'"),

@@ -218,7 +218,7 @@ def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -
     for k, motion in enumerate(motions):
         if not isinstance(motion, Motion):
             raise ShapeError(
-                f"identify: {what} number {k + 1} is no tw.Motion. tw.Motion.from_file(path, robot) reads one."
+                f"identify: {what} number {k + 1} is not a tw.Motion. tw.Motion.from_file(path, robot) reads one."
             )
         if motion.tau is None:
             raise ShapeError(
@@ -274,7 +274,7 @@ def _dead(motions: Sequence[Motion]) -> Array:
 
 def _finite(value: float) -> float:
     if not np.isfinite(value):
-        raise ValueRangeError(f"shift {value!r} is no time. Give seconds, such as -0.002.")
+        raise ValueRangeError(f"shift {value!r} is not a time. Give seconds, such as -0.002.")
     return float(value)
 
 

@@ -68,7 +68,7 @@ def check_complete(
             near = {}
         elif near:
             name, cell = next(iter(near.items()))
-            hint = f" Column {cell!r} is no joint of this robot. Did you mean {name!r}?"
+            hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
         first = (list(near) or missing[:2])[:_FEW]
         choices = " ".join(f"--columns '{name}={near.get(name, 'COLUMN')}'" for name in first)
         more = " …" if len(missing) > len(first) else ""
@@ -274,7 +274,7 @@ def _time(
         choice, noted = Choice(choice.column, "ns" if whole else None), True
     if choice.unit is not None and time_factor(choice.unit) is None:
         raise TrajectoryError(
-            f"{header.where}, column {header.cells[choice.column]!r}: {choice.unit!r} is no unit of time. Known: s, ms, us, "
+            f"{header.where}, column {header.cells[choice.column]!r}: {choice.unit!r} is not a unit of time. Known: s, ms, us, "
             "ns, min."
         )
     if choice.unit is not None and time_factor(choice.unit) != 1.0 and not noted:

@@ -385,7 +385,7 @@ class Contradictions:
             if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
                 yield (
                     f"{self._names[joint]} jumps by {printed(jump[2], 4)} rad after t = {seconds(jump[1], 4)} s, at "
-                    f"{printed(jump[0], 3)} rad/s, and is no joint that turns on for ever: remove the rows, or add the "
+                    f"{printed(jump[0], 3)} rad/s, and is not a joint that turns for ever: remove the rows, or add the "
                     "turns that the log left out"
                 )
 

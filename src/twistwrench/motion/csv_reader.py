@@ -191,7 +191,7 @@ def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma:
             return f"{column} is {shown!r}, with a point where other rows have decimal commas. Write all of them alike."
         if "," in field and not decimal_comma and is_number(field, decimal_comma=True):
             return f"{column} is {shown!r}. Where commas separate values, decimals are written with a point (0.5)."
-        said = "is blank" if not field else f"is {shown!r}, which is no number"
+        said = "is blank" if not field else f"is {shown!r}, which is not a number"
         return f"{column} {said}. Every row needs a number such as -0.25 in every column that is used."
     return None
 

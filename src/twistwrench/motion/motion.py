@@ -23,7 +23,7 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .bounds import Bounds, LimitCheck, Violation, bounds_or_own
 from .contradictions import Contradictions, time_doubt
-from .coordinates import Coordinates, joint_rates
+from .coordinates import joint_rates
 from .motion_io import MotionFiles
 from .rate_checks import stamp_words
 from .smoothing import FEWEST, continuous, spline_rates, states_between
@@ -87,7 +87,7 @@ class Motion(MotionFiles):
         if t.ndim != 1 or not len(t) or q.shape != (len(t), model.nq):
             raise ShapeError(f"Motion: time has shape {t.shape} and q {q.shape}; give (n,) and (n, {model.nq}).")
         if bad := [b.joint.name for b in model.leaders if not b.joint.is_configuration(q[:, b.places[0]])]:
-            raise ValueRangeError(f"Motion: q has a quaternion of zeros at joint {bad[0]!r}, which is no rotation.")
+            raise ValueRangeError(f"Motion: q has a quaternion of zeros at joint {bad[0]!r}, which is not a rotation.")
         if (np.diff(t) <= 0).any():
             k = int(np.argmax(np.diff(t) <= 0))
             raise ValueRangeError(
@@ -293,11 +293,6 @@ class Motion(MotionFiles):
         tally = Contradictions(self.coordinates, time_stated=False)
         tally.look_at_rates(LogRows(self.time, self.q, self.dq, self.ddq))
         return tally.of_rates()
-
-    @cached_property
-    def coordinates(self) -> Coordinates:
-        """Names and units of the entries of q, dq and tau."""
-        return Coordinates.of(self.robot.model)
 
     # ── states between the samples ──
 

@@ -6,8 +6,9 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,11 +23,26 @@ from .array_stream import ArrayFile
 from .column_names import time_column, time_meaning
 from .coordinates import Coordinates
 
+if TYPE_CHECKING:
+    from ..robot import Robot
+
 
 class MotionFiles:
-    """The methods of a motion that give its columns."""
+    """Methods of a motion that return or write its columns."""
 
-    def columns(self: Any, *, degrees: bool = False) -> dict[str, Array]:
+    time: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array | None
+    robot: Robot
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Names and units of the entries of q, dq and tau."""
+        return Coordinates.of(self.robot.model)
+
+    def columns(self, *, degrees: bool = False) -> dict[str, Array]:
         """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
 
         Parameters
@@ -59,7 +75,7 @@ class MotionFiles:
                 found |= {name: values[:, k] for k, name in enumerate(names.headers(part, degrees=degrees))}
         return found
 
-    def to_csv(self: Any, path: str | Path, *, degrees: bool = False) -> Path:
+    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads.
 
         Parameters
@@ -89,7 +105,7 @@ class MotionFiles:
                 file.write(np.column_stack(list(columns.values())))
         return path
 
-    def to_pandas(self: Any) -> Any:
+    def to_pandas(self) -> Any:
         """Data frame with the time [s] as its index and a column for each entry.
 
         Returns
@@ -116,7 +132,7 @@ class MotionFiles:
         columns = self.columns()
         return pandas.DataFrame(columns).set_index(next(iter(columns)))
 
-    def to_xarray(self: Any) -> Any:
+    def to_xarray(self) -> Any:
         """Dataset of q, dq, ddq, and tau where it is known, whose axes are named: time, coordinate, joint.
 
         Returns

@@ -238,7 +238,7 @@ class MotionLog:
                 f"robot {model.name!r} has no joint that moves, so no motion fits. Lock fewer joints."
             )
         if rate is not None and not (math.isfinite(rate) and rate > 0):
-            raise ValueRangeError(f"rate {rate!r} is no number of rows a second. Give one above 0, such as 1000.")
+            raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
         file = open_motion_file(path) if isinstance(path, str | Path) else path
         coordinates = Coordinates.of(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
