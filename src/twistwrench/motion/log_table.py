@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.numbers import printed
 from ..errors import TrajectoryError
 from ..typing import Array
 
@@ -39,8 +40,8 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
                 parts.clear()
         except OSError as problem:
             raise TrajectoryError(
-                f"{path}: its rows take {8e-9 * rows * columns:.1f} GB or more in {tempfile.gettempdir()}, which cannot be "
-                f"written: {problem.strerror or problem}. Free the space, or set TMPDIR."
+                f"{path}: its rows take {printed(8e-9 * rows * columns, 2)} GB or more in {tempfile.gettempdir()}, "
+                f"which cannot be written: {problem.strerror or problem}. Free the space, or set TMPDIR."
             ) from None
         if file is None:
             return np.concatenate([np.zeros((0, columns)), *parts])
