@@ -130,6 +130,17 @@ def test_finding_18_no_payload_figure_without_the_limit_of_each_loaded_joint(run
         assert "kg:" not in said and "may have up to" not in said, said
 
 
+ELASTIC = "actuators: {elbow: {ratio: 50, stiffness: 800 N m/rad, rotor: {inertia: 1 kg cm^2, extra: true}}}"
+
+
+@pytest.mark.parametrize(("effort", "code"), [(0, 1), (10, 0)])
+def test_finding_18_the_motor_of_an_elastic_joint_needs_a_limit_where_its_spring_is_loaded(run, tmp_path, effort, code):
+    (tmp_path / "arm.urdf").write_text(arm((30, effort)))
+    (tmp_path / "elastic.yaml").write_text(ELASTIC)
+    found, report = run("payload", "arm.urdf", "--actuators", "elastic.yaml")
+    assert found == code and ("no torque limit for 1 of 2 joints (elbow.motor)" in report) == (code == 1), report
+
+
 # ── 25: an upright arm ──
 
 

@@ -346,11 +346,16 @@ def test_the_viewer_places_bodies_between_the_joints_of_one_body():
 
 @pytest.mark.parametrize(
     ("text", "line", "name"),
-    [("<worldbdy><body/></worldbdy>", 1, "worldbody"), ("<worldbody/>\n<actuators/>", 2, "actuator")],
+    [("<worldbdy/>", 1, "worldbody"), ("<worldbody/>\n<actuators/>", 2, "actuator")],
 )
 def test_sections_that_are_misspelt_are_remarked_with_their_line(text, line, name):
     (said,) = load_quietly(f"<mujoco>{text}</mujoco>").defects
     assert said.startswith(f"line {line}: ") and said.endswith(f"is not an element of MJCF; did you mean <{name}>?")
+
+
+def test_bodies_of_a_misspelt_worldbody_refuse_the_file():
+    with pytest.raises(tw.RobotFileError, match=r"<body.*line 1.* outside a <worldbody>"):
+        tw.load("<mujoco><worldbdy><body name='a'/></worldbdy></mujoco>")
 
 
 def test_flexes_and_unknown_elements_of_bodies_are_remarked():

@@ -62,8 +62,15 @@ def driven_entries(model: Model) -> Array:
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
-    """Entries of τ, (nv,) of bool, that are driven and loaded by ``peaks`` (nv,) [N m or N]."""
+    """Entries of τ, (nv,) of bool, that are driven and loaded by ``peaks`` (nv,) [N m or N].
+
+    The load of an elastic joint is its motor's too.
+    """
     size = np.abs(np.asarray(peaks, float))
+    entry = {body.joint.name: body.places[1] for body in model.leaders}
+    for motor, actuator in model.actuators.items():
+        if motor != actuator.joint:
+            size[entry[motor]] = np.maximum(size[entry[motor]], size[entry[actuator.joint]])
     return driven_entries(model) & (size > LOADED * size.max(initial=0.0))
 
 

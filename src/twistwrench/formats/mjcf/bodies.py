@@ -148,6 +148,8 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
     """
     found = [MjcfBody(root, WORLD, 0, IDENTITY)]
     worlds = root.all("worldbody")
+    if not worlds and (lost := next((e for e in root.walk() if e.tag == "body"), None)):
+        raise RobotFileError(f"{lost} stands outside a <worldbody>, and the file has none. Put its bodies into one.")
     stack = [
         (iter(world.children), 0, IDENTITY, world.attributes.get("childclass", "").strip())
         for world in reversed(worlds)
