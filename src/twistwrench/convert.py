@@ -48,7 +48,7 @@ def check_names(robot: Robot, theirs: list[str], library: str) -> None:
     ours = [body.joint.name for body in robot.model.bodies]
     for name in ours:
         if name not in theirs:
-            raise UnknownNameError.of(f"joint of {library}'s model", name, theirs)
+            raise UnknownNameError.from_choices(f"joint of {library}'s model", name, theirs)
     for name in theirs:
         if name not in ours:
             raise ModelError(

@@ -89,7 +89,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
     """A name that the robot does not have."""
 
     @classmethod
-    def of(cls, kind: str, name: object, choices: Iterable[str]) -> UnknownNameError:
+    def from_choices(cls, kind: str, name: object, choices: Iterable[str]) -> UnknownNameError:
         """Error for an unknown name, listing the choices, nearest spelling first.
 
         Parameters
@@ -104,7 +104,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
 
         Examples
         --------
-        >>> print(UnknownNameError.of("joint", "elbo", ["elbow", "wrist"]))
+        >>> print(UnknownNameError.from_choices("joint", "elbo", ["elbow", "wrist"]))
         no joint named 'elbo'. Did you mean 'elbow'? Known: elbow, wrist.
         """
         import difflib
@@ -169,7 +169,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
     """An optional package is needed and not installed; the message names the extra."""
 
     @classmethod
-    def of(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
+    def from_extra(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
         """Error for a package that an extra brings.
 
         Parameters
@@ -184,7 +184,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
         Examples
         --------
-        >>> str(MissingExtraError.of("matplotlib", "plot", "Drawing")).startswith("Drawing")
+        >>> str(MissingExtraError.from_extra("matplotlib", "plot", "Drawing")).startswith("Drawing")
         True
         """
         return cls(f"{purpose} needs {package!r}, which is not installed: {cls.advice(extra)}.")

@@ -287,7 +287,7 @@ def _pinocchio(robot: Robot) -> Residual:
     try:
         import pinocchio
     except ImportError:
-        raise MissingExtraError.of("pin", "peers", "Comparing with Pinocchio") from None
+        raise MissingExtraError.from_extra("pin", "peers", "Comparing with Pinocchio") from None
     root = [pinocchio.JointModelFreeFlyer()] if _floats(robot) else []
     model = _read_by("Pinocchio", path, lambda: pinocchio.buildModelFromUrdf(str(path), *root))
     model.gravity.linear = robot.gravity
@@ -307,7 +307,7 @@ def _mujoco(robot: Robot) -> Residual:
     try:
         import mujoco
     except ImportError:
-        raise MissingExtraError.of("mujoco", "peers", "Comparing with MuJoCo") from None
+        raise MissingExtraError.from_extra("mujoco", "peers", "Comparing with MuJoCo") from None
     model = _read_by("MuJoCo", path, lambda: mujoco.MjModel.from_xml_path(str(path)))
     kept = ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", "mjDSBL_SPRING")
     for name, flag in mujoco.mjtDisableBit.__members__.items():  # contacts, limits, friction: not of the mechanics

@@ -26,7 +26,7 @@ def drifting(rng, count=100, noise=NOISE):
     R = orientations(rng, count)
     bias = np.outer(np.linspace(-0.5, 0.5, count), [0.05, -0.08, 0.03, 1.2, -0.9, 2.5])
     bias = bias + np.outer(np.exp(-np.arange(count) / 20.0), NOISE)
-    return ReadingLog.of(SENSOR.predict(R) + bias + noise * rng.normal(size=(count, 6)), pose=R)
+    return ReadingLog.from_arrays(SENSOR.predict(R) + bias + noise * rng.normal(size=(count, 6)), pose=R)
 
 
 def subset(rng, log, count):
@@ -76,7 +76,7 @@ def test_finding_27_drift_is_named_before_poses_are_blamed(tmp_path):
     turn, tilt = rng.uniform(-np.pi, np.pi, 60), np.pi / 2 + rng.uniform(-0.3, 0.3, 60)
     R = tw.so3.exp(np.outer(tilt, [0, 1, 0])) @ tw.so3.exp(np.outer(turn, [0, 0, 1]))
     bias = np.outer(np.linspace(-0.5, 0.5, 60), [0, 0, 0, 0, 0, 6.0])
-    log = ReadingLog.of(SENSOR.predict(R) + bias + NOISE / 4 * rng.normal(size=(60, 6)), pose=R)
+    log = ReadingLog.from_arrays(SENSOR.predict(R) + bias + NOISE / 4 * rng.normal(size=(60, 6)), pose=R)
     tw.sensing.write_log(log, tmp_path / "log.csv")
 
     def run(*options):
@@ -98,7 +98,9 @@ def walking(seed):
     R = tw.lie.quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
     t = 5.0 * np.arange(100)
     bias = np.cumsum(0.25 * NOISE * rng.normal(size=(100, 6)), axis=0) + np.outer(1 - np.exp(-t / 200), 8 * NOISE)
-    return rng, ReadingLog.of(SENSOR.predict(R) + bias + 0.1 * NOISE * rng.normal(size=(100, 6)), pose=R, time=t)
+    return rng, ReadingLog.from_arrays(
+        SENSOR.predict(R) + bias + 0.1 * NOISE * rng.normal(size=(100, 6)), pose=R, time=t
+    )
 
 
 def test_finding_27_readings_that_a_drift_explains_are_not_left_out():
@@ -112,7 +114,7 @@ def test_finding_27_readings_that_a_drift_explains_are_not_left_out():
 def test_finding_27_poses_that_are_wrong_are_still_blamed():
     rng = np.random.default_rng(5)
     log = drifting(rng)
-    wrong = ReadingLog.of(np.roll(log.readings, 1, axis=0), gravity=log.gravity)
+    wrong = ReadingLog.from_arrays(np.roll(log.readings, 1, axis=0), gravity=log.gravity)
     try:
         said = " ".join(identify(wrong).doubts)
     except tw.ValueRangeError as error:
@@ -177,12 +179,12 @@ def false_alarms(rng, files, poses, rates, samples=1, error=0.0):
     for _ in range(files):
         readings = np.repeat(exact + error * NOISE * rng.normal(size=exact.shape), samples, axis=0)
         readings = readings + NOISE * rng.normal(size=readings.shape)
-        known = identify(ReadingLog.of(readings, gravity=np.repeat(g, samples, axis=0)), outliers="keep")
+        known = identify(ReadingLog.from_arrays(readings, gravity=np.repeat(g, samples, axis=0)), outliers="keep")
         d = rng.normal(size=(400, 3))
         z = wide * rng.normal(size=(400, 6))
         weight = wide**6 * np.exp(-0.5 * (z**2).sum(axis=1) * (1 - wide**-2))
-        new = ReadingLog.of(np.zeros((400, 6)), gravity=9.81 * d / np.linalg.norm(d, axis=1, keepdims=True))
-        new = ReadingLog.of(new.predicted(SENSOR) + size * z, gravity=new.gravity)
+        new = ReadingLog.from_arrays(np.zeros((400, 6)), gravity=9.81 * d / np.linalg.norm(d, axis=1, keepdims=True))
+        new = ReadingLog.from_arrays(new.predicted(SENSOR) + size * z, gravity=new.gravity)
         S, freedom = known.uncertainty.predictive(new, known.sensor), known.uncertainty.noise_freedom
         for k, rate in enumerate(rates):
             found[k] += (weight * CollisionThreshold.predictive(S, freedom, rate)(new.compensated(known.sensor))).mean()

@@ -22,7 +22,7 @@ def test_groups_are_all_that_torques_tell(seed):
     """Parameters with the same groups give the same torques; as many groups as the regressor has rank."""
     robot = random_robot(seed, kinds=("revolute", "prismatic", "helical"))
     unknown = UnknownParameters(robot)
-    base = BaseParameters.of(unknown)
+    base = BaseParameters.from_unknowns(unknown)
     rng = np.random.default_rng(seed)
     n = len(unknown.names)
     q = np.stack([robot.random_configuration(rng) for _ in range(4 * n)])
@@ -38,7 +38,7 @@ def test_regrouping_in_closed_form_keeps_the_groups():
     from twistwrench.model.parameters import regrouped
 
     robot = tw.robots.ur5()
-    base = BaseParameters.of(UnknownParameters(robot, motor_inertia=False, friction=()))
+    base = BaseParameters.from_unknowns(UnknownParameters(robot, motor_inertia=False, friction=()))
     moved = tw.Robot(regrouped(robot.model))
     before = base.project(base.unknown.file_values)
     after = base.project(UnknownParameters(moved, motor_inertia=False, friction=()).file_values)
@@ -55,7 +55,7 @@ def test_published_groups_of_the_tx40_are_among_ours():
     """FIGAROH's 60 groups, coefficients included, in our 61; ours has the inertia of motor 6 besides."""
     robot = tw.load(TX40)
     side = MotorSide(np.eye(6) + _coupling(), np.zeros(6), np.ones(6))
-    base = BaseParameters.of(UnknownParameters(robot, motor_side=side))
+    base = BaseParameters.from_unknowns(UnknownParameters(robot, motor_side=side))
     assert base.count == 61
     ours = [_terms(name.replace("link_", "").replace("joint_", "")) for name in base.names]
     published = [line.split(",")[0] for line in PUBLISHED.read_text().splitlines() if line.strip()]

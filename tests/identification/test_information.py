@@ -58,15 +58,17 @@ def test_rows_are_those_of_the_whole_log_in_memory(log):
     begin with is below 1e-16, and derivatives of that are below 1e-10 of the columns."""
     streamed = accumulate(ARM, log, **FIXED)
     base = streamed.frame.base
-    rows = FilteredRows.of(base, [SteadySamples.of(log.time, log.q, log.tau, "log")], 8.0, np.full(2, 0.05))
-    whole = NormalEquations.of(rows.W, rows.torques(0.003))
+    rows = FilteredRows.from_samples(
+        base, [SteadySamples.from_arrays(log.time, log.q, log.tau, "log")], 8.0, np.full(2, 0.05)
+    )
+    whole = NormalEquations.from_rows(rows.W, rows.torques(0.003))
     found = equations(streamed)
     assert found.rows == whole.rows == len(rows.W)
     for a, b in ((found.N, whole.N), (found.c, whole.c), (found.y, whole.y)):
         assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
     frame, tau = streamed.frame, rows.torques(0.003)
     left = np.abs(tau - rows.W @ frame.x[: base.count]) / frame.sigma
-    huber = NormalEquations.of(rows.W, tau, root=np.sqrt(np.minimum(1.0, 1.345 / left)))
+    huber = NormalEquations.from_rows(rows.W, tau, root=np.sqrt(np.minimum(1.0, 1.345 / left)))
     weighted = streamed.moments.equations(frame, 1, slice(None))
     assert frame.robust and (left > 1.345).any()
     for a, b in ((weighted.N, huber.N), (weighted.c, huber.c), (weighted.y, huber.y)):
@@ -95,7 +97,7 @@ def test_chunks_own_every_sample_once(log):
     late = log.time + np.where(log.time > 50.0, 30.0, 0.0)
     paused = tw.Motion(late, log.q, log.dq, log.ddq, log.tau, robot=ARM, in_seconds=True)
     for motion in (log, paused):
-        clock = LogClock.of(motion.time, "log")
+        clock = LogClock.from_times(motion.time, "log")
         source = LogSource(ARM, "log", motion=motion)
         owned = [(w.stretch, *w.own) for w in steady_windows(source, clock, 999, 400, 0, len(motion))]
         assert sum(b - a for _, a, b in owned) == len(motion)
@@ -127,7 +129,7 @@ def test_the_clock_of_a_log_with_a_gap_is_its_own():
     """A pause of ten seconds between rows of a hundred hertz makes no slower clock."""
     t = np.arange(1000) * 0.01
     t[500:] += 10.0
-    found = SteadySamples.of(t, np.sin(t)[:, None], np.cos(t)[:, None], "log")
+    found = SteadySamples.from_arrays(t, np.sin(t)[:, None], np.cos(t)[:, None], "log")
     assert found.rate == pytest.approx(100.0, rel=1e-9) and len(found) == 2000
     assert found.seconds == pytest.approx(t[-1] - t[0])
 

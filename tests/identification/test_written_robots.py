@@ -19,7 +19,7 @@ def random_problem(seed, joints=4, rows=60):
     """A random robot, and rows of torques that no robot has: noise as large as the torques."""
     robot = random_robot(seed, joints, kinds=("revolute", "prismatic"))
     unknown = UnknownParameters(robot)
-    base = BaseParameters.of(unknown)
+    base = BaseParameters.from_unknowns(unknown)
     rng = np.random.default_rng(seed)
     q = np.stack([robot.random_configuration(rng) for _ in range(rows)])
     dq, ddq = rng.normal(size=(2, rows, robot.nv))
@@ -28,7 +28,7 @@ def random_problem(seed, joints=4, rows=60):
     tau = tau + rng.normal(size=tau.shape) * np.sqrt((tau**2).mean())
     ones = np.ones(robot.nv)
     sizes = unknown.scales(ones, ones, ones)
-    prior = PositivePrior.of(base, np.zeros(base.count), sizes)
+    prior = PositivePrior.from_values(base, np.zeros(base.count), sizes)
     return PositiveProblem(base, prior, W.T @ W, W.T @ tau, float(tau @ tau), sizes), base, prior, sizes
 
 

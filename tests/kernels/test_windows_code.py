@@ -109,5 +109,5 @@ def test_bits_by_the_convention_of_windows_are_those_of_this_system(library, bun
 
 
 def test_pages_go_with_their_object():
-    pages = ExecutableMemory.of(np.full(100, 0xC3, np.uint8))
+    pages = ExecutableMemory.from_image(np.full(100, 0xC3, np.uint8))
     assert ctypes.string_at(pages.address, 100) == b"\xc3" * 100

@@ -179,7 +179,7 @@ def test_every_extra_that_an_error_advises_exists():
     named = {
         (path.name, extra)
         for path in (ROOT / "src").rglob("*.py")
-        for extra in re.findall(r'MissingExtraError\.of\(\s*"[^"]+",\s*"([^"]+)"', path.read_text("utf-8"))
+        for extra in re.findall(r'MissingExtraError\.from_extra\(\s*"[^"]+",\s*"([^"]+)"', path.read_text("utf-8"))
     }
     assert named and not [(file, extra) for file, extra in named if extra not in extras]
 

@@ -25,6 +25,9 @@ SELF_ANY = 0
 FIRST_WORDS = ("What", "How", "Where", "Whether", "Which", "Of", "That", "Those")
 FIRST = 0.01
 """Share of docstrings that begin with one of those words."""
+VAGUE = ("of", "at", "take", "made", "told", "said", "asked", "kept", "held", "felt")
+MOST_VAGUE = 82
+"""Functions that have one of those names."""
 LONGER: dict[str, int] = {}
 """Files of more than 600 lines, with the most that each may have."""
 TABLES = ("__init__", "main")
@@ -105,6 +108,12 @@ def test_docstrings_begin_with_a_verb_or_a_noun():
     docs = [doc.value for path in FILES for doc in docstrings(tree(path))]
     others = [doc for doc in docs if doc.strip().split()[:1] and doc.strip().split()[0].strip(":,.;") in FIRST_WORDS]
     assert len(others) <= FIRST * len(docs)
+
+
+def test_functions_are_not_named_by_a_preposition_or_a_participle():
+    nodes = (node for path in FILES for node in ast.walk(tree(path)) if isinstance(node, FUNCTION))
+    vague = [f"{node.name}:{node.lineno}" for node in nodes if node.name.strip("_") in VAGUE]
+    assert len(vague) <= MOST_VAGUE, vague
 
 
 # ── imports ──

@@ -27,7 +27,7 @@ def arm():
 
 
 def said_of(arm, t, q, dq=None, ddq=None, portions=(), limits=None):
-    tally = Contradictions(Coordinates.of(arm.model), time_stated=True)
+    tally = Contradictions(Coordinates.from_model(arm.model), time_stated=True)
     for rows in np.split(np.arange(len(t)), portions):
         tally.add(LogRows(t[rows], q[rows], *(None if x is None else x[rows] for x in (dq, ddq))))
     return tally.sentences(limits)

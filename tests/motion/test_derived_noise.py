@@ -76,10 +76,10 @@ def test_smoothing_is_that_of_the_curve_whatever_the_grid():
 
 
 def test_a_bounded_joint_that_steps_by_more_than_half_a_turn_has_done_so():
-    coordinates = Coordinates.of(robots.ur5().model)
+    coordinates = Coordinates.from_model(robots.ur5().model)
     q = np.zeros((20, 6))
     q[:, 1] = np.where(np.arange(20) < 10, -1.8, 1.8)
-    np.testing.assert_array_equal(Continuity.of(coordinates, [q]).curves(q), q)
+    np.testing.assert_array_equal(Continuity.from_parts(coordinates, [q]).curves(q), q)
 
 
 @pytest.mark.parametrize("end", ["begin", "end"])

@@ -251,8 +251,8 @@ CALLS: dict[str, tuple[Any, dict[str, Any]]] = {
         {"sensor": tool(), "poses": 3, "noise": (0.01, 0.3), "motion": None, "touch": None, "rng": 0},
     ),
     "touch": (lambda F: sensing.simulate(tool(), 3, touch={1: F}), {"F": np.zeros(6)}),
-    "ReadingLog.of": (
-        sensing.ReadingLog.of,
+    "ReadingLog.from_arrays": (
+        sensing.ReadingLog.from_arrays,
         {
             "readings": np.ones((2, 6)), "pose": None, "gravity": np.ones((2, 3)), "V": np.zeros((2, 6)),
             "dV": np.zeros((2, 6)), "time": [0, 1], "name": "log",

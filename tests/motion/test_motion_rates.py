@@ -153,8 +153,8 @@ def test_a_slow_joint_with_a_coarse_encoder_is_cured_by_smoothing(model, write):
 
 def test_wrapped_angles_of_continuous_joints_are_unwrapped(write):
     model = load_model(robots.path_of("pendulum"))
-    (name,) = Coordinates.of(model).names
-    if not Coordinates.of(model).endless.all():
+    (name,) = Coordinates.from_model(model).names
+    if not Coordinates.from_model(model).endless.all():
         pytest.skip("the pendulum's joint has ends")
     t = np.arange(2000) * 0.01
     q = (2 * t + np.pi) % (2 * np.pi) - np.pi
@@ -202,17 +202,19 @@ def test_signs_of_quaternions_are_no_noise(write):
     noises = []
     for table in (q, flipped):
         rows = "".join(",".join(map(repr, row)) + "\n" for row in np.column_stack([t, table]).tolist())
-        path = write(f"time,{','.join(Coordinates.of(model).names)}\n{rows}")
+        path = write(f"time,{','.join(Coordinates.from_model(model).names)}\n{rows}")
         noises.append(Differentiation.plan(MotionLog.open(path, model), model).quality.noise)
     np.testing.assert_array_equal(*noises)
 
 
 def test_a_log_that_counts_turns_is_not_unwrapped():
-    coordinates = Coordinates.of(load_model(robots.path_of("pendulum")))
+    coordinates = Coordinates.from_model(load_model(robots.path_of("pendulum")))
     fast = np.arange(50.0)[:, None] * 4.0  # more than half a turn a sample
-    np.testing.assert_array_equal(Continuity.of(coordinates, [fast]).curves(fast), fast)
+    np.testing.assert_array_equal(Continuity.from_parts(coordinates, [fast]).curves(fast), fast)
     slow = np.arange(50.0)[:, None]
-    np.testing.assert_allclose(Continuity.of(coordinates, [wrapped(slow)]).curves(wrapped(slow)), slow, atol=1e-12)
+    np.testing.assert_allclose(
+        Continuity.from_parts(coordinates, [wrapped(slow)]).curves(wrapped(slow)), slow, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["floating_box"])

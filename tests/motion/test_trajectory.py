@@ -84,7 +84,7 @@ def test_rates_are_read_where_given_and_degrees_are_turned_into_radians(model, w
 
 def test_lengths_are_not_taken_for_degrees(write):
     model = load_model(robots.path_of("cart_pole"))
-    names = Coordinates.of(model).names
+    names = Coordinates.from_model(model).names
     motion = read(write(f"time,{','.join(names)}\n0,180,180\n"), model, degrees=True)
     assert sorted(motion.q[0]) == pytest.approx([np.pi, 180])
 

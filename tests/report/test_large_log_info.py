@@ -20,9 +20,9 @@ def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
     table = np.column_stack([t, x, np.full_like(t, 0.25), rng.normal(size=len(t))])
     path = tmp_path / "log.csv"
     np.savetxt(path, table, delimiter=",", header="time,cut,dead,noise", comments="", fmt="%.9g")
-    whole = LogQuality.of(path)
+    whole = LogQuality.from_file(path)
     monkeypatch.setattr(log_quality, "LARGE", 0)
-    blocks = LogQuality.of(path)
+    blocks = LogQuality.from_file(path)
     for name in ("rows", "time", "seconds", "gaps", "longest", "repeated", "backward"):
         assert getattr(blocks, name) == getattr(whole, name), name
     np.testing.assert_allclose([blocks.rate, blocks.jitter], [whole.rate, whole.jitter], rtol=0.02)
@@ -39,4 +39,4 @@ def test_zeros_and_columns_of_few_steps_are_worth_a_word(tmp_path):
     said = " ".join(CliRunner().invoke(main, ["log", "info", str(tmp_path / "log.csv")]).output.split())
     assert said.count("exactly 0 in 50 % of the rows") == 1
     assert said.count("no more than 20 steps of its grid in all") == 1
-    assert LogQuality.of(tmp_path / "log.csv").columns[0].zeros == 0.5
+    assert LogQuality.from_file(tmp_path / "log.csv").columns[0].zeros == 0.5

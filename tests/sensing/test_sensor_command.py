@@ -398,7 +398,9 @@ def slipped(log, how):
     R = tw.so3.exp(np.outer(np.linspace(0, 6, len(log)), [0.3, 0.8, 0.5]))
     gravity = (np.swapaxes(R, 1, 2) @ [0, 0, -9.81], R @ [0, 0, -9.81])
     if how == "transposed":
-        return ReadingLog.of(ReadingLog.of(log.readings, gravity=gravity[0]).predicted(SENSOR), gravity=gravity[1])
+        return ReadingLog.from_arrays(
+            ReadingLog.from_arrays(log.readings, gravity=gravity[0]).predicted(SENSOR), gravity=gravity[1]
+        )
     changed = {
         "kg and kg m": {"readings": log.readings / 9.80665},
         "gravity up": {"gravity": -log.gravity},

@@ -132,7 +132,7 @@ def test_a_drifting_log_is_drift_and_no_contact(shape, size):
     file = identify(dwells(rng, samples=20))
     log = dwells(rng, samples=20)
     drift = np.outer(shape(np.linspace(0, 1, len(log))), size * SIX * [0, 1, 0, 1, 0, -1])
-    log = ReadingLog.of(log.readings + drift, gravity=log.gravity)
+    log = ReadingLog.from_arrays(log.readings + drift, gravity=log.gravity)
     found = compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty)
     assert not found.hits.any()
     (doubt,) = found.doubts
@@ -157,7 +157,7 @@ def test_a_wrong_gain_is_no_contact_and_not_ok(channel):
     log, gain = dwells(rng, samples=20), np.ones(6)
     gain[channel] = 1.2
     bias = np.asarray(file.sensor.bias)
-    log = ReadingLog.of(bias + gain * (log.readings - bias), gravity=log.gravity)
+    log = ReadingLog.from_arrays(bias + gain * (log.readings - bias), gravity=log.gravity)
     if np.abs((gain - 1) * (log.predicted(AT_REST) - bias)).max() < 10 * SIX[channel]:
         pytest.skip("this channel has too little load on it for the gain to show")
     for rate in (None, 1e-6):

@@ -96,7 +96,7 @@ def test_a_short_rest_in_a_motion_is_no_dwell():
     gravity = np.column_stack([np.zeros(n), np.sin(0.2 * np.arange(n)), -np.cos(0.2 * np.arange(n))]) * 9.81
     gravity[25:31] = gravity[25]
     found = static_poses(
-        ReadingLog.of(np.zeros((n, 6)), gravity=gravity, V=V, dV=np.ones((n, 6)) * V.any(axis=1)[:, None])
+        ReadingLog.from_arrays(np.zeros((n, 6)), gravity=gravity, V=V, dV=np.ones((n, 6)) * V.any(axis=1)[:, None])
     )
     assert found.count.tolist() == [1.0] * 25 + [6.0] + [1.0] * 9
     assert found.moving.tolist() == [True] * 25 + [False] + [True] * 9

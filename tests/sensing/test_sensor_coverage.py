@@ -128,7 +128,9 @@ def test_a_drift_is_offered_by_name_and_taken_off(channels):
     log = dwells(np.random.default_rng(2), samples=30)
     drift = 3 * NOISE * np.array(channels)
     rows = np.linspace(-1, 1, len(log))
-    log = ReadingLog.of(log.readings + np.outer(rows, drift), gravity=log.gravity, time=0.1 * np.arange(len(log)))
+    log = ReadingLog.from_arrays(
+        log.readings + np.outer(rows, drift), gravity=log.gravity, time=0.1 * np.arange(len(log))
+    )
     said = identify(log)
     assert said.verdict.word is Word.UNSURE
     assert "drift=True" in " ".join(said.verdict.reasons)
@@ -163,7 +165,7 @@ def test_a_tilted_base_is_found_whichever_axis_of_the_world_points_up(down):
     given = -9.81 * np.eye(3)[down]
     there = tw.so3.exp(0.03 * np.eye(3)[down - 1] - 0.01 * np.eye(3)[down - 2]) @ given
     readings = AT_REST.predict(R, gravity=there) + NOISE * rng.normal(size=(40, 6))
-    found = identify(ReadingLog.of(readings, pose=R, gravity=given), tilt=True)
+    found = identify(ReadingLog.from_arrays(readings, pose=R, gravity=given), tilt=True)
     np.testing.assert_allclose(found.fit.state.tilt @ given, there, atol=0.05)  # 5 mrad of 9.81
 
 
@@ -173,13 +175,13 @@ def test_a_tilted_base_is_offered_by_name_and_found():
     R = tw.lie.quaternion.rotation(q / np.linalg.norm(q, axis=1, keepdims=True))
     tilt = tw.so3.exp([0.03, -0.01, 0.0])  # the gravity that is there, of the one given
     readings = AT_REST.predict(R, gravity=tilt @ [0, 0, -9.81]) + NOISE * rng.normal(size=(40, 6))
-    log = ReadingLog.of(readings, pose=R)
+    log = ReadingLog.from_arrays(readings, pose=R)
     assert "tilt=True" in " ".join(identify(log).verdict.reasons)
     found = identify(log, tilt=True)
     assert found.verdict.ok
     np.testing.assert_allclose((found.fit.state.tilt @ [0, 0, -1])[:2], (tilt @ [0, 0, -1])[:2], atol=5e-3)
     with pytest.raises(tw.ValueRangeError, match="a tilt of the base has no part in it"):
-        identify(ReadingLog.of(readings, gravity=log.gravity), tilt=True)
+        identify(ReadingLog.from_arrays(readings, gravity=log.gravity), tilt=True)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +195,7 @@ def test_a_tilted_base_is_offered_by_name_and_found():
 )
 def test_a_wrong_gain_or_cross_talk_is_not_ok(gain):
     log = dwells(np.random.default_rng(4), samples=10)
-    found = identify(ReadingLog.of((log.readings - BIAS) @ gain.T + BIAS, gravity=log.gravity))
+    found = identify(ReadingLog.from_arrays((log.readings - BIAS) @ gain.T + BIAS, gravity=log.gravity))
     assert found.verdict.word is Word.LOOK_AGAIN
     assert "gain or cross-talk" in " ".join(found.doubts)
 
@@ -210,7 +212,7 @@ def test_the_last_readings_of_a_direction_are_not_trimmed():
         exact[2] += 5 * NOISE * rng.choice([-1, 1], 6)
         count = [100, 100, 10]
         readings = np.repeat(exact, count, axis=0) + NOISE * rng.normal(size=(210, 6))
-        found = identify(ReadingLog.of(readings, pose=np.repeat(R, count, axis=0)))
+        found = identify(ReadingLog.from_arrays(readings, pose=np.repeat(R, count, axis=0)))
         assert set(found.outliers).isdisjoint(range(205, 210)) or len(found.outliers) < 5
         assert np.abs(found.sensor.load.com - COM).max() < 0.03
         assert found.verdict.word is not Word.OK
@@ -236,7 +238,7 @@ def test_a_full_rate_log_is_told_into_dwells_and_the_motion_between():
     readings = AT_REST.predict(poses) + NOISE * rng.normal(size=(len(poses), 6))
     moving = np.concatenate([np.full(len(x), k % 2 == 1) for k, x in enumerate(rows)])
     readings[moving] += rng.normal(size=(moving.sum(), 6)) * 5 * NOISE  # what accelerations do
-    found = identify(ReadingLog.of(readings, pose=poses))
+    found = identify(ReadingLog.from_arrays(readings, pose=poses))
     assert len(found.fit.residuals) == 12
     assert (~found.kept & moving).sum() > 0.9 * moving.sum()
     assert found.kept[~moving].mean() > 0.99

@@ -53,7 +53,7 @@ def logs(seed=0, count=COUNT):
 def doubts(readings, R, **asked):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)
-        found = identify(ReadingLog.of(readings, pose=R), **asked)
+        found = identify(ReadingLog.from_arrays(readings, pose=R), **asked)
     assert found.doubtful or not found.doubts
     return " ".join(found.doubts)
 
@@ -222,10 +222,10 @@ def test_the_unit_of_a_log_in_motion_is_told_by_forces_where_the_inertia_is_unkn
     t = np.linspace(0, 6, 300)
     T, V, dV = lively_motion(t)
     readings = true.predict(T, V, dV) + np.repeat(noise, 3) * np.random.default_rng(1).normal(size=(300, 6))
-    assert log_doubt(ReadingLog.of(readings, pose=T, V=V, dV=dV, time=t), known, noise) is None
+    assert log_doubt(ReadingLog.from_arrays(readings, pose=T, V=V, dV=dV, time=t), known, noise) is None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)  # of the unit, by its size alone
-        log = ReadingLog.of(readings / [1, 1, 1, G, G, G], pose=T, V=V, dV=dV, time=t)
+        log = ReadingLog.from_arrays(readings / [1, 1, 1, G, G, G], pose=T, V=V, dV=dV, time=t)
     assert "forces are in kilograms (" in log_doubt(log, known, noise)
 
 
@@ -241,7 +241,7 @@ def test_gravity_that_points_up_is_as_good_as_the_other_sign_at_rest():
     readings, R = read(0)
     up = np.swapaxes(R, 1, 2) @ [0, 0, 9.81]
     with pytest.raises(tw.ValueRangeError, match=r"Use sign='by_sensor': .*Or gx, gy, gz point up.*negate these three"):
-        identify(ReadingLog.of(readings, gravity=up))
+        identify(ReadingLog.from_arrays(readings, gravity=up))
     assert "point up" not in verdict(-readings, R)  # orientations say where up is
 
 
@@ -250,7 +250,7 @@ def test_gravity_that_points_up_is_told_from_the_sign_in_motion():
         tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1), 0.02 * np.eye(3)), [0.1, 0.2, 0, 4, -7, 11]
     )
     log = simulate(tool, 200, motion=6.0)
-    up = ReadingLog.of(log.readings, gravity=-log.gravity, V=log.V, dV=log.dV)
+    up = ReadingLog.from_arrays(log.readings, gravity=-log.gravity, V=log.V, dV=log.dV)
     try:
         said = " ".join(identify(up, inertia=True).doubts)
     except tw.ValueRangeError as error:

@@ -68,10 +68,10 @@ def test_a_label_of_the_wrong_kind_is_refused():
 def test_logs_and_simulations_check_labels_too():
     many, Vs, dVs = lively_motion(np.linspace(0, 1, 4))
     pose, twist = tw.Pose(many, to="w", of="f"), tw.Twist(Vs, "f")
-    log = ReadingLog.of(np.zeros((4, 6)), pose=pose, V=twist, dV=tw.Twist(dVs, "f"))
+    log = ReadingLog.from_arrays(np.zeros((4, 6)), pose=pose, V=twist, dV=tw.Twist(dVs, "f"))
     np.testing.assert_array_equal(log.V, Vs)
     with pytest.raises(tw.FrameError, match="dV in 's'"):
-        ReadingLog.of(np.zeros((4, 6)), pose=pose, V=twist, dV=tw.Twist(dVs, "s"))
+        ReadingLog.from_arrays(np.zeros((4, 6)), pose=pose, V=twist, dV=tw.Twist(dVs, "s"))
     np.testing.assert_array_equal(simulate(sensor("f"), pose).readings, simulate(sensor(), many).readings)
     with pytest.raises(tw.FrameError, match="pose of 'f'"):
         simulate(sensor("s"), pose)

@@ -97,7 +97,7 @@ def test_coverage_holds_with_inertia_and_mounting():
     truth, rng, inside = np.concatenate([BIAS, sensor.load.parameters]), np.random.default_rng(5), []
     for _ in range(250):
         readings = exact.readings + rng.normal(size=(60, 6)) * np.repeat(NOISE, 3)
-        log = ReadingLog.of(readings, gravity=exact.gravity, V=exact.V, dV=exact.dV)
+        log = ReadingLog.from_arrays(readings, gravity=exact.gravity, V=exact.V, dV=exact.dV)
         found = identify(log, inertia=True, orientation=True)
         x, C = found.fit.estimate.copy(), found.fit.joint
         delta = tw.so3.log(sensor.mounting.T @ found.fit.mounting)  # in the sensor's own axes

@@ -18,7 +18,7 @@ from twistwrench.sensing.sensor import rotations_to_gravity
 
 def _log(**changes):
     given = {"readings": np.zeros((4, 6)), "pose": np.tile(np.eye(3), (4, 1, 1))} | changes
-    return ReadingLog.of(given.pop("readings"), **given)
+    return ReadingLog.from_arrays(given.pop("readings"), **given)
 
 
 SHEARED = np.eye(3) + np.array([[0, 0.2, 0], [0, 0, 0], [0, 0, 0]])
@@ -57,12 +57,12 @@ def test_units_that_look_wrong_warn():
         (np.array([1000, 1000, 1000, 1, 1, 1]), "N mm"),
     ):
         with pytest.warns(tw.ModelWarning, match=said):
-            ReadingLog.of(log.readings * factor, pose=R)
+            ReadingLog.from_arrays(log.readings * factor, pose=R)
     with pytest.warns(tw.ModelWarning, match="degrees per second"):
         _log(V=np.full((4, 6), 60.0), dV=np.zeros((4, 6)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ReadingLog.of(log.readings, pose=R)
+        ReadingLog.from_arrays(log.readings, pose=R)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,10 @@ def test_units_that_look_wrong_warn():
         (lambda log, path: read_log(log), "takes the path of a CSV file, got a ReadingLog"),
         (lambda log, path: identify(np.zeros((3, 6))), r"identify takes a ReadingLog, got an array of shape \(3, 6\)"),
         (lambda log, path: identify(None), "identify takes a ReadingLog, got None"),
-        (lambda log, path: identify([1, 2]), r"got \[1, 2\]. Make one with ReadingLog.of\(readings, pose=T_wf\)"),
+        (
+            lambda log, path: identify([1, 2]),
+            r"got \[1, 2\]. Make one with ReadingLog.from_arrays\(readings, pose=T_wf\)",
+        ),
         (lambda log, path: propose_poses(3, log=[1]), "propose_poses takes a ReadingLog"),
         (lambda log, path: log.compensated(log), "takes a ForceTorqueSensor, got a ReadingLog"),
         (lambda log, path: simulate(log, 3), "takes a ForceTorqueSensor, got a ReadingLog"),

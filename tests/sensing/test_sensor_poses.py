@@ -17,7 +17,7 @@ from twistwrench.sensing.poses import propose_poses, simulate
 def test_chosen_poses_tell_more_than_random_ones():
     chosen = propose_poses(12)
     rng = np.random.default_rng(0)
-    logs = [ReadingLog.of(np.zeros((11, 6)), gravity=9.81 * d / np.linalg.norm(d, axis=1, keepdims=True))
+    logs = [ReadingLog.from_arrays(np.zeros((11, 6)), gravity=9.81 * d / np.linalg.norm(d, axis=1, keepdims=True))
             for d in rng.normal(size=(20, 11, 3))]  # fmt: skip
     random = [propose_poses(1, log=log) for log in logs]
     assert chosen.mass_deviation[-1] < np.median([p.mass_deviation[-1] for p in random])

@@ -23,7 +23,7 @@ def model():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         model = load_model(robots.path_of("planar_2r"))
-    assert Coordinates.of(model).names == ("joint1", "joint2")
+    assert Coordinates.from_model(model).names == ("joint1", "joint2")
     return model
 
 

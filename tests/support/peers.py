@@ -33,7 +33,7 @@ def pinocchio_model(robot: Robot) -> Any:
     try:
         import pinocchio
     except ImportError:
-        raise MissingExtraError.of("pin", "peers", "Comparing with Pinocchio") from None
+        raise MissingExtraError.from_extra("pin", "peers", "Comparing with Pinocchio") from None
     root = [pinocchio.JointModelFreeFlyer()] if _floats(robot) else []
     with _read_by("Pinocchio", path):
         model = pinocchio.buildModelFromUrdf(str(path), *root)
@@ -53,7 +53,7 @@ def mujoco_model(robot: Robot) -> Any:
     try:
         import mujoco
     except ImportError:
-        raise MissingExtraError.of("mujoco", "peers", "Comparing with MuJoCo") from None
+        raise MissingExtraError.from_extra("mujoco", "peers", "Comparing with MuJoCo") from None
     with _read_by("MuJoCo", path):
         if kind == "mjcf":
             model = mujoco.MjModel.from_xml_path(str(path))

@@ -36,7 +36,7 @@ def dwells(rng, poses=12, samples=100, error=0.0, noise=NOISE, turned=False):
     if not turned:
         exact = exact + error * noise * rng.normal(size=exact.shape)
     readings = np.repeat(exact, samples, axis=0) + noise * rng.normal(size=(poses * samples, 6))
-    return ReadingLog.of(readings, gravity=np.repeat(g, samples, axis=0))
+    return ReadingLog.from_arrays(readings, gravity=np.repeat(g, samples, axis=0))
 
 
 def motion(rng, seconds=6.0, count=300, late=0.0, noise=NOISE, sensor=TOOL):
@@ -45,7 +45,7 @@ def motion(rng, seconds=6.0, count=300, late=0.0, noise=NOISE, sensor=TOOL):
     T, V, dV = lively_motion(t)
     then = lively_motion(t - late)
     readings = sensor.predict(then[0], then[1], then[2]) + noise * rng.normal(size=(count, 6))
-    return ReadingLog.of(readings, gravity=gravity_in_frame(T), V=V, dV=dV, time=t)
+    return ReadingLog.from_arrays(readings, gravity=gravity_in_frame(T), V=V, dV=dV, time=t)
 
 
 def drifting(rng, count=100, walk=0.25):
@@ -55,4 +55,4 @@ def drifting(rng, count=100, walk=0.25):
     t = 5.0 * np.arange(count)
     bias = np.cumsum(walk * NOISE * rng.normal(size=(count, 6)), axis=0) + np.outer(1 - np.exp(-t / 200), 8 * NOISE)
     readings = AT_REST.predict(R) + bias + 0.1 * NOISE * rng.normal(size=(count, 6))
-    return ReadingLog.of(readings, pose=R, time=t)
+    return ReadingLog.from_arrays(readings, pose=R, time=t)

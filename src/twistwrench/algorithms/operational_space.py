@@ -68,7 +68,7 @@ def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
 def _row_number(row: object) -> int:
     if isinstance(row, str):
         if row not in TWIST:
-            raise UnknownNameError.of("row of a twist", row, TWIST)
+            raise UnknownNameError.from_choices("row of a twist", row, TWIST)
         return TWIST.index(row)
     if isinstance(row, bool) or not isinstance(row, int | np.integer):
         raise ShapeError(f"a row of a twist is a name or a number, got {row!r}. Names: {', '.join(TWIST)}.")

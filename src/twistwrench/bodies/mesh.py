@@ -154,7 +154,7 @@ def read_surface(path: Path) -> tuple[Array, Array]:
     try:
         import trimesh
     except ImportError:
-        raise MissingExtraError.of("trimesh", "mesh", f"Reading the mesh {path.name}") from None
+        raise MissingExtraError.from_extra("trimesh", "mesh", f"Reading the mesh {path.name}") from None
     if not path.is_file():
         raise NotFoundError(f"no mesh file {str(path)!r}.")
     with third_party_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):

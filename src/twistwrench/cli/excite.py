@@ -130,7 +130,7 @@ def _verdict(found: ExcitingMotion) -> list[Text]:
 
 def _joints(found: ExcitingMotion, *, degrees: bool) -> PlainTable:
     robot, peaks = found.robot, found.peaks
-    turning = Coordinates.of(robot.model).angular_velocity
+    turning = Coordinates.from_model(robot.model).angular_velocity
     unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
     place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
     table = PlainTable()

@@ -382,7 +382,9 @@ def _essential(found: IdentifiedRobot) -> Iterator[Text]:
 def _residuals(found: IdentifiedRobot) -> PlainTable:
     table = PlainTable("Residuals of rows held out")
     table.words("joint")
-    table.numbers("held out", f"size [{heading_unit('tau', Coordinates.of(found.original.model).angular_velocity)}]")
+    table.numbers(
+        "held out", f"size [{heading_unit('tau', Coordinates.from_model(found.original.model).angular_velocity)}]"
+    )
     for (name, share), sigma in zip(found.held_out.joints.items(), found.sigma, strict=True):
         table.row(name, percent(share, 3), sigma)
     return table

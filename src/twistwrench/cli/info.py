@@ -114,7 +114,7 @@ def _joints(model: Model, *, degrees: bool) -> PlainTable:
     extra, drives = model.friction.any, bool(model.armature.any())
     table.numbers("lower", "upper", "velocity", "effort")
     table.numbers(*(("damping", "friction") if extra else ()), *(("armature",) if drives else ()))
-    c, limits = Coordinates.of(model), model.limits
+    c, limits = Coordinates.from_model(model), model.limits
     for i, b in enumerate(model.bodies):
         for k in range(b.v_index, b.v_index + b.joint.nv):
             factor = math.degrees(1.0) if degrees and c.angular_velocity[k] else 1.0
@@ -218,7 +218,7 @@ def robot_tables(word: str = "") -> Iterator[PlainTable]:
         if robot.source != _BUNDLED and plain_name(word) in name:
             others.setdefault(robot.source, []).append(robot)
     if not chosen and not others:
-        raise UnknownNameError.of("robot", word, known)
+        raise UnknownNameError.from_choices("robot", word, known)
     if chosen:
         yield _bundled(chosen, described)
     for source, found in others.items():

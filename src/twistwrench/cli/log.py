@@ -43,7 +43,7 @@ def info(given: Given) -> ExitCode:
     paths = [path for text in given.files for path in expand_paths(Path(text), text)]
     found: list[LogQuality] = []
     with progress_bar(f"{len(paths)} files") as progress, workers_of(given.workers, given.scheduler) as team:
-        for path, result in zip(paths, team.results(LogQuality.of, paths, progress), strict=True):
+        for path, result in zip(paths, team.results(LogQuality.from_file, paths, progress), strict=True):
             if isinstance(result, Failure):
                 failed.append((path, result.reason))
             else:

@@ -200,7 +200,7 @@ def parse_known(texts: Sequence[str]) -> dict[str, float]:
         number, _, unit = value.partition(" ")
         allowed = _UNITS.get(kind)
         if equal and owner and allowed is None:
-            raise UnknownNameError(f"--known {text!r}: {UnknownNameError.of('parameter', kind, _UNITS)}")
+            raise UnknownNameError(f"--known {text!r}: {UnknownNameError.from_choices('parameter', kind, _UNITS)}")
         try:
             if not equal or not owner or allowed is None:
                 raise ValueError  # noqa: TRY301  the same sentence answers all of it

@@ -212,7 +212,7 @@ def _path_and_trouble(
 
 def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:
 
-    return q * np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    return q * np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
 
 
 def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
@@ -263,7 +263,7 @@ def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> lis
     robot = trajectory.robot
     q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
     tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
-    way, units = robot.subtract(q[-1], q[0]), Coordinates.of(robot.model).torque_units
+    way, units = robot.subtract(q[-1], q[0]), Coordinates.from_model(robot.model).torque_units
     at_limit = dict.fromkeys(robot.model.velocity_names, 0.0)
     if isinstance(trajectory, Fastest):
         for touch in trajectory.limit_contacts:
@@ -298,7 +298,7 @@ def move_view(
     ``cannot`` is the reason for an early end.
     """
     robot = trajectory.robot
-    names = Coordinates.of(robot.model)
+    names = Coordinates.from_model(robot.model)
     unit = np.where(names.angular_velocity & degrees, math.degrees(1.0), 1.0)
     way, speed, force = (heading_unit(part, names.angular_velocity, degrees=degrees) for part in ("q", "dq", "tau"))
     table = PlainTable()

@@ -159,7 +159,7 @@ def payload_view(
     ``where`` and ``carried`` describe the payload's frame and the tools. Without limits, holding torques alone are listed.
     ``assumed`` lists the assumptions of the figure.
     """
-    turning = Coordinates.of(robot.model).angular_velocity
+    turning = Coordinates.from_model(robot.model).angular_velocity
     table = PlainTable(f"Holding torques [{heading_unit('tau', turning)}]")
     table.words("joint", fold=False)
     table.numbers(f"q [{heading_unit('q', turning, degrees=degrees)}]", "alone", "per kg")

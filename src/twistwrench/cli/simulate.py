@@ -179,7 +179,7 @@ def simulation_view(
     robot: Robot, result: SimulationResult, *, degrees: bool = False, friction: bool = True
 ) -> RenderableType:
     """Verdict with remarks on limits, then coordinates, velocities, energies, accuracy and events."""
-    c = Coordinates.of(robot.model)
+    c = Coordinates.from_model(robot.model)
     word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
     verdict = [
         Text.assemble(word, f": {with_option_names(result.stopped)}."),

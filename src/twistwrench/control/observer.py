@@ -271,7 +271,7 @@ class MomentumObserver:
         """
         robot, chosen = self.robot, list(row_numbers(rows))
         if not isinstance(kind, str) or kind not in KINDS:
-            raise UnknownNameError.of("kind", kind, KINDS)
+            raise UnknownNameError.from_choices("kind", kind, KINDS)
         q = arguments.one(q, "MomentumObserver.wrench: q", robot.nq, names=robot.coordinate_names)
         q = arguments.finite(q, "MomentumObserver.wrench: q")
         r = arguments.one(

@@ -94,7 +94,7 @@ class TaskLaw:
         robot = require_driven(self.robot, what)
         robot.model.frame(self.frame)
         if not isinstance(self.kind, str) or self.kind not in KINDS:
-            raise UnknownNameError.of("kind of task", self.kind, KINDS)
+            raise UnknownNameError.from_choices("kind of task", self.kind, KINDS)
         put(self, "_rows", row_numbers(self.rows))
         if self.kind == "body" and frozenset(self._rows) not in _TOGETHER:
             raise ValueRangeError(

@@ -121,7 +121,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
         import dask
         from distributed import Client, LocalCluster
     except ImportError:
-        raise MissingExtraError.of("dask", "dask", "Working on several processes or machines") from None
+        raise MissingExtraError.from_extra("dask", "dask", "Working on several processes or machines") from None
     settings = {"distributed.scheduler.allowed-failures": RETRIES, "distributed.nanny.pre-spawn-environ": _ALONE}
     with dask.config.set(settings):
         if workers is not None:

@@ -68,7 +68,7 @@ class Verdict:
 
     Examples
     --------
-    >>> verdict = Verdict.of(over=[], unsure=["elbow: noise alone may exceed the limit"])
+    >>> verdict = Verdict.from_reasons(over=[], unsure=["elbow: noise alone may exceed the limit"])
     >>> print(verdict)
     UNSURE: elbow: noise alone may exceed the limit
     >>> verdict.exit_code
@@ -83,7 +83,7 @@ class Verdict:
             raise ValueError(f"the verdict {self.word} needs a reason")
 
     @classmethod
-    def of(
+    def from_reasons(
         cls, *, look_again: list[str] | None = None, over: list[str] | None = None, unsure: list[str] | None = None
     ) -> Verdict:
         """Verdict that these reasons give: input that contradicts itself first, then certain excesses, then doubts.
@@ -100,7 +100,7 @@ class Verdict:
 
         Examples
         --------
-        >>> print(Verdict.of(over=["elbow: 120 % of its limit"]))
+        >>> print(Verdict.from_reasons(over=["elbow: 120 % of its limit"]))
         OVER LIMIT: elbow: 120 % of its limit
         """
         for word, reasons in ((Word.LOOK_AGAIN, look_again), (Word.OVER_LIMIT, over), (Word.UNSURE, unsure)):

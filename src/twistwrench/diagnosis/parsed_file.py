@@ -83,7 +83,7 @@ def _ends(root: Element) -> Iterator[LoadError]:
                 continue
             where = f"joint {joint.attributes.get('name', '')!r}"
             if name not in links:
-                missing = UnknownNameError.of("link", name, links)
+                missing = UnknownNameError.from_choices("link", name, links)
                 yield LoadError(where, joint.line, f"the {end} of {joint} is not there: {missing}")
             children[name] += end == "child"
             if end == "child" and children[name] == 2:
@@ -98,7 +98,7 @@ def _leaders(root: Element) -> Iterator[LoadError]:
         for mimic in joint.all("mimic") if joint.attributes.get("type") != "fixed" else ():
             leader = mimic.attributes.get("joint", "").strip()
             if leader and leader not in joints:
-                missing = str(UnknownNameError.of("joint", leader, joints)).partition(" Known:")[0]
+                missing = str(UnknownNameError.from_choices("joint", leader, joints)).partition(" Known:")[0]
                 said = f"it mimics a joint that is not there: {missing}"
                 yield LoadError(f"joint {joint.attributes.get('name', '')!r}", joint.line, said, mimic=True)
 

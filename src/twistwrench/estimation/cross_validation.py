@@ -51,7 +51,7 @@ class HeldOut:
     rows: tuple[HeldOutRows, ...] = ()
 
     @classmethod
-    def of(cls, kind: str, rows: HeldOutRows, names: Sequence[str]) -> HeldOut:
+    def from_rows(cls, kind: str, rows: HeldOutRows, names: Sequence[str]) -> HeldOut:
         """From rows and what they were predicted to be.
 
         Parameters
@@ -67,7 +67,7 @@ class HeldOut:
         Examples
         --------
         >>> rows = HeldOutRows(np.arange(4.0), np.zeros(4), np.full((4, 1), 2.0), np.ones((4, 1)))
-        >>> HeldOut.of("test", rows, ["elbow"]).all
+        >>> HeldOut.from_rows("test", rows, ["elbow"]).all
         0.5
         """
         left = rows.measured - rows.predicted

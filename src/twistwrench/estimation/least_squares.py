@@ -66,7 +66,7 @@ class NormalEquations:
     rows: float
 
     @classmethod
-    def of(
+    def from_rows(
         cls,
         W: Array,
         tau: Array,
@@ -139,7 +139,7 @@ class FeltEquations:
     felt: Array
 
     @classmethod
-    def of(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
+    def from_equations(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
         """Compressed equations, from those whose other entries are zero."""
         N = tuple(A[np.ix_(mine, mine)] for A, mine in zip(equations.N, felt, strict=True))
         c = tuple(b[mine] for b, mine in zip(equations.c, felt, strict=True))
@@ -207,7 +207,7 @@ def weighted_fit(
     the rows that count: weights of the others are meaningless.
     """
     mine = slice(None) if rows is None else rows
-    plain = NormalEquations.of(W, tau, felt, rows=mine)
+    plain = NormalEquations.from_rows(W, tau, felt, rows=mine)
     weights = np.ones(tau.shape)
     if method == "ols":
         x = prior.solve(plain.N.sum(axis=0), plain.c.sum(axis=0))
@@ -220,7 +220,7 @@ def weighted_fit(
         sigma = np.maximum(_MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
         weights = np.minimum(1.0, HUBER / np.maximum(np.abs(left / sigma), 1e-300))
         root = np.sqrt(weights) / sigma
-        equations = NormalEquations.of(W, tau, felt, root, mine)
+        equations = NormalEquations.from_rows(W, tau, felt, root, mine)
         new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
         done = bool(np.abs((W @ (new - x))[mine]).max() <= 1e-6 * sigma.max())
         x = new

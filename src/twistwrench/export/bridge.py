@@ -33,7 +33,9 @@ class BridgedQuantity:
     _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
+    def from_robot(
+        cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str
+    ) -> BridgedQuantity:
         """Checked quantity. Raises KernelError and UnknownNameError before the other package is used."""
         arguments.choice(precision, f"{what}: precision", PRECISIONS)
         if options.get("by") is not None:

@@ -136,7 +136,7 @@ def casadi_function(quantity: BridgedQuantity) -> Any:
     try:
         import casadi
     except ImportError:
-        raise MissingExtraError.of("casadi", "casadi", "robot.to_casadi") from None
+        raise MissingExtraError.from_extra("casadi", "casadi", "robot.to_casadi") from None
     program = quantity.program
     symbols = [casadi.SX.sym(port.name, max(port.size, 0)) for port in program.inputs]
     elements = [symbol[k] for symbol, port in zip(symbols, program.inputs, strict=True) for k in range(port.size)]

@@ -251,7 +251,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         import jax
         import jax.numpy as jnp
     except ImportError:
-        raise MissingExtraError.of("jax", "jax", "robot.to_jax") from None
+        raise MissingExtraError.from_extra("jax", "jax", "robot.to_jax") from None
     inputs = quantity.inputs
     names, outputs = [port.name for port in inputs], quantity.program.outputs
     rates = _on_arrays(jnp, quantity.velocities()) if quantity.curved else None

@@ -53,7 +53,7 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
     SingularMassMatrixError for a missing inverse of the mass matrix, ValueRangeError for none, or for the same twice.
     """
     if precision not in PRECISIONS:
-        raise UnknownNameError.of("precision", precision, PRECISIONS)
+        raise UnknownNameError.from_choices("precision", precision, PRECISIONS)
     if robot.nv == 0:
         raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
     found: list[Request] = []

@@ -25,7 +25,7 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     try:
         import torch
     except ImportError:
-        raise MissingExtraError.of("torch", "torch", "robot.to_torch") from None
+        raise MissingExtraError.from_extra("torch", "torch", "robot.to_torch") from None
     compute = _Differentiable(torch, quantity).apply
     inputs, _ = quantity.inputs, quantity.kernel  # made now: torch.compile cannot follow how a kernel is made
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)

@@ -133,7 +133,7 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
     motor = entry.content.get("motor")
     if isinstance(motor, str):
         if motor not in motors:
-            raise UnknownNameError.of(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
+            raise UnknownNameError.from_choices(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
         given["motor"] = motors[motor]
     elif motor is not None:
         given["motor"] = _motor(entry.section("motor"))
@@ -236,14 +236,14 @@ def _log_side(model: Model, file: Section) -> LogSide:
     given: dict[str, dict[str, Any]] = {"coupled": {}, "zero": {}, "sign": {}, "gain": {}}
     for name in joints.content:
         if name not in names:
-            raise UnknownNameError.of("joint", name, names)
+            raise UnknownNameError.from_choices("joint", name, names)
         entry = joints.section(name)
         entry.only(*given)
         if "coupled" in entry.content:
             others = entry.section("coupled")
             for other in others.content:
                 if other not in names or other == name:
-                    raise UnknownNameError.of("other joint", other, [n for n in names if n != name])
+                    raise UnknownNameError.from_choices("other joint", other, [n for n in names if n != name])
             given["coupled"][name] = {
                 o: gear_ratio(others.content[o], others.where(o), sliding=o in sliding) for o in others.content
             }

@@ -45,7 +45,7 @@ def from_dh(
 ) -> Model:
     """The model of a Denavit–Hartenberg table, by the arguments of :func:`twistwrench.from_dh`."""
     if convention not in CONVENTIONS:
-        raise UnknownNameError.of("Denavit–Hartenberg convention", convention, CONVENTIONS)
+        raise UnknownNameError.from_choices("Denavit–Hartenberg convention", convention, CONVENTIONS)
     theta, d, a, alpha = _columns(table, columns)
     n = len(theta)
     kinds = _one_each("joint_types", [joint_types] * n if isinstance(joint_types, str) else joint_types, n)
@@ -61,7 +61,7 @@ def from_dh(
     builder.add_link("link0")
     for i in range(n):
         if kinds[i] not in _DH_TYPES:
-            raise UnknownNameError.of(f"joint type (of {names[i]!r})", kinds[i], _DH_TYPES)
+            raise UnknownNameError.from_choices(f"joint type (of {names[i]!r})", kinds[i], _DH_TYPES)
         parent, link, axis = f"link{i}", f"link{i + 1}", f"axis{i + 1}"
         along_z, along_x = _screw(2, theta[i], d[i]), _screw(0, alpha[i], a[i])
         if convention == "standard":  # the joint moves an axis frame, and the link's frame is fixed to that
@@ -120,7 +120,7 @@ def _is_rows(table: Any) -> bool:
 def _known(named: Mapping[str, Any]) -> Mapping[str, Any]:
     for column in named:
         if column not in COLUMNS:
-            raise UnknownNameError.of("column of a Denavit–Hartenberg table", column, COLUMNS)
+            raise UnknownNameError.from_choices("column of a Denavit–Hartenberg table", column, COLUMNS)
     return named
 
 

@@ -253,7 +253,7 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
     if name is not None:
         by_name = {one.text("name"): (one, world) for one, world in models}
         if name not in by_name:
-            raise UnknownNameError.of("model", name, by_name)
+            raise UnknownNameError.from_choices("model", name, by_name)
         return by_name[name]
     moving = [pair for pair in models if not is_true(pair[0], "static")]
     if len(moving) > 1:

@@ -31,7 +31,7 @@ def opened(path: Path, folders: Sequence[Path]) -> Any:
     try:
         from pxr import Usd
     except ImportError:
-        raise MissingExtraError.of("usd-core", "usd", "Reading USD") from None
+        raise MissingExtraError.from_extra("usd-core", "usd", "Reading USD") from None
     with (
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
         captured_stderr() as said,
@@ -243,7 +243,7 @@ class UsdTree:
         if model is not None:
             by_name = {name: prim for prim in roots for name in (prim.GetName(), str(prim.GetPath()))}
             if model not in by_name:
-                raise UnknownNameError.of("articulation", model, by_name)
+                raise UnknownNameError.from_choices("articulation", model, by_name)
             return by_name[model]
         if len(roots) > 1:
             paths = ", ".join(str(prim.GetPath()) for prim in roots)

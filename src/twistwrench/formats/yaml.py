@@ -112,7 +112,7 @@ class Section:
         """Raise UnknownNameError for an entry that is not among those allowed."""
         for key in self.content:
             if key not in allowed:
-                raise UnknownNameError.of(f"entry of {self.path or 'an actuator file'}", key, allowed)
+                raise UnknownNameError.from_choices(f"entry of {self.path or 'an actuator file'}", key, allowed)
 
     def section(self, key: str) -> Section:
         """The mapping below a key."""

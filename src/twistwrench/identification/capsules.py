@@ -63,7 +63,7 @@ class LinkCapsules:
     thickness: float = 0.0
 
     @classmethod
-    def of(cls, robot: Robot) -> LinkCapsules:
+    def from_robot(cls, robot: Robot) -> LinkCapsules:
         """Capsules around the shapes that the robot's file gives its links: those for contact, else those to be seen.
 
         Bodies of which a link with mass has none have assumed ones.
@@ -290,7 +290,9 @@ class CapsuleDistances:
     margins: Array | None = None
 
     @classmethod
-    def of(cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool) -> CapsuleDistances:
+    def from_capsules(
+        cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool
+    ) -> CapsuleDistances:
         """The pairs that can touch: of links that no joint connects, and that are not always near each other.
 
         The capsules of a link whose origin stays at one height, and that are always near the floor, are left out too.

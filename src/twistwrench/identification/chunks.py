@@ -47,10 +47,10 @@ class LogClock:
     ends: Array
 
     @classmethod
-    def of(cls, time: Array, where: str) -> LogClock:
+    def from_times(cls, time: Array, where: str) -> LogClock:
         """Clock of stamps (n,) that do not run back; raises TrajectoryError, which begins with ``where``, for fewer than two.
 
-        >>> clock = LogClock.of(np.array([0.0, 0.5, 1.0, 5.0, 5.5]), "a log")
+        >>> clock = LogClock.from_times(np.array([0.0, 0.5, 1.0, 5.0, 5.5]), "a log")
         >>> clock.step, clock.begins.tolist(), clock.ends.tolist()
         (0.5, [0.0, 5.0], [1.0, 5.5])
         """
@@ -114,7 +114,7 @@ class LogSource:
     motion: Motion | None = None
 
     @classmethod
-    def of(cls, robot: Robot, log: Motion | str | Path, number: int, **reading: Any) -> LogSource:
+    def from_log(cls, robot: Robot, log: Motion | str | Path, number: int, **reading: Any) -> LogSource:
         """A log that is given as either; ``number`` names one without a file."""
         if isinstance(log, Motion):
             return cls(robot, f"logs number {number}", motion=log)
@@ -136,7 +136,7 @@ class LogSource:
 
     def clock(self) -> LogClock:
         """Clock of all rows."""
-        return LogClock.of(self.log.table[:, 0] if self.motion is None else self.motion.time, self.path)
+        return LogClock.from_times(self.log.table[:, 0] if self.motion is None else self.motion.time, self.path)
 
     def notes(self) -> tuple[str, ...]:
         """A sentence for each kind of rows left out."""
@@ -308,7 +308,7 @@ class RowFrame:
     @cached_property
     def columns(self) -> BaseColumns:
         """Places of the entries."""
-        return BaseColumns.of(self.base)
+        return BaseColumns.from_parameters(self.base)
 
     @cached_property
     def speeds(self) -> list[tuple[int, Array]]:

@@ -103,7 +103,7 @@ class PositivePrior:
     repaired: tuple[str, ...]
 
     @classmethod
-    def of(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:
+    def from_values(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:
         """The file's bodies, thickened where they have no extent, and the drives as the groups have them."""
         model = base.unknown.model
         mass, length = base.unknown.lengths
@@ -322,7 +322,7 @@ class ConsistentRobot:
         >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
         >>> import twistwrench as tw
         >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
         >>> ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ()).value("joint1.viscous")
         11.0
         """
@@ -353,7 +353,7 @@ class ConsistentRobot:
         >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
         >>> import twistwrench as tw
         >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
         >>> ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ()).of_joints("offset")
         {'joint1': 13.0, 'joint2': 27.0}
         """
@@ -381,7 +381,7 @@ class ConsistentRobot:
         >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
         >>> import twistwrench as tw
         >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
         >>> found = ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ())
         >>> found.outside(base.project(fit.values)[:, None] + [-1.0, 1.0], np.ones(base.count))
         []
@@ -441,7 +441,7 @@ def consistent_robot(
 
     ``folds`` are N, c and |τ|² of fifths of the rows; ``strength`` None: chosen on them.
     """
-    prior = PositivePrior.of(base, values, sizes)
+    prior = PositivePrior.from_values(base, values, sizes)
     parts = [fold for fold in folds if fold[2] > 0]
     total = sum_of(parts)
     strengths = (
@@ -503,7 +503,7 @@ def model_residuals(
     strength: float,
 ) -> ModelResiduals:
     """Predict each fifth from the others by all four."""
-    near = PositivePrior.of(base, values, sizes)
+    near = PositivePrior.from_values(base, values, sizes)
     strengths = (*(s for s in STRENGTHS if s > strength), strength)
     models: tuple[Callable[[tuple[Array, Array, float]], Array], ...] = (
         lambda _: base.project(base.unknown.file_values),

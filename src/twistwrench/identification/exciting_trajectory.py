@@ -157,7 +157,7 @@ class ExcitingMotion:
         unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
         near = {name: value for name, value in self.clearances.items() if value <= 0.0}
         unsure += [f"it comes to {number(1000.0 * value)} mm from {NAMES[name]}" for name, value in near.items()]
-        return Verdict.of(unsure=unsure)
+        return Verdict.from_reasons(unsure=unsure)
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads.
@@ -272,8 +272,10 @@ def exciting_trajectory(
     bounds = _bounds(robot, share, velocity, acceleration, effort)
     speed = np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed")))
     if criterion not in CRITERIA:
-        raise UnknownNameError.of("criterion", criterion, CRITERIA)
-    information = MotionInformation(BaseParameters.of(unknown), _noise(robot, noise), speed, series.duration, criterion)
+        raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
+    information = MotionInformation(
+        BaseParameters.from_unknowns(unknown), _noise(robot, noise), speed, series.duration, criterion
+    )
     constraints = TrajectoryConstraints(
         robot, bounds, speed, _capsules(robot, floor, itself=clear_of_itself), _asked(clear)
     )
@@ -302,8 +304,8 @@ def _capsules(robot: Robot, floor: float | None, *, itself: bool) -> CapsuleDist
     height = None if floor is None else arguments.number(floor, "floor")
     if height is not None and not np.isfinite(height):
         raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
-    return CapsuleDistances.of(
-        robot, LinkCapsules.of(robot), floor=height, itself=arguments.flag(itself, "clear_of_itself")
+    return CapsuleDistances.from_capsules(
+        robot, LinkCapsules.from_robot(robot), floor=height, itself=arguments.flag(itself, "clear_of_itself")
     )
 
 

@@ -84,7 +84,7 @@ class Trial:
         return W
 
     def _made(self) -> list[NormalEquations]:
-        return [NormalEquations.of(self._W[p], self._tau[p], self.felt) for p in self._places]
+        return [NormalEquations.from_rows(self._W[p], self._tau[p], self.felt) for p in self._places]
 
     @property
     def W(self) -> Array:
@@ -346,7 +346,7 @@ class SettingRows:
         """At that cut-off, with the usual speed of friction."""
 
         def made() -> FilteredRows:
-            rows = FilteredRows.of(self.base, self.samples, cutoff, self.usual_speed, self._most)
+            rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, self._most)
             rows.W[:, self.dead], rows.dead = 0.0, self.dead
             return rows
 
@@ -354,7 +354,9 @@ class SettingRows:
 
     def judged(self, cutoff: float) -> JudgedStates:
         """States of positions below that cut-off."""
-        return self._judged.of(cutoff, lambda: JudgedStates.of(self.base, self.samples, cutoff, self.usual_speed))
+        return self._judged.of(
+            cutoff, lambda: JudgedStates.from_samples(self.base, self.samples, cutoff, self.usual_speed)
+        )
 
     def folds(self, log: Array, time: Array) -> Array:
         """(m,) the block of time that each row belongs to, 0 to 4: fifths of all logs together."""
@@ -368,7 +370,7 @@ class SettingRows:
     ) -> tuple[NormalEquations, ...]:
         """Normal equations of the blocks at settings, made once; nothing changes them in place."""
         key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
-        kept = self._blocks.of(key, lambda: tuple(FeltEquations.of(one, self.base.felt) for one in make()))
+        kept = self._blocks.of(key, lambda: tuple(FeltEquations.from_equations(one, self.base.felt) for one in make()))
         return tuple(one.whole() for one in kept)
 
     def typical(self) -> tuple[Array, Array, Array]:

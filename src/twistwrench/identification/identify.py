@@ -110,7 +110,7 @@ def identify(
     if not trained:
         raise ShapeError("identify: there is no log. Give one with torques at least.")
     if method not in METHODS:
-        raise UnknownNameError.of("method", method, METHODS)
+        raise UnknownNameError.from_choices("method", method, METHODS)
     asked = fit_options(cutoff, friction_speed, shift)
     same: dict[str, Any] = {
         "motor_inertia": motor_inertia,
@@ -154,7 +154,7 @@ def identified(
     most_rows: float = MOST_ROWS,
 ) -> Identified:
     """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
-    base = BaseParameters.of(unknown)
+    base = BaseParameters.from_unknowns(unknown)
     samples = [piece for k, motion in enumerate(trained) for piece in _samples(motion, k, "logs")]
     if asked.cutoff is not None:  # pieces too short for it
         samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
@@ -320,7 +320,7 @@ def _one_fold(
         return None
     x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
     left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
-    return HeldOut.of("five-fold", left, names)
+    return HeldOut.from_rows("five-fold", left, names)
 
 
 def _predicted(
@@ -337,9 +337,9 @@ def _predicted(
     source = SettingRows(base, samples, FitOptions(settings.cutoff, asked.friction_speed, settings.shift), dead)
     trial = Trial(source, settings)
     rows = source.rows(settings.cutoff)
-    return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
+    return HeldOut.from_rows("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
 
 
 def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
     """Normal equations of weighted rows, in units of the residuals."""
-    return NormalEquations.of(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)
+    return NormalEquations.from_rows(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)

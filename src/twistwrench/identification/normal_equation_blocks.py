@@ -196,7 +196,7 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
             raise ValueError(f"its format is {said['format']!r}")
     side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
     speed = said.get("stribeck_speed", STRIBECK_SPEED)
-    base = BaseParameters.of(
+    base = BaseParameters.from_unknowns(
         UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)
     )
     if list(base.names) != said["groups"]:

@@ -86,7 +86,7 @@ class UnknownParameters:
         robot = require_robot(self.robot, "identification")
         for name in self.friction:
             if name not in DRIVE[1:]:
-                raise UnknownNameError.of("friction column", name, DRIVE[1:])
+                raise UnknownNameError.from_choices("friction column", name, DRIVE[1:])
         check_speed(self.stribeck_speed)
         wide = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
         if wide:
@@ -105,7 +105,7 @@ class UnknownParameters:
         object.__setattr__(self, "robot", Robot(bare))
         for name, value in self.known.items():
             if name not in self.names:
-                raise UnknownNameError.of("parameter", name, self.names)
+                raise UnknownNameError.from_choices("parameter", name, self.names)
             if not np.isfinite(value):
                 raise ValueRangeError(f"{name} is known to be {value!r}, which is no finite number.")
         if self.held.all():
@@ -351,7 +351,7 @@ class BaseParameters:
     Examples
     --------
     >>> import twistwrench as tw
-    >>> base = BaseParameters.of(UnknownParameters(tw.robots.pendulum(), friction=()))
+    >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum(), friction=()))
     >>> base.names
     ('rod.Iyy + hinge.motor_inertia', 'rod.mcx', 'rod.mcz')
     """
@@ -362,7 +362,7 @@ class BaseParameters:
     felt: Array
 
     @classmethod
-    def of(cls, unknown: UnknownParameters, *, seed: int = 0) -> BaseParameters:
+    def from_unknowns(cls, unknown: UnknownParameters, *, seed: int = 0) -> BaseParameters:
         """Base parameters from random states.
 
         Parameters
@@ -377,7 +377,7 @@ class BaseParameters:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> BaseParameters.of(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=())).count
+        >>> BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=())).count
         6
         """
         robot, p = unknown.robot, len(unknown.names)
@@ -423,7 +423,7 @@ class BaseParameters:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> base = BaseParameters.of(UnknownParameters(tw.robots.pendulum(), friction=(), known={"rod.mcx": 0.0}))
+        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum(), friction=(), known={"rod.mcx": 0.0}))
         >>> base.weak_sizes(np.ones(11)).round(3).tolist()
         [1.414, 0.0, 1.0]
         """
@@ -453,7 +453,7 @@ class BaseParameters:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=()))
+        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=()))
         >>> base.project(base.unknown.file_values).shape
         (6,)
         """

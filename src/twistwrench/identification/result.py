@@ -193,7 +193,7 @@ class IdentifiedRobot:
         """OK, UNSURE, or LOOK AGAIN where no number can be trusted."""
         refused = [doubt.sentence for doubt in self.doubts if doubt.refuses]
         unsure = [doubt.sentence for doubt in self.doubts if not doubt.refuses]
-        return Verdict.of(look_again=refused, unsure=unsure)
+        return Verdict.from_reasons(look_again=refused, unsure=unsure)
 
     @property
     def vague(self) -> tuple[str, ...]:
@@ -419,7 +419,7 @@ def without_links(robot: Robot, links: Iterable[str]) -> Robot:
     moving = [name for name, frame in model.frames.items() if frame.body != BASE and name in own]
     for link in links:
         if link not in moving:
-            raise UnknownNameError.of("link that moves", link, moving)
+            raise UnknownNameError.from_choices("link that moves", link, moving)
         frame = model.frames[link]
         body = bodies[frame.body]
         bodies[frame.body] = replace(body, inertia=body.inertia - own[link].in_frame(frame.pose))

@@ -38,7 +38,7 @@ class BaseColumns:
     slices: tuple[slice, ...]
 
     @classmethod
-    def of(cls, base: BaseParameters) -> BaseColumns:
+    def from_parameters(cls, base: BaseParameters) -> BaseColumns:
         """Entries of all groups."""
         groups = tuple(np.flatnonzero(felt) for felt in base.felt)
         ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
@@ -158,7 +158,7 @@ class FilteredRows:
     _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)
 
     @classmethod
-    def of(
+    def from_samples(
         cls,
         base: BaseParameters,
         samples: Sequence[SteadySamples],
@@ -256,7 +256,7 @@ def _columns(
     nv = s.dq.shape[1]
     W = np.zeros((len(wanted), nv, base.count))
     known = np.zeros((len(wanted), nv))
-    columns = BaseColumns.of(base)
+    columns = BaseColumns.from_parameters(base)
     for begin in range(0, len(s.time), _CHUNK):
         inner = np.flatnonzero((wanted >= begin) & (wanted < begin + _CHUNK))
         if not inner.size:
@@ -291,7 +291,7 @@ class JudgedStates:
     states: list[Filtered]
 
     @classmethod
-    def of(
+    def from_samples(
         cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array
     ) -> JudgedStates:
         """At the same times for every cut-off."""

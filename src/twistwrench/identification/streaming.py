@@ -221,9 +221,9 @@ def accumulate(
     if not given:
         raise ShapeError("accumulate: there is no log. Give one with torques at least.")
     if method not in METHODS:
-        raise UnknownNameError.of("method", method, METHODS)
+        raise UnknownNameError.from_choices("method", method, METHODS)
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
-    sources = [LogSource.of(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
+    sources = [LogSource.from_log(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
     checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
     team, tell = Workers.on(client), progress or (lambda _share: None)
     failed: dict[str, str] = {}

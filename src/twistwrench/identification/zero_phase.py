@@ -61,13 +61,13 @@ class SteadySamples:
         rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
         if len(rows) < 2:
             rows = rows or [slice(None)]
-            return [replace(cls.of(time[s], q[s], tau[s], where), cut=len(edges) > 2) for s in rows]
-        found = [replace(cls.of(time[s], q[s], tau[s], where), cut=True) for s in rows]
+            return [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=len(edges) > 2) for s in rows]
+        found = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=True) for s in rows]
         longest = max(piece.seconds for piece in found)
         return [piece for piece in found if piece.seconds >= _SHORT * longest]
 
     @classmethod
-    def of(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
+    def from_arrays(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
         """Samples at times that need not be steady: positions by a cubic spline, torques linearly between their stamps."""
         if len(time) < FEWEST:
             raise TrajectoryError(

@@ -208,7 +208,9 @@ def _coarse(seen: FittedLog) -> list[Doubt]:
 def _of_folds(seen: FittedLog, columns: Array, tau: Array) -> tuple[Array, float]:
     """Coefficients of a torque ``tau`` (m,) in given columns (m, k), and |residual|² / |τ|² of fifths left out."""
     left = 0.0
-    parts = [NormalEquations.of(columns[seen.fold == b, None, :], tau[seen.fold == b, None]) for b in range(FOLDS)]
+    parts = [
+        NormalEquations.from_rows(columns[seen.fold == b, None, :], tau[seen.fold == b, None]) for b in range(FOLDS)
+    ]
     parts = [p for p in parts if p.rows]
     total = parts[0]
     for p in parts[1:]:
@@ -398,7 +400,7 @@ def _without(seen: FittedLog) -> list[Doubt]:
 
     def left_by(values: Array) -> float:
         rest = seen.tau - seen.W @ base.project(values)
-        x = least(NormalEquations.of(seen.W[:, :, drives], rest))
+        x = least(NormalEquations.from_rows(seen.W[:, :, drives], rest))
         return float(((rest - seen.W[:, :, drives] @ x)[:, live] ** 2).sum())
 
     whole = left_by(base.unknown.file_values)

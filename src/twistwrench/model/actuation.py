@@ -72,7 +72,7 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     """All numbers of a friction law, checked."""
     for name in law:
         if name not in LAWS:
-            raise UnknownNameError.of("friction law", name, LAWS)
+            raise UnknownNameError.from_choices("friction law", name, LAWS)
     coulomb = law.get("coulomb", 0.0)
     if law.get("static", coulomb) > coulomb and "stribeck" not in law:
         raise ValueRangeError(
@@ -101,7 +101,7 @@ def _leader(model: Model, name: str) -> Body:
         followed = {b.joint.name for b in model.bodies if b.follows}
         if name in followed:
             raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
-        raise UnknownNameError.of("joint", name, leaders)
+        raise UnknownNameError.from_choices("joint", name, leaders)
     body = leaders[name]
     if body.joint.nv != 1:
         raise ModelError(f"joint {name!r} is {body.joint.kind}; only joints of one degree have actuators.")

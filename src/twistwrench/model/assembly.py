@@ -135,7 +135,7 @@ def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
     by_name = {body.joint.name: body for body in model.leaders}
     for name, value in joints.items():
         if name not in by_name:
-            raise UnknownNameError.of("joint", name, by_name)
+            raise UnknownNameError.from_choices("joint", name, by_name)
         body = by_name[name]
         try:
             given = np.atleast_1d(np.asarray(value, float))
@@ -190,7 +190,7 @@ def check_tip(model: Model, tip: str | None) -> str | None:
     if tip is None:
         return default_tip(model)
     if tip not in model.all_frames:
-        raise UnknownNameError.of("frame", tip, model.all_frames)
+        raise UnknownNameError.from_choices("frame", tip, model.all_frames)
     return tip
 
 
@@ -237,7 +237,7 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
 
 def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
     if leader not in by_name:
-        found = UnknownNameError.of("joint", leader, by_name)
+        found = UnknownNameError.from_choices("joint", leader, by_name)
         raise ModelError(f"the mimic leader of {joint} is not there: {found} Or load with mimic='independent'.")
     for one in (joint, by_name[leader]):
         if one.joint.nv > 1:

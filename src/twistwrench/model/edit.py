@@ -105,7 +105,7 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
     armature = model.armature.copy()
     for name, given in joints.items():
         if name not in leaders:
-            raise UnknownNameError.of("joint", name, leaders)
+            raise UnknownNameError.from_choices("joint", name, leaders)
         place = leaders[name].places[1]
         try:
             values = np.broadcast_to(np.asarray(given, float), armature[place].shape)
@@ -188,7 +188,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
                 f"Lock {leader!r}, or load with mimic='independent'."
             )
         if name not in moving:
-            raise UnknownNameError.of("moving joint", name, moving)
+            raise UnknownNameError.from_choices("moving joint", name, moving)
         q = _coordinates(moving[name].joint, value)
         at[name] = float(q[0])
         for i, body in enumerate(model.bodies):

@@ -70,7 +70,7 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
     found = disassemble(model, extra=False)
     root = found.root if base is None else base
     if root not in found.links or found.links[root].hidden:
-        raise UnknownNameError.of("link", root, model.frames)
+        raise UnknownNameError.from_choices("link", root, model.frames)
     if tip is not None:
         model.frame(tip)
     kept = _below(found, root, None if tip is None else _link_of(found, tip), tip)

@@ -57,7 +57,7 @@ def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> T
 def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
     for end, name in (("parent", joint.parent), ("child", joint.child)):
         if name not in links:
-            found = UnknownNameError.of("link", name, links)
+            found = UnknownNameError.from_choices("link", name, links)
             hint = ' Declare it with <link name="world"/>, say.' if name == "world" else ""
             raise ModelError(f"the {end} of {joint} is not there: {found}{hint}")
     if joint.parent == joint.child:
@@ -372,4 +372,4 @@ class Model:
         try:
             return self.all_frames[name]
         except (KeyError, TypeError):
-            raise UnknownNameError.of("frame", name, self.all_frames) from None
+            raise UnknownNameError.from_choices("frame", name, self.all_frames) from None

@@ -120,7 +120,7 @@ def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
     for pattern in patterns:
         mine = fnmatch.filter(known, pattern)
         if not mine:
-            raise UnknownNameError.of("parameter", pattern, known)
+            raise UnknownNameError.from_choices("parameter", pattern, known)
         found.update(dict.fromkeys(mine))
     return tuple(found)
 

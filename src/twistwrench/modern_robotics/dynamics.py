@@ -454,7 +454,7 @@ def _show(t: Array, actual: Array, wanted: Array) -> None:
     try:
         import matplotlib.pyplot as plt
     except ImportError:
-        raise MissingExtraError.of("matplotlib", "plot", "SimulateControl(plot=True)") from None
+        raise MissingExtraError.from_extra("matplotlib", "plot", "SimulateControl(plot=True)") from None
     _, axes = plt.subplots()
     for i in range(actual.shape[1]):
         (line,) = axes.plot(t, actual[:, i], label=f"theta{i + 1}")

@@ -219,7 +219,7 @@ def _hdf5(path: Path) -> Mapping[str, Any]:
     try:
         import h5py
     except ImportError:
-        raise MissingExtraError.of("h5py", "logs", "Reading HDF5") from None
+        raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
     sizes: dict[str, int] = {}
 
     def look(name: str, item: Any) -> None:
@@ -244,7 +244,7 @@ def _arrow(path: Path) -> Mapping[str, Any]:
         import pyarrow.parquet
         import pyarrow.types
     except ImportError:
-        raise MissingExtraError.of("pyarrow", "logs", f"Reading {path.suffix[1:]}") from None
+        raise MissingExtraError.from_extra("pyarrow", "logs", f"Reading {path.suffix[1:]}") from None
 
     def read(fields: Any) -> bool:
         return not (pyarrow.types.is_nested(fields.type) or pyarrow.types.is_string(fields.type))

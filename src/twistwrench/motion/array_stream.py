@@ -276,7 +276,7 @@ def _parquet(path: Path) -> tuple[list[str], int, Read, tuple[str, ...]] | None:
         import pyarrow.parquet
         import pyarrow.types
     except ImportError:
-        raise MissingExtraError.of("pyarrow", "logs", "Reading parquet") from None
+        raise MissingExtraError.from_extra("pyarrow", "logs", "Reading parquet") from None
     with pyarrow.parquet.ParquetFile(path) as file:
         fields = list(file.schema_arrow)
         rows = int(file.metadata.num_rows)
@@ -309,7 +309,7 @@ def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
     try:
         import h5py
     except ImportError:
-        raise MissingExtraError.of("h5py", "logs", "Reading HDF5") from None
+        raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
     found: list[tuple[str, tuple[int, ...]]] = []
 
     def look(name: str, item: Any) -> None:

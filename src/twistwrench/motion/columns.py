@@ -231,7 +231,7 @@ def _told(
     told: dict[tuple[str, int], Choice] = {}
     for key, name in columns.items():
         if key not in known:
-            raise UnknownNameError.of("coordinate (of --columns)", key, ["time", *names["q"]])
+            raise UnknownNameError.from_choices("coordinate (of --columns)", key, ["time", *names["q"]])
         place = known[key]
         if place in told:
             raise TrajectoryError(f"{header.where}: --columns says twice what {key!r} is. Keep one of them.")
@@ -458,7 +458,7 @@ class Columns:
     """Columns of mimic joints."""
 
     @classmethod
-    def of(
+    def from_header(
         cls,
         header: Sequence[str],
         coordinates: Coordinates,

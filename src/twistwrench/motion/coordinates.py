@@ -63,7 +63,7 @@ class Coordinates:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> Coordinates.of(tw.robots.pendulum().model).headers("dq", degrees=True)
+        >>> Coordinates.from_model(tw.robots.pendulum().model).headers("dq", degrees=True)
         ['hinge.vel [deg/s]']
         """
         q = part == "q"
@@ -72,7 +72,7 @@ class Coordinates:
         return [f"{n}{SUFFIX[part]}{said if t else ''}" for n, t in zip(names, turning, strict=True)]
 
     @classmethod
-    def of(cls, model: Model) -> Coordinates:
+    def from_model(cls, model: Model) -> Coordinates:
         """Names and units of a model's coordinates.
 
         Parameters
@@ -86,7 +86,7 @@ class Coordinates:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> Coordinates.of(tw.robots.planar_2r().model).names
+        >>> Coordinates.from_model(tw.robots.planar_2r().model).names
         ('joint1', 'joint2')
         """
         found = _KEPT.get(model)
@@ -163,7 +163,7 @@ class Continuity:
     the log left out."""
 
     @classmethod
-    def of(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
+    def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
         """Judge by excerpts of q (n, nq), with angles in units of which ``turn``, () or (nq,), make a full turn."""
         least = np.min([x.min(axis=0, initial=math.inf) for x in parts], axis=0)
         most = np.max([x.max(axis=0, initial=-math.inf) for x in parts], axis=0)

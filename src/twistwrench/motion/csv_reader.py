@@ -46,7 +46,7 @@ class Dialect:
     separator: str | None = ","
 
     @classmethod
-    def of(cls, header: str, row: str | None) -> Dialect:
+    def from_header(cls, header: str, row: str | None) -> Dialect:
         """Dialect of a header and the row below it (None if there is none): it cuts both into as many cells."""
         cut = {s: cls(s).cells(header) for s in _SEPARATORS}
         many = {s: len(cells) for s, cells in cut.items() if len(cells) > 1}
@@ -334,11 +334,11 @@ class CsvFile:
         not. Lines that begin with # are comments, but for one right above rows without another header: it is theirs, as
         ``numpy.savetxt`` writes it. Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`.
         """
-        source = TextSource.of(as_path(path))
+        source = TextSource.from_path(as_path(path))
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
             row = _first_row(file)
-            dialect = Dialect.of(text, row)
+            dialect = Dialect.from_header(text, row)
             cut = _seems_cut(file, source.size, offset, dialect)
         cells = dialect.cells(text)
         if comment is not None and all(map(_numeric, cells)):

@@ -297,9 +297,9 @@ class Differentiation:
         longest = max(map(len, times))  # runs of a large file have so many rows of different times
         if derives and longest < FEWEST:
             raise _too_few(trajectory, longest, "accelerations" if source != "given" else "velocities")
-        coordinates, turn = Coordinates.of(model), math.tau / trajectory.columns.angle
+        coordinates, turn = Coordinates.from_model(model), math.tau / trajectory.columns.angle
         where = has["q"]
-        continuity = Continuity.of(coordinates, [table[:, where] for table in excerpts], turn)
+        continuity = Continuity.from_parts(coordinates, [table[:, where] for table in excerpts], turn)
         if differentiated == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)

@@ -231,7 +231,7 @@ def _mcap(path: Path) -> Iterator[tuple[str, Any]]:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
-        raise MissingExtraError.of("mcap", "logs", "Reading MCAP") from None
+        raise MissingExtraError.from_extra("mcap", "logs", "Reading MCAP") from None
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
@@ -251,7 +251,7 @@ def _bag(path: Path) -> Iterator[tuple[str, Any]]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise MissingExtraError.of("rosbags", "logs", "Reading bags of ROS") from None
+        raise MissingExtraError.from_extra("rosbags", "logs", "Reading bags of ROS") from None
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         mine = [c for c in reader.connections if c.msgtype.endswith(_TYPE)]
         for connection, _, raw in reader.messages(connections=mine) if mine else ():
@@ -298,4 +298,4 @@ def joints_without_column(
     """The joints of a model that a motion file has no column for, by its header; ``columns`` as in :meth:`MotionLog.open`."""
     file = open_motion_file(path) if isinstance(path, str | Path) else path
     joints = [b.joint.name for b in model.leaders if b.joint.nv]
-    return absent_joints(file.header, Coordinates.of(model), joints, columns or {})
+    return absent_joints(file.header, Coordinates.from_model(model), joints, columns or {})

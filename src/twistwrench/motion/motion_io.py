@@ -40,7 +40,7 @@ class MotionFiles:
     @cached_property
     def coordinates(self) -> Coordinates:
         """Names and units of the entries of q, dq and tau."""
-        return Coordinates.of(self.robot.model)
+        return Coordinates.from_model(self.robot.model)
 
     def columns(self, *, degrees: bool = False) -> dict[str, Array]:
         """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
@@ -128,7 +128,7 @@ class MotionFiles:
         try:
             import pandas  # type: ignore[import-untyped]
         except ImportError:
-            raise MissingExtraError.of("pandas", "tables", "Making a DataFrame") from None
+            raise MissingExtraError.from_extra("pandas", "tables", "Making a DataFrame") from None
         columns = self.columns()
         return pandas.DataFrame(columns).set_index(next(iter(columns)))
 
@@ -168,8 +168,8 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
     try:
         import xarray
     except ImportError:
-        raise MissingExtraError.of("xarray", "tables", "Making a Dataset") from None
-    kinds = Coordinates.of(model)
+        raise MissingExtraError.from_extra("xarray", "tables", "Making a Dataset") from None
+    kinds = Coordinates.from_model(model)
     batch = next(iter(arrays.values())).ndim - 2
     samples = ("sample",) if batch == 1 else tuple(f"sample_{k}" for k in range(batch))
     coords = {

@@ -240,11 +240,11 @@ class MotionLog:
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
         file = open_motion_file(path) if isinstance(path, str | Path) else path
-        coordinates = Coordinates.of(model)
+        coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
         options: dict[str, Any] = {"degrees": degrees, "locked": locked, "columns": columns, "rate": rate}
         options["look"] = file.first
-        found = Columns.of(file.header, coordinates, where, **options)
+        found = Columns.from_header(file.header, coordinates, where, **options)
         unused = varying_columns(file.header, found.extra, file.first) if held else ()
         return cls(file, found, coordinates, held=tuple(held), unused=tuple(unused))
 

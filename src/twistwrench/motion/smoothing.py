@@ -178,7 +178,7 @@ class Between(NamedTuple):
 
 def continuous(model: Model, q: Array) -> Array:
     """Coordinates q (n, nq) without jumps of angles by a turn and of quaternions to their negatives."""
-    coordinates, q = Coordinates.of(model), q.astype(float)
+    coordinates, q = Coordinates.from_model(model), q.astype(float)
     q[:, coordinates.endless] = np.unwrap(q[:, coordinates.endless], axis=0)
     for place in coordinates.quaternions:
         turned = np.einsum("ij,ij->i", q[1:, place], q[:-1, place]) < 0

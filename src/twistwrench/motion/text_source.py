@@ -41,7 +41,7 @@ class TextSource:
     _copy: IO[bytes] | None = None
 
     @classmethod
-    def of(cls, path: Path) -> TextSource:
+    def from_path(cls, path: Path) -> TextSource:
         """Look at the file; raises NotFoundError, and TrajectoryError where it cannot be read."""
         if _is_folder(path):
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")

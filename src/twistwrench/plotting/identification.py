@@ -126,7 +126,7 @@ def frictional(found: IdentifiedRobot) -> list[int]:
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
     """Friction over speed of each joint: viscous dq + coulomb tanh(dq / v) + offset, with a band of 95 %, and the file's."""
-    kinds, model = Coordinates.of(found.original.model), found.original.model
+    kinds, model = Coordinates.from_model(found.original.model), found.original.model
     for axes, k in zip(grid, frictional(found), strict=True):
         name, turns = found.original.velocity_names[k], bool(kinds.angular_velocity[k])
         most = float(model.limits.velocity[k])
@@ -165,7 +165,7 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
 
 def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
     """Draw residual torques of held-out rows over time, beside those of the training rows; outliers are marked."""
-    kinds = Coordinates.of(found.original.model)
+    kinds = Coordinates.from_model(found.original.model)
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
         sigma = float(found.sigma[j])
         axes.axhspan(
@@ -333,7 +333,7 @@ def _svg(width: float, height: float, draw: Any) -> str:
 def _torques(grid: Any, found: IdentifiedRobot) -> None:
     """Measured, and predicted with a band of 95 % of the residuals; logs behind each other."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
-    turning = Coordinates.of(found.original.model).angular_velocity
+    turning = Coordinates.from_model(found.original.model).angular_velocity
     units = units_of("tau", turning)
     begin, ends = 0.0, dict[float, float]()
     for rows in parts:

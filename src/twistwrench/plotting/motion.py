@@ -120,7 +120,7 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     ...     plot_split(motion, f"{folder}/split.png").name
     'split.png'
     """
-    terms, units = motion.load.terms(motion.states), Coordinates.of(motion.load.with_load.model).torque_units
+    terms, units = motion.load.terms(motion.states), Coordinates.from_model(motion.load.with_load.model).torque_units
     scale = float(np.abs(motion.torques).max(initial=0.0))
     names = motion.load.with_load.model.velocity_names
     seen: dict[str, Any] = {}
@@ -246,7 +246,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
-    robot, coordinates = motion.load.with_load, Coordinates.of(motion.load.with_load.model)
+    robot, coordinates = motion.load.with_load, Coordinates.from_model(motion.load.with_load.model)
     limits = robot.limits
     effort = np.where(limits.effort > 0, limits.effort, np.inf)
     some = np.isfinite(effort)
@@ -336,7 +336,7 @@ def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
     places = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
     for name in joints:
         if name not in places:
-            raise UnknownNameError.of("joint", name, places)
+            raise UnknownNameError.from_choices("joint", name, places)
     return [k for name in joints for k in places[name]]
 
 

@@ -138,7 +138,7 @@ def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
         import matplotlib.backends.backend_agg
         import matplotlib.figure
     except ImportError:
-        raise MissingExtraError.of("matplotlib", "plot", purpose) from None
+        raise MissingExtraError.from_extra("matplotlib", "plot", purpose) from None
     return mpl
 
 

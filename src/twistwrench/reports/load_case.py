@@ -461,7 +461,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
             leaders = [b.joint.name for b in model.leaders if b.joint.nv == 1]
             matches = [joint for joint in leaders if fnmatchcase(joint, name)]
             if not matches:
-                raise UnknownNameError.of("joint that fits the pattern", name, leaders)
+                raise UnknownNameError.from_choices("joint that fits the pattern", name, leaders)
         for joint in matches:
             value = lock[name]
             if joint in bodies:

@@ -87,7 +87,7 @@ class LogQuality:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, path: str | Path) -> LogQuality:
+    def from_file(cls, path: str | Path) -> LogQuality:
         """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it."""
         file = open_motion_file(path)
         table = file.table(range(len(file.header)))

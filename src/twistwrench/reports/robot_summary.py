@@ -60,7 +60,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
     A mimic joint's row names its leader, ratio and offset, and has no limits, damping and friction of its own.
     """
     rows: list[dict[str, Any]] = []
-    c, limits, friction = Coordinates.of(model), model.limits, model.friction
+    c, limits, friction = Coordinates.from_model(model), model.limits, model.friction
     for i, b in enumerate(model.bodies):
         if not b.joint.moves_body:
             continue
@@ -160,7 +160,7 @@ def parse_configuration(
     if len(wholes) > 1:
         said = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
         raise ValueRangeError(f"{said} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
-    unit = np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     for name, text in wholes:
         q = _all_coordinates(robot, text, name, unit)
     for body, numbers in _named(robot, single, option, velocities=False):
@@ -189,7 +189,7 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
     ''
     """
-    angular = np.where(Coordinates.of(robot.model).angular, np.abs(q), 0.0)
+    angular = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
     if angular.max(initial=0.0) < _PLAINLY_DEGREES:
         return ""
     k = int(np.argmax(angular))
@@ -228,7 +228,7 @@ def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool)
                 f"{option} {text!r} is not JOINT=VALUE, for example {next(iter(known), 'joint1')}=0.5."
             )
         if joint not in known:
-            raise UnknownNameError.of("joint", joint, known)
+            raise UnknownNameError.from_choices("joint", joint, known)
         if joint in found:
             raise ValueRangeError(f"{option} {joint} is given twice. Keep one of them.")
         count = known[joint].joint.nv if velocities else known[joint].joint.nq
@@ -268,7 +268,7 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Sta
     with table_errors(path, "limits file", f"joint,{','.join(_KINDS)}, then a line per joint"):
         file = CsvFile.open(path)
         header, rows = _header(file), list(file.rows())
-    joints = Coordinates.of(model)
+    joints = Coordinates.from_model(model)
     angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
@@ -323,7 +323,7 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
     """Refuse unknown joints, joints seen before, and positions where there is none; which velocity the joint is."""
     known = joints.velocity_names
     if joint not in known:
-        raise ValueRangeError(f"{where}: {UnknownNameError.of('joint', joint, known)}")
+        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known)}")
     if joint in seen:
         raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
     k = known.index(joint)

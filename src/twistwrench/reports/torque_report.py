@@ -242,7 +242,7 @@ class MotionTally:
     def __init__(self, load: LoadCase, limits: Limits, plan: Differentiation, *, estimating: bool = False) -> None:
         nv = load.robot.nv
         self.load, self.limits, self.plan = load, limits, plan
-        self.coordinates = Coordinates.of(load.robot.model)
+        self.coordinates = Coordinates.from_model(load.robot.model)
         self.rows = 0
         self.begin = self.end = np.nan
         self.peak, self.rms = RunningExtrema(nv), Rms(nv)

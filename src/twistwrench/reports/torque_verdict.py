@@ -184,7 +184,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
     unsure += [m.cut_words for m in report.measured if m.cut and m.matters]
     if doubted:
         unsure.append(f"{against}: {listed(doubted, _MOST_LISTED, '; ')}")
-    return Verdict.of(look_again=look_again, over=stated, unsure=unsure)
+    return Verdict.from_reasons(look_again=look_again, over=stated, unsure=unsure)
 
 
 def confidence(joints: int) -> float:
@@ -441,7 +441,7 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     worst = int(q.noise.argmax())
     grid = f", on a grid of {number(q.quantum[worst])}" if q.quantum[worst] else ""
     joint = report.joints[int(derived.sigma_ddq.argmax())]
-    unit = unit_of("ddq", bool(Coordinates.of(d.model).angular_velocity[derived.sigma_ddq.argmax()]))
+    unit = unit_of("ddq", bool(Coordinates.from_model(d.model).angular_velocity[derived.sigma_ddq.argmax()]))
     loudest = max(report.joints, key=lambda j: j.noise)
     late = d.errors.stamp
     stamps = (

@@ -333,7 +333,7 @@ class FileMethods(RobotBase):
         try:
             import mujoco
         except ImportError:
-            raise MissingExtraError.of("mujoco", "peers", "A model of MuJoCo's") from None
+            raise MissingExtraError.from_extra("mujoco", "peers", "A model of MuJoCo's") from None
         text = _text(self, "mjcf")
         try:
             return mujoco.MjModel.from_xml_string(text)
@@ -433,7 +433,7 @@ class BridgeMethods(RobotBase):
         from ..export.bridge import BridgedQuantity
         from ..export.jax import jax_function
 
-        return jax_function(BridgedQuantity.of("to_jax", self._open(), quantity, options, precision), precision)
+        return jax_function(BridgedQuantity.from_robot("to_jax", self._open(), quantity, options, precision), precision)
 
     def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """Function of PyTorch tensors that computes one quantity by compiled kernels, differentiable twice.
@@ -471,7 +471,7 @@ class BridgeMethods(RobotBase):
         from ..export.bridge import BridgedQuantity
         from ..export.torch import torch_function
 
-        return torch_function(BridgedQuantity.of("to_torch", self._open(), quantity, options, "double"))
+        return torch_function(BridgedQuantity.from_robot("to_torch", self._open(), quantity, options, "double"))
 
     def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity, in SX symbols, for optimal control and code generation.
@@ -504,7 +504,7 @@ class BridgeMethods(RobotBase):
         from ..export.bridge import BridgedQuantity
         from ..export.javascript import casadi_function
 
-        return casadi_function(BridgedQuantity.of("to_casadi", self._open(), quantity, options, "double"))
+        return casadi_function(BridgedQuantity.from_robot("to_casadi", self._open(), quantity, options, "double"))
 
     def to_javascript(self, quantity: str, **options: Unpack[KernelOptions]) -> str:
         """JavaScript module with one function that computes one quantity, for browsers and Node.

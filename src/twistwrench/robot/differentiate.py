@@ -88,7 +88,7 @@ def differentiate(
     if not callable(function):
         raise KernelError(f"{what}: {function!r} is no function. For a quantity of a robot: robot.kernel(name, by=…).")
     models, shapes = _arguments(what, function, arguments)
-    derivative = Derivative.of(what, tuple(shapes), tuple(shapes) if by is None else by, form, mode, values)
+    derivative = Derivative.from_inputs(what, tuple(shapes), tuple(shapes) if by is None else by, form, mode, values)
 
     def run(*arrays: Any) -> list[Any]:
         try:
@@ -110,7 +110,7 @@ def differentiate(
 
     def on_symbols(*arrays: Any) -> tuple[Any, ...]:
         given = dict(zip((*shapes, *more), arrays, strict=True))
-        charts = {x: Chart.of(given[x], models[x].model if x in models else None) for x in derivative.by}
+        charts = {x: Chart.from_input(given[x], models[x].model if x in models else None) for x in derivative.by}
         results = run(*(given[label] for label in shapes))
         return derivative.of_results(what, results, charts, {label: given[label] for label in more})
 

@@ -76,7 +76,7 @@ class Explanation:
         """
         for kind, name, choices in (("cause", cause, self.causes), ("term", term, self.terms)):
             if name is not None and name not in choices:
-                raise UnknownNameError.of(kind, name, choices)
+                raise UnknownNameError.from_choices(kind, name, choices)
         mine = self.parts[..., self.causes.index(cause), :]
         return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
 
@@ -167,7 +167,7 @@ class Explanation:
         if joint is None:
             return self.by_cause, [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
         if joint not in self.joints:
-            raise UnknownNameError.of("joint", joint, self.joints)
+            raise UnknownNameError.from_choices("joint", joint, self.joints)
         k = self.joints.index(joint)
         rows = self.parts[:, :, k].T
         whole = np.concatenate([rows, rows.sum(axis=1, keepdims=True)], axis=1)

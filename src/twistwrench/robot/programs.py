@@ -44,19 +44,19 @@ class Derivative:
     """True if the function's own results come first."""
 
     @classmethod
-    def of(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
+    def from_inputs(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
         """By names of ``inputs``; raises UnknownNameError and KernelError. ``what`` is the function's name."""
         names = (by,) if isinstance(by, str) else tuple(by) if isinstance(by, Sequence) else ()
         if not names:
             raise KernelError(f"{what}: by={by!r} names no input. Name one or several of {', '.join(inputs)}.")
         for name in names:
             if name not in inputs:
-                raise UnknownNameError.of(f"input of {what}", name, inputs)
+                raise UnknownNameError.from_choices(f"input of {what}", name, inputs)
         if len(set(names)) < len(names):
             raise KernelError(f"{what}: an input is named twice in by={names}. Name each once.")
         for label, given, allowed in (("form", form, FORMS), ("mode", mode, MODES)):
             if given not in allowed:
-                raise UnknownNameError.of(f"{label} of a derivative", given, allowed)
+                raise UnknownNameError.from_choices(f"{label} of a derivative", given, allowed)
         if mode != "auto" and form not in ("jacobian", "hessian"):
             raise KernelError(f"{what}: form={form!r} has one way to compute it; leave mode={mode!r} out.")
         return cls(names, form, mode, bool(values))
@@ -155,7 +155,7 @@ class Chart:
     """c with [a, b] = Σ c_abd d, where directions do not commute."""
 
     @classmethod
-    def of(cls, x: Any, model: Model | None = None) -> Chart:
+    def from_input(cls, x: Any, model: Model | None = None) -> Chart:
         """Each entry of x is a direction; of a robot's q, that of ``model``, each velocity, along robot.add."""
         if model is None:
             return cls(np.shape(x), {e: {k: e.trace.one} for k, e in enumerate(np.reshape(x, -1))})
@@ -256,7 +256,7 @@ OF_DERIVATIVES: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "au
 def options_of(name: str) -> tuple[str, ...]:
     """Options of a quantity; raises UnknownNameError."""
     if name not in QUANTITIES:
-        raise UnknownNameError.of("quantity", name, QUANTITIES)
+        raise UnknownNameError.from_choices("quantity", name, QUANTITIES)
     own = QUANTITIES[name].options
     return (*own, *(["on_robot"] if "wrenches" in own else []), "parameters", *OF_DERIVATIVES)
 
@@ -264,7 +264,7 @@ def options_of(name: str) -> tuple[str, ...]:
 def wanted(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Each quantity with the options that are its own, checked."""
     if not names:
-        raise UnknownNameError.of("quantity", "", QUANTITIES)
+        raise UnknownNameError.from_choices("quantity", "", QUANTITIES)
     if len(set(names)) < len(names):
         raise KernelError(f"a quantity is asked for twice: {', '.join(names)}. Name each once.")
     if len(names) == 1:
@@ -305,7 +305,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
                 raise UnknownNameError(
                     f"no kind named {str(full['kind'])!r}: what Pinocchio calls so is kind={meant!r}, with angular rows first."
                 )
-            raise UnknownNameError.of("kind", full["kind"], kinematics.KINDS)
+            raise UnknownNameError.from_choices("kind", full["kind"], kinematics.KINDS)
     if "rows" in allowed:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
@@ -335,7 +335,9 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         _require_mass(model, name, full.get("parameters", ()))
     if options.get("by") is not None:
         by, form, mode, values = (options.get(option, usual) for option, usual in OF_DERIVATIVES.items())
-        full["derivative"] = Derivative.of(name, tuple(input_shapes(model, name, full)), by, form, mode, values)
+        full["derivative"] = Derivative.from_inputs(
+            name, tuple(input_shapes(model, name, full)), by, form, mode, values
+        )
     elif asked := [option for option in OF_DERIVATIVES if option in options and option != "by"]:
         raise KernelError(f"{name}: {asked[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'.")
     return full
@@ -423,7 +425,7 @@ def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *,
             found = evaluated(QUANTITIES[name], models[name], list(mine.values()), options)
             found = found if isinstance(found, tuple) else (found,)
             if derivative := options.get("derivative"):
-                charts = {x: Chart.of(mine[x], model if x in CONFIGURATIONS else None) for x in derivative.by}
+                charts = {x: Chart.from_input(mine[x], model if x in CONFIGURATIONS else None) for x in derivative.by}
                 found = derivative.of_results(name, found, charts, {label: given[label] for label in more[name]})
             results.extend(found)
         return tuple(results)

@@ -472,7 +472,7 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         [0.0, -5.0, 0.0, 0.0, 0.0, 3.0]
         """
         if frame not in ("base", "com"):
-            raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
+            raise UnknownNameError.from_choices("momentum frame", frame, ("base", "com"))
         return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq, out=out)
 
     def center_of_mass(self, q: ArrayLike, *, out: Any = None) -> Array:

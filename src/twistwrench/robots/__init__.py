@@ -67,7 +67,7 @@ def path_of(name: str) -> Path:
     'ur5.urdf'
     """
     if name not in names():
-        raise UnknownNameError.of("bundled robot", name, names())
+        raise UnknownNameError.from_choices("bundled robot", name, names())
     return _FOLDER / f"{name}.urdf"
 
 

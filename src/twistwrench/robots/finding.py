@@ -69,7 +69,7 @@ def find(name: str, *, download: bool = False) -> Path:
         return known[wanted].path
     if download:
         return _downloaded(wanted, name)
-    raise UnknownNameError.of("robot", name, known)
+    raise UnknownNameError.from_choices("robot", name, known)
 
 
 def known_robots() -> dict[str, FoundRobot]:
@@ -197,7 +197,7 @@ def _downloaded(wanted: str, name: object) -> Path:
     descriptions = importlib.import_module(_FETCHED).DESCRIPTIONS
     known = {plain_name(key.removesuffix("_description")): key for key in descriptions}
     if wanted not in known:
-        raise UnknownNameError.of(f"robot of {_FETCHED}", name, known)
+        raise UnknownNameError.from_choices(f"robot of {_FETCHED}", name, known)
     try:
         module = importlib.import_module(f"{_FETCHED}.{known[wanted]}")
     except Exception as problem:

@@ -142,7 +142,7 @@ class ExecutableMemory:
     address: int
 
     @staticmethod
-    def of(image: Array) -> ExecutableMemory:
+    def from_image(image: Array) -> ExecutableMemory:
         """Pages of those bytes. Raises :class:`UnsupportedObject` if the system does not run code from such pages."""
         return _WindowsMemory(image) if sys.platform == "win32" else _MappedMemory(image)
 
@@ -231,7 +231,7 @@ def placed(objects: Sequence[bytes]) -> LoadedObject:
         image, known = linked([read_elf(raw) for raw in objects])
     except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
         raise UnsupportedObject from None
-    return LoadedObject(ExecutableMemory.of(image), known)
+    return LoadedObject(ExecutableMemory.from_image(image), known)
 
 
 def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:

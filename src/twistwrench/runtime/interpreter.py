@@ -45,7 +45,7 @@ def runs_machine_code() -> bool:
 def _may_run_pages() -> bool:
     """True if the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
     try:
-        ExecutableMemory.of(np.zeros(mmap.PAGESIZE, np.uint8))
+        ExecutableMemory.from_image(np.zeros(mmap.PAGESIZE, np.uint8))
     except UnsupportedObject:
         warnings.warn(
             "The system forbids executable memory, so programs run on NumPy, which is slower. Allow it to this process "

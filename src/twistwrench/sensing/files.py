@@ -347,7 +347,7 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
             raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
         direction = along / length * np.linalg.norm(np.asarray(gravity, float))
     readings = np.stack([columns[n] for n in WRENCH], axis=1)
-    return ReadingLog.of(
+    return ReadingLog.from_arrays(
         readings, pose=pose, gravity=direction, V=take(TWIST), dV=take(_DV), time=columns.get("time"), name=str(path)
     )
 
@@ -367,7 +367,7 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
     Examples
     --------
     >>> import tempfile
-    >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+    >>> log = ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_log(log, f"{folder}/log.csv")
     ...     len(read_log(f"{folder}/log.csv"))

@@ -266,7 +266,7 @@ def acceptance_test(
     weak = (
         weakness(fit, sensor, confidence) if told and not doubts else None
     )  # more readings of the wrong kind help nobody
-    verdict = Verdict.of(look_again=[*again, *doubts], unsure=unsure)
+    verdict = Verdict.from_reasons(look_again=[*again, *doubts], unsure=unsure)
     remarks = [*again, *remarks, *([weak] if weak else []), *unsure]
     kept = ~use.left_out & ~use.between
     return Identification(

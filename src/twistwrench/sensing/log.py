@@ -41,7 +41,7 @@ class ReadingLog:
 
     Examples
     --------
-    >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+    >>> log = ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
     >>> len(log), log.gravity.tolist()
     (1, [[0.0, 0.0, -9.81]])
     """
@@ -66,7 +66,7 @@ class ReadingLog:
     """(n, 3, 3) orientations R_wf, or None where gravity itself was logged."""
 
     @classmethod
-    def of(
+    def from_arrays(
         cls,
         readings: ArrayLike,
         *,
@@ -103,7 +103,7 @@ class ReadingLog:
 
         Examples
         --------
-        >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], quaternion=[[1, 0, 0, 0]])
+        >>> log = ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], quaternion=[[1, 0, 0, 0]])
         >>> log.gravity.tolist()
         [[0.0, 0.0, -9.81]]
         """
@@ -171,7 +171,7 @@ class ReadingLog:
 
         Examples
         --------
-        >>> len(ReadingLog.of(np.zeros((5, 6)), pose=np.tile(np.eye(3), (5, 1, 1))).rows(slice(2)))
+        >>> len(ReadingLog.from_arrays(np.zeros((5, 6)), pose=np.tile(np.eye(3), (5, 1, 1))).rows(slice(2)))
         2
         """
         try:
@@ -194,7 +194,7 @@ class ReadingLog:
 
         Examples
         --------
-        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).doubts()
+        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).doubts()
         []
         """
         return self.size_doubts() + self.motion_doubts()
@@ -208,7 +208,7 @@ class ReadingLog:
 
         Examples
         --------
-        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).size_doubts()
+        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).size_doubts()
         []
         """
         found = []
@@ -236,7 +236,7 @@ class ReadingLog:
 
         Examples
         --------
-        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).motion_doubts()
+        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).motion_doubts()
         []
         """
         found = []
@@ -264,7 +264,7 @@ class ReadingLog:
         Examples
         --------
         >>> from twistwrench.sensing import ForceTorqueSensor
-        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).predicted(ForceTorqueSensor()).tolist()
+        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).predicted(ForceTorqueSensor()).tolist()
         [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
         """
         return checked_sensor(sensor, "predicted").predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
@@ -284,7 +284,7 @@ class ReadingLog:
         Examples
         --------
         >>> from twistwrench.sensing import ForceTorqueSensor
-        >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+        >>> log = ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
         >>> log.compensated(ForceTorqueSensor(bias=[0, 0, 0, 0, 0, -29.43]))[0, 5].item()
         0.0
         """
@@ -299,7 +299,7 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
         return log
     raise ShapeError(
         f"{taker} takes a ReadingLog, got {arguments.shown(log)}. Make one with "
-        "ReadingLog.of(readings, pose=T_wf), or read one with read_log(path)."
+        "ReadingLog.from_arrays(readings, pose=T_wf), or read one with read_log(path)."
     )
 
 

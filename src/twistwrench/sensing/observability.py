@@ -32,7 +32,7 @@ _UNITS = {
 def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]:
     """Combinations of unknowns that do not change any reading of this log, as sentences; empty if all are observable.
 
-    >>> upright = ReadingLog.of(np.zeros((3, 6)), gravity=[0, 0, -9.81])
+    >>> upright = ReadingLog.from_arrays(np.zeros((3, 6)), gravity=[0, 0, -9.81])
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be told apart.
     """

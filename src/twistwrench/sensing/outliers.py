@@ -52,7 +52,7 @@ def static_poses(log: ReadingLog) -> StaticPoses:
     In a log with twists, a dwell has five readings or more at rest, and the others are in motion. In one without, short
     runs between long ones are taken to be motion from dwell to dwell and are left out.
 
-    >>> still = ReadingLog.of(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
+    >>> still = ReadingLog.from_arrays(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
     >>> static_poses(still).count.tolist()
     [3.0, 3.0]
     """

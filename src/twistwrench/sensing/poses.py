@@ -198,7 +198,7 @@ def simulate(
         raise ValueRangeError(f"touch is {arguments.shown(touch)}: give {{number of a reading: wrench (6,)}}.")
     for index, wrench in (touch or {}).items():
         readings[_row(index, len(readings))] += sign_factor(sensor.sign) * _touch(index, wrench)
-    return ReadingLog.of(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
+    return ReadingLog.from_arrays(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
 
 
 def _row(index: Any, count: int) -> int:

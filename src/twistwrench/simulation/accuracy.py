@@ -49,7 +49,7 @@ class Extent:
         return np.asarray(self.travels < _REST)
 
     @classmethod
-    def of(cls, robot: Robot, states: Array) -> Extent:
+    def from_states(cls, robot: Robot, states: Array) -> Extent:
         """Return the extent of states (n, nq + nv or more)."""
         rows: Any = slice(None)
         if len(states) > _ROWS:
@@ -75,7 +75,7 @@ class Accuracy:
     relative: float
 
     @classmethod
-    def of(cls, extent: Extent, error: Array) -> Accuracy:
+    def from_error(cls, extent: Extent, error: Array) -> Accuracy:
         """An error (nv,), measured against the motion."""
         return cls(error, float(np.max(error / np.maximum(extent.travels, _REST))))
 

@@ -49,7 +49,7 @@ def simulate_closed(closed: ClosedRobot, q0: Any, *start: Any, method: str | Non
     """Simulation of a closed robot from one state; see :meth:`twistwrench.Robot.simulate`."""
     method = "rk4" if method is None else method
     if method not in CLOSED_METHODS:
-        raise UnknownNameError.of("method", method, CLOSED_METHODS)
+        raise UnknownNameError.from_choices("method", method, CLOSED_METHODS)
     loops = Loops(closed) if closed.independent else None
     if q0 is None:
         q0 = checks.some_configurations(closed, closed.robot.neutral)[0]

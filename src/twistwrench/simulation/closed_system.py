@@ -344,7 +344,7 @@ class ClosedSteps(CompiledSteps):
     loops: Loops
 
     @classmethod
-    def of(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
+    def build(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
         """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
         if not isinstance(system, ClosedSystem) or method not in SIMULATED:
             return None

@@ -43,7 +43,7 @@ Ports = list[tuple[str, tuple[int, ...]]]
 def method_named(name: Any) -> str:
     """The name; UnknownNameError lists those there are."""
     if not isinstance(name, str) or name not in ROLLOUT_METHODS:
-        raise UnknownNameError.of("method", name, ROLLOUT_METHODS)
+        raise UnknownNameError.from_choices("method", name, ROLLOUT_METHODS)
     return name
 
 
@@ -427,7 +427,7 @@ class CompiledSteps:
         """The parts of a state."""
 
     @classmethod
-    def of(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
+    def build(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
         """The steps of a system in machine code; None where there is a contact, or they cannot be compiled."""
         if method not in SIMULATED or not acts_by_itself(system):
             return None

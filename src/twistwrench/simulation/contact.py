@@ -330,7 +330,7 @@ class StopContact(RobotContact):
         asked = known if self.stops.joints is None else self.stops.joints
         for name in asked:
             if name not in known:
-                raise UnknownNameError.of("joint with one degree of freedom", name, known)
+                raise UnknownNameError.from_choices("joint with one degree of freedom", name, known)
         rows = [(known[n].q_index, known[n].v_index) for n in asked]
         rows = [(i, k) for i, k in rows if np.isfinite(limits.lower[k]) or np.isfinite(limits.upper[k])]
         if not rows:

@@ -47,7 +47,7 @@ class PositionLimits:
     """(m,) places in dq."""
 
     @classmethod
-    def of(cls, robot: Robot) -> PositionLimits:
+    def from_robot(cls, robot: Robot) -> PositionLimits:
         """Return the limits of a robot; ValueRangeError if it has none."""
         given, tolerance = robot.limits, robot.limits.tolerance
         rows = [

@@ -110,7 +110,7 @@ class ControlLaw:
     """True for a function of the caller, False for a constant."""
 
     @classmethod
-    def of(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> ControlLaw:
+    def from_function(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> ControlLaw:
         """The function, once it takes three arguments."""
         require_three(function, what)
         return cls(function, what, shape, meaning)
@@ -492,7 +492,7 @@ def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
     if tau is None:
         return np.zeros(nv), None
     if callable(tau):
-        return np.zeros(nv), ControlLaw.of(tau, "tau", (nv,), ", a torque for each velocity")
+        return np.zeros(nv), ControlLaw.from_function(tau, "tau", (nv,), ", a torque for each velocity")
     return np.array(arguments.finite(arguments.one(tau, "tau", nv), "tau", nv), float), None
 
 
@@ -507,7 +507,7 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
         robot.model.frame(frame)
         what = f"the wrench at {frame!r}"
         if callable(given) and not isinstance(given, Wrench):
-            found[frame] = ControlLaw.of(given, what, (6,), ", (m, f), moment first")
+            found[frame] = ControlLaw.from_function(given, what, (6,), ", (m, f), moment first")
         else:
             labelled = wrench_at(robot.model, frame, given)  # checks a label
             F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)

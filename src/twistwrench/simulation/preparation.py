@@ -114,7 +114,9 @@ def build_run(
     if watched or surfaces or stops is not None:
         run.detector = EventDetector(watched, system.split, stops, surfaces)
     if controller is not None:
-        run.controller = ControlLaw.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
+        run.controller = ControlLaw.from_function(
+            controller, "the controller", (robot.nv,), ", a torque for each velocity"
+        )
         run.constant = held
     tolerances = (positive(rtol, "rtol"), positive(atol, "atol"))
     longest = h if surfaces else np.inf
@@ -133,15 +135,15 @@ def build_run(
         if adapts:
             asked = (*tolerances, longest, probe_spacing(h, end), end)
             if loops is None:
-                run_adaptive(run, Stepper(system, *asked, trials=TrialSteps.of(system, tolerances)))
+                run_adaptive(run, Stepper(system, *asked, trials=TrialSteps.build(system, tolerances)))
             else:
                 run_adaptive(run, ClosedStepper(loops, *asked))
         elif loops is None:
-            run.compiled = (CallbackSteps if system.functions else CompiledSteps).of(system, method, scheme.order, h)
+            run.compiled = (CallbackSteps if system.functions else CompiledSteps).build(system, method, scheme.order, h)
             run.fixed()
         else:
             alone = run.detector is None and controller is None
-            run.compiled = ClosedSteps.of(system, method, scheme.order, h) if alone else None
+            run.compiled = ClosedSteps.build(system, method, scheme.order, h) if alone else None
             run.fixed()
 
     run.go = go
@@ -241,7 +243,7 @@ def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None
             f"limits is {arguments.shown(asked)}; choose 'stop', which ends the simulation where a joint reaches a limit, or "
             "None. For stops that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
-    found = PositionLimits.of(robot)
+    found = PositionLimits.from_robot(robot)
     if outside := found.outside(y0[: robot.nq]):
         raise ValueRangeError(f"limits='stop', and q0 is outside already: {outside}. Start inside.")
     return found
@@ -368,7 +370,7 @@ def _advance(runs: list[Run]) -> None:
     if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].asks_nobody:
         return
     first = runs[0]
-    made = [CompiledSteps.of(run.system, run.method, run.scheme.order, run.h) for run in runs]
+    made = [CompiledSteps.build(run.system, run.method, run.scheme.order, run.h) for run in runs]
     going = [(run, steps) for run, steps in zip(runs, made, strict=True) if steps is not None]
     for run, _ in going:
         run.begin()

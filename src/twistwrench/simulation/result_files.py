@@ -77,7 +77,7 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
         raise ValueRangeError(
             "degrees: this result was read from a file, and has no robot that says what turns: result.of(robot).to_csv(…)."
         )
-    names = Coordinates.of(result.simulated.model)
+    names = Coordinates.from_model(result.simulated.model)
     said = [header for part in DEGREES for header in names.headers(part, degrees=True)]
     turning = {"q": names.angular, "dq": names.angular_velocity}
     factors = {part: np.where(angular, np.degrees(1.0), 1.0) for part, angular in turning.items()}

@@ -216,10 +216,10 @@ class StepAdjoint:
         step, cost = given[:count], given[count:]
         q1, *rest = self.plan.step(angles, q, dq, *step)
         weights = [*(by_q1 @ velocity_map(model, q1)), *by_dq1, *(e for m in cost[2:] for e in m)]
-        moved = Chart((model.nv,), {**Chart.of(angles, model).known, **Chart.of(q, model).known})
+        moved = Chart((model.nv,), {**Chart.from_input(angles, model).known, **Chart.from_input(q, model).known})
         inputs = dict(zip([name for name, _ in self.plan.given], step, strict=True))
-        charts = [Chart.of(inputs[name], model if name == "q_des" else None) for name, _ in self.by]
-        chart = Chart.joined([moved, Chart.of(dq), *charts])
+        charts = [Chart.from_input(inputs[name], model if name == "q_des" else None) for name, _ in self.by]
+        chart = Chart.joined([moved, Chart.from_input(dq), *charts])
         owner = dq[0].trace
         results = [owner.lift(e) for part in (q1, *rest) for e in part]
         slopes = autodiff.gradient(results, weights, chart.known, math.prod(chart.shape))

@@ -136,17 +136,17 @@ class Run:
         """Find what the steps so far are off by."""
         if not self.record.count:
             return
-        extent = Extent.of(self.robot, self.record.states)
+        extent = Extent.from_states(self.robot, self.record.states)
         if self.stepper is not None:
             error: Array | None = self.stepper.judged(extent.spans)
         else:
             error = self.doubling.errors(self.system, self.flow, extent.spans) if self.doubling.steps else None
         if error is not None:
-            self.accuracy = Accuracy.of(extent, error)
+            self.accuracy = Accuracy.from_error(extent, error)
         left_out = self.force_check.error(extent, self.last[0])
-        if left_out is not None and Accuracy.of(extent, left_out).remarkable:
+        if left_out is not None and Accuracy.from_error(extent, left_out).remarkable:
             self.remarks.append(self.force_check.remark())
-            self.accuracy = Accuracy.of(extent, np.fmax(self.accuracy.error, left_out))
+            self.accuracy = Accuracy.from_error(extent, np.fmax(self.accuracy.error, left_out))
 
     # ── parts of a step ──
 

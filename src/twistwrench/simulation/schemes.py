@@ -568,5 +568,5 @@ ADAPTIVE = "dopri5"
 def scheme_of(name: str, system: System) -> Scheme:
     """The method of that name; UnknownNameError lists them."""
     if not isinstance(name, str) or name not in METHODS:
-        raise UnknownNameError.of("method", name, METHODS)
+        raise UnknownNameError.from_choices("method", name, METHODS)
     return METHODS[name](system)

@@ -136,7 +136,7 @@ class TrialSteps:
         self._call = _calls(kernel, inputs, outputs, [name for name, _ in plan.given].index("tau") + 6)
 
     @classmethod
-    def of(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
+    def build(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
         """None where something is a function, a contact, or cannot be compiled."""
         if system.functions or not acts_by_itself(system):
             return None

@@ -159,7 +159,7 @@ def part_rows(part: str) -> slice:
     try:
         return PARTS[part]
     except (KeyError, TypeError):
-        raise UnknownNameError.of("part of a wrench", part, PARTS) from None
+        raise UnknownNameError.from_choices("part of a wrench", part, PARTS) from None
 
 
 # ── Largest wrench along a direction and weakest direction, in closed form
@@ -427,7 +427,7 @@ def wrench_polytope(
     """
     require_fixed_base(robot, "the wrench polytope")
     if rest not in ("zero", "any"):
-        raise UnknownNameError.of("value of rest", rest, ("zero", "any"))
+        raise UnknownNameError.from_choices("value of rest", rest, ("zero", "any"))
     q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
     rows, whole = part_rows(part), slice(0, 6)
     effort_weights(robot, limits)  # refuses limits of zero

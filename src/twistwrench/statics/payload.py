@@ -398,7 +398,7 @@ def payload_map(
 def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
     """Checked plane and number of samples. Raises UnknownNameError, ValueRangeError."""
     if not isinstance(plane, str) or plane not in (*SLICES, "rz"):
-        raise UnknownNameError.of("slice", plane, (*SLICES, "rz"))
+        raise UnknownNameError.from_choices("slice", plane, (*SLICES, "rz"))
     return plane, arguments.whole(samples, "samples", 1)
 
 

@@ -152,7 +152,7 @@ class Equations:
         for step in self.steps:
             if step.name == str(name).replace("-", "_"):
                 return step
-        raise UnknownNameError.of("step", name, [s.name for s in self.steps])
+        raise UnknownNameError.from_choices("step", name, [s.name for s in self.steps])
 
     def chosen(self, steps: Iterable[str] | None) -> tuple[Step, ...]:
         """Steps by their names, all of them for None.
@@ -319,7 +319,7 @@ class Equations:
         [1.0]
         """
         if not isinstance(name, str) or name not in FUNCTIONS:
-            raise UnknownNameError.of("function", name, FUNCTIONS)
+            raise UnknownNameError.from_choices("function", name, FUNCTIONS)
         if "module" not in self.cache:
             scope: dict[str, Any] = {}
             exec(compile(self.numpy_source(), f"<equations of {self.name}>", "exec"), scope)
@@ -345,7 +345,7 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
         values = {str(key): value for key, value in numbers.items()}
         for key in values:
             if key not in names:
-                raise UnknownNameError.of("constant", key, names)
+                raise UnknownNameError.from_choices("constant", key, names)
         if missing := [key for key in names if key not in values]:
             raise ValueRangeError(
                 f"parameters= of {function.__name__} has no number for {', '.join(missing)}. All are wanted: "

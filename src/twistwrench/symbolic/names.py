@@ -24,7 +24,7 @@ def require_sympy(purpose: str = "Deriving equations") -> None:
     try:
         import sympy  # noqa: F401  only whether it is there
     except ImportError:
-        raise MissingExtraError.of("sympy", "symbolic", purpose) from None
+        raise MissingExtraError.from_extra("sympy", "symbolic", purpose) from None
 
 
 _ROUND_OFF = 4e-16
@@ -580,5 +580,7 @@ def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> 
         elif word in names:
             chosen.add(word)
         elif word != "none":
-            raise UnknownNameError.of("symbol or kind of symbols", word, ["all", "none", *KINDS, *sorted(names)])
+            raise UnknownNameError.from_choices(
+                "symbol or kind of symbols", word, ["all", "none", *KINDS, *sorted(names)]
+            )
     return chosen

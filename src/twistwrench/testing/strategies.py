@@ -44,5 +44,7 @@ def _strategies() -> Any:
     try:
         from hypothesis import strategies
     except ImportError:
-        raise MissingExtraError.of("hypothesis", "test", "Drawing robots (twistwrench.testing.strategies)") from None
+        raise MissingExtraError.from_extra(
+            "hypothesis", "test", "Drawing robots (twistwrench.testing.strategies)"
+        ) from None
     return strategies

@@ -214,7 +214,7 @@ def read_motion(
     differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
     motion = _gathered(load, differentiation.states(_CHUNK, progress))
     doubts = [*load.contradictions, *trajectory.contradictions(load.robot.limits)]
-    verdict = Verdict.of(look_again=doubts)
+    verdict = Verdict.from_reasons(look_again=doubts)
     told = (*(f"{verdict.word}: {said}" for said in doubts), *trajectory.hints(load.robot.limits))
     return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict)
 

@@ -205,7 +205,7 @@ _LONGEST_ARROW = 0.35
 
 def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
     """Names, limits, sliders and marks; what the page moves it by are its programs."""
-    model, coordinates = robot.model, Coordinates.of(robot.model)
+    model, coordinates = robot.model, Coordinates.from_model(robot.model)
     limits = robot.limits.effort.tolist()
     return {
         "name": robot.name,
@@ -284,7 +284,7 @@ def default_view_pose(robot: Robot) -> Array:
     """A configuration above the floor of the base and far from singular ones; (nq,)."""
     Q = robot.random_configuration(0, 256)
     turned = np.where(
-        Coordinates.of(robot.model).angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q
+        Coordinates.from_model(robot.model).angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q
     )  # to half a turn
     Q = np.where((robot.limits.lower <= turned) & (turned <= robot.limits.upper), turned, Q)
     heights = np.asarray(robot.link_poses(Q))[..., 2, 3]

@@ -169,7 +169,7 @@ def _ranks(robot: Robot) -> dict[str, int]:
 
 def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, list[dict[str, Any]]]:
     """Rows of name, unit, ends and beginning, by input."""
-    coordinates, limits = Coordinates.of(robot.model), robot.limits
+    coordinates, limits = Coordinates.from_model(robot.model), robot.limits
     turns = coordinates.angular_velocity
     holding = np.asarray(robot.holding_torques(start))
     weight = sum(float(b.inertia.mass) for b in robot.model.bodies) * float(np.linalg.norm(robot.model.gravity))

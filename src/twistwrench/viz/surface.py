@@ -164,7 +164,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
     try:
         import trimesh
     except ImportError:
-        raise MissingExtraError.of("trimesh", "viz", "Showing meshes") from None
+        raise MissingExtraError.from_extra("trimesh", "viz", "Showing meshes") from None
     with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
         scene: Any = trimesh.load_scene(path)
         parts: dict[tuple[float, float, float] | None, list[Surface]] = {}

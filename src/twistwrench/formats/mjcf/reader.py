@@ -293,7 +293,7 @@ def _kept(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
         return dict.fromkeys(range(1, len(bodies)))
     numbers = {body.name: k for k, body in enumerate(bodies) if k}
     if keep not in numbers:
-        raise UnknownNameError.of("body to keep", keep, numbers)
+        raise UnknownNameError.from_choices("body to keep", keep, numbers)
     found = {numbers[keep]}
     for k in range(numbers[keep] + 1, len(bodies)):
         if bodies[k].parent in found:

@@ -25,7 +25,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
     try:
         import pinocchio
     except ImportError:
-        raise MissingExtraError.of("pin", "peers", "A model of Pinocchio's") from None
+        raise MissingExtraError.from_extra("pin", "peers", "A model of Pinocchio's") from None
     found, losses = disassemble(model), Losses()
     theirs = pinocchio.Model()
     theirs.name = model.name

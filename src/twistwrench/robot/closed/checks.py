@@ -226,7 +226,7 @@ def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
     found = np.zeros(robot.nv, bool)
     for name in names:
         if name not in leaders:
-            raise UnknownNameError.of("joint", name, leaders)
+            raise UnknownNameError.from_choices("joint", name, leaders)
         found[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
     return found
 

@@ -446,7 +446,7 @@ def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLik
 def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
     """Constraint of :meth:`twistwrench.Robot.constrain`."""
     if kind not in KINDS:
-        raise UnknownNameError.of("kind", kind, KINDS)
+        raise UnknownNameError.from_choices("kind", kind, KINDS)
     frame = _named(model, frame)
     if model.frame(frame).body == BASE:
         raise ConstraintError(f"{frame!r} is fixed to the base, so nothing about it can be constrained.")
