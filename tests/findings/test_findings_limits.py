@@ -122,6 +122,27 @@ def test_finding_17_what_nothing_drives_and_what_nothing_loads_is_not_asked_for(
     assert "no torque limit" not in report.lower() and robot.nv == 8
 
 
+@pytest.mark.parametrize("duration", [1, 20])
+@pytest.mark.parametrize("efforts", [(0, 10), (0, 0)])
+def test_finding_17_move_and_torques_count_the_same_joints_of_the_same_motion(run, tmp_path, efforts, duration):
+    """The spin about the upright base is loaded by inertia alone, which fades where the motion is slow."""
+    base = link("turning", 1.0, 0.2) + joint("spin", "base", "turning", 0).replace('xyz="0 1 0"', 'xyz="0 0 1"')
+    text = arm(efforts, extra=base).replace(
+        'name="shoulder" type="revolute"><origin xyz="0.0', 'name="shoulder" type="revolute"><origin xyz="0.2'
+    )
+    (tmp_path / "arm.urdf").write_text(
+        text.replace('<parent link="base"/><child link="l1"/>', '<parent link="turning"/><child link="l1"/>')
+    )
+    for to in ("spin=1", "elbow=0.8"):
+        first = []
+        planned = run("move", "arm.urdf", "--to", to, "--duration", duration, "--csv", "move.csv")
+        for code, said in (planned, run("torques", "arm.urdf", "--trajectory", "move.csv")):
+            words = re.match(r"(UNSURE: no torque limit for [^,;]*|OVER LIMIT|OK)", said)
+            assert words, said
+            first.append((code, words[1]))
+        assert first[0] == first[1]
+
+
 @pytest.mark.parametrize("efforts", [(0, 10), (30, 0), (0, 0)])
 def test_finding_18_no_payload_figure_without_the_limit_of_each_loaded_joint(run, tmp_path, efforts):
     (tmp_path / "arm.urdf").write_text(arm(efforts))
