@@ -475,6 +475,14 @@ def test_finding_21_a_motion_s_room_for_payload_is_that_of_its_follower(run, tmp
     assert "a payload there may have up to 0.7742 kg: fj reaches its limit" in said, said
 
 
+@pytest.mark.parametrize(("effort", "code"), [(8.0, 1), (1000, 0)])
+def test_finding_21_the_fastest_motion_is_not_ok_where_a_follower_is_over_its_limit(run, tmp_path, effort, code):
+    """The timing is planned without the follower, which at these accelerations bears 23 N m."""
+    (tmp_path / "arm.urdf").write_text(with_follower(effort))
+    found, said = run("move", "arm.urdf", "--to", "1,0.8", "--fastest")
+    assert found == code and said.startswith("OVER LIMIT: fj: torque 22.8" if code else "OK: "), said
+
+
 def test_finding_19_limits_that_the_user_gives_for_some_joints_leave_the_others_in_doubt(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(small(35))
     (tmp_path / "some.csv").write_text("joint,effort\nj1,35\n")
