@@ -151,6 +151,18 @@ def test_finding_18_no_payload_figure_without_the_limit_of_each_loaded_joint(run
         assert "kg:" not in said and "may have up to" not in said, said
 
 
+@pytest.mark.parametrize(("text", "figure"), [("none", False), ("some", False), ("placeholders", True)])
+def test_finding_18_an_overload_has_a_payload_figure_if_each_loaded_joint_has_a_limit(run, tmp_path, text, figure):
+    """Of limits that are doubted too, as a load that is beyond them is: what both say is by these limits."""
+    robots = {"none": arm((0, 0)), "some": arm((0, 10)), "placeholders": small(35)}
+    (tmp_path / "arm.urdf").write_text(robots[text])
+    table("small.csv", T, S, 0 * T, 0 * T, head="time,j1,j2,j3")
+    file = "small.csv" if text == "placeholders" else "ok.csv"
+    code, said = run("torques", "arm.urdf", "--trajectory", file, "--payload", 60)
+    assert code == 1 and said.startswith("UNSURE: " if text == "none" else "OVER LIMIT: "), said
+    assert ("a payload there may have up to" in said) == figure, said
+
+
 ELASTIC = "actuators: {elbow: {ratio: 50, stiffness: 800 N m/rad, rotor: {inertia: 1 kg cm^2, extra: true}}}"
 
 
