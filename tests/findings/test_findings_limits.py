@@ -153,7 +153,7 @@ def test_finding_18_no_payload_figure_without_the_limit_of_each_loaded_joint(run
 
 @pytest.mark.parametrize(("text", "figure"), [("none", False), ("some", False), ("placeholders", True)])
 def test_finding_18_an_overload_has_a_payload_figure_if_each_loaded_joint_has_a_limit(run, tmp_path, text, figure):
-    """Of limits that are doubted too, as a load that is beyond them is: what both say is by these limits."""
+    """Doubted limits count: the load is beyond them, and the figure is by the same limits."""
     robots = {"none": arm((0, 0)), "some": arm((0, 10)), "placeholders": small(35)}
     (tmp_path / "arm.urdf").write_text(robots[text])
     table("small.csv", T, S, 0 * T, 0 * T, head="time,j1,j2,j3")
@@ -172,6 +172,33 @@ def test_finding_18_the_motor_of_an_elastic_joint_needs_a_limit_where_its_spring
     (tmp_path / "elastic.yaml").write_text(ELASTIC)
     found, report = run("payload", "arm.urdf", "--actuators", "elastic.yaml")
     assert found == code and ("no torque limit for 1 of 2 joints (elbow.motor)" in report) == (code == 1), report
+
+
+@pytest.mark.parametrize(("effort", "code"), [(0, 1), (10, 0)])
+def test_finding_18_an_elastic_joint_counts_once_in_every_command(run, tmp_path, effort, code):
+    """The spring is not driven, so it needs no limit; the motor behind it does, also where the motor itself rests."""
+    (tmp_path / "arm.urdf").write_text(arm((30, effort)))
+    (tmp_path / "elastic.yaml").write_text(ELASTIC)
+    for command in (
+        COMMANDS["torques"],
+        COMMANDS["torques with a payload"],
+        ("move", "arm.urdf", "--to", "shoulder=1", "--duration", 4),
+    ):
+        found, said = run(*command, "--actuators", "elastic.yaml")
+        said = said.removeprefix("note: the elastic gears of elbow are taken to be stiff. ")
+        word = "UNSURE: no torque limit for 1 of 2 joints (elbow" if code else "OK: "
+        assert found == code and said.startswith(word), said
+
+
+def test_finding_19_placeholders_of_joints_with_a_spring_are_not_doubted(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text(small(35))
+    (tmp_path / "elastic.yaml").write_text(ELASTIC.replace("elbow", "j2"))
+    for more, code, word in (
+        ((), 1, "UNSURE: effort 35 on all 3 joints"),
+        (("--actuators", "elastic.yaml"), 0, "OK: "),
+    ):
+        found, said = run("move", "arm.urdf", "--to", "j1=1", "--duration", 4, *more)
+        assert found == code and said.startswith(word), said
 
 
 # ── 25: an upright arm ──
