@@ -512,6 +512,20 @@ def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monke
         assert len(set(colours)) == len(colours)
 
 
+def test_a_joint_has_one_colour_in_every_picture(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    from twistwrench.plotting import style
+
+    drawn = []
+    monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure))
+    arm = tw.robots.ur5()
+    arm.simulate(None, np.ones(arm.nv), 0.02, 0.01).plot(tmp_path / "a.png")
+    tw.trajectories.move(arm, np.zeros(6), np.full(6, 0.3)).plot(tmp_path / "b.png")
+    for figure in drawn:
+        shown = {line.get_label(): line.get_color() for axis in figure.axes for line in axis.lines}
+        assert [shown[name] for name in arm.joint_names] == list(style.SERIES[:6])
+
+
 @pytest.mark.parametrize("width", [60, 80, 110])
 def test_tables_fold_names_and_cut_no_number(width):
     """In a terminal of any width, and in a pipe."""

@@ -343,6 +343,7 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
     for log, end in sorted(ends.items()):
         offsets[log], begin = begin, begin + end
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
+        colour = style.SERIES[j % len(style.SERIES)]
         for k, rows in enumerate(parts):
             t = rows.time + np.array([offsets[float(log)] for log in rows.log])
             first = k == 0
@@ -354,8 +355,9 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
                 linewidth=0,
                 label="95 %" if first else None,
             )
-            axes.plot(t, rows.measured[:, j], color=style.QUIET, linewidth=0.9, label="measured" if first else None)
-            axes.plot(t, rows.predicted[:, j], color=style.LINE, linewidth=0.9, label="predicted" if first else None)
+            axes.plot(t, rows.predicted[:, j], color=colour, linewidth=1.6, label="predicted" if first else None)
+            measured = "measured" if first else None
+            axes.plot(t, rows.measured[:, j], ".", color=style.INK, markersize=3.2, markeredgewidth=0, label=measured)
         share = found.held_out.joints[name]
         axes.set_title(
             f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"

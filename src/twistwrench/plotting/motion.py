@@ -352,7 +352,6 @@ def _work(t: Array, power: Array) -> Array:
 
 # ── Velocities and torques as shares of their limits
 
-COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.PURPLE, style.SKY, style.GREY, style.YELLOW)
 _JOINTS = 24
 
 
@@ -437,7 +436,7 @@ def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tupl
     shares = bool(known.all())
     for k, name in enumerate(names[:_JOINTS]):
         y = values[:, k] / limits[k] if shares else values[:, k]
-        axis.plot(t, y, color=COLOURS[k % len(COLOURS)], linewidth=1.2, label=name)
+        axis.plot(t, y, color=style.SERIES[k % len(style.SERIES)], linewidth=1.2, label=name)
     if shares:
         for side in (-1, 1):
             axis.axhline(side, **style.LIMIT)

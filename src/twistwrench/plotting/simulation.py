@@ -12,13 +12,12 @@ from ..core.numbers import number, residual
 from ..motion.bounds import Bounds, bounds_or_own
 from ..trajectories.fastest import Fastest
 from . import style
-from .motion import COLOURS, curves, legend
+from .motion import curves, legend
 
 if TYPE_CHECKING:
     from ..simulation.result import SimulationResult
     from ..trajectories.trajectory import Trajectory
 
-_COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY, style.GREY)
 _WORKS = {"torques": style.GREEN, "friction": style.GREY, "wrenches": style.PURPLE, "contacts": style.VERMILION}
 _MOST = 14
 """Curves of a panel, beyond which names no longer fit."""
@@ -79,20 +78,21 @@ def _panels(result: SimulationResult) -> dict[str, list[int]]:
 
 
 def _draw_coordinates(axis: style.Axes, result: SimulationResult, said: str, places: list[int]) -> None:
-    for n, (k, colour) in enumerate(zip(places, _colours(len(places)), strict=True)):
-        dashes = "--" if n % 2 and len(places) > len(_COLOURS) else "-"
+    for n, (k, colour) in enumerate(zip(places, _colours(places), strict=True)):
+        dashes = "--" if n % 2 and len(places) > len(style.SERIES) else "-"
         axis.plot(result.times, result.q[:, k], dashes, color=colour, label=result.coordinate_names[k])
     axis.set_title(said, loc="left")
     _legend(axis)
 
 
-def _colours(n: int) -> list[Any]:
-    """Return n distinct colours."""
-    if n <= len(_COLOURS):
-        return list(_COLOURS[:n])
+def _colours(places: list[int]) -> list[Any]:
+    """Colours of the coordinates: their joints' where these differ, otherwise a rainbow."""
+    own = [style.SERIES[k % len(style.SERIES)] for k in places]
+    if len(set(own)) == len(own):
+        return own
     from matplotlib import colormaps
 
-    return [colormaps["turbo"](0.03 + 0.94 * k / (n - 1)) for k in range(n)]
+    return [colormaps["turbo"](0.03 + 0.94 * k / (len(own) - 1)) for k in range(len(own))]
 
 
 def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
@@ -186,7 +186,7 @@ def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
             0,
             touch.end - touch.begin,
             left=touch.begin,
-            color=COLOURS[k % len(COLOURS)],
+            color=style.SERIES[k % len(style.SERIES)],
             height=0.8,
             hatch="///" if touch.kind == "velocity" else None,
             edgecolor="white",
@@ -230,7 +230,7 @@ def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> Non
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
     for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
-        colour = COLOURS[names.index(touch.joint) % len(COLOURS)]
+        colour = style.SERIES[names.index(touch.joint) % len(style.SERIES)]
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=":" if touch.kind == "velocity" else "-")
     axis.plot(
         *curves.switches, "o", color="white", markeredgecolor=style.LINE, markersize=5, label="another limit takes over"

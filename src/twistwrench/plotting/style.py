@@ -24,6 +24,8 @@ LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#8a8f98", "#555b63",
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 """Okabe and Ito's colours, which colour-blind readers can distinguish; the rest of them follow."""
 VERMILION, PURPLE, GREY, YELLOW = "#D55E00", "#CC79A7", "#999999", "#F0E442"
+SERIES = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, GREY, YELLOW)
+"""Colours of joints, in their order, in every picture; they repeat after the last."""
 LIMIT: Mapping[str, Any] = MappingProxyType({"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))})
 """A line at a limit."""
 SMALL = 8

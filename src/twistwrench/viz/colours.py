@@ -38,16 +38,7 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "grasp": (0.10, 0.34, 0.62),
         "path": (0.12, 0.31, 0.47),
         "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
-        "lines": (
-            style.BLUE,
-            style.ORANGE,
-            style.GREEN,
-            style.VERMILION,
-            style.SKY,
-            style.PURPLE,
-            style.LINE,
-            style.GREY,
-        ),
+        "lines": style.SERIES,
     }
 )
 _POSES = 16
