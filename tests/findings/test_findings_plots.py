@@ -61,3 +61,39 @@ def test_finding_65_ticks_of_a_payload_map_are_round(tmp_path):
     labels = re.findall(r"<!-- (.*?) -->", before.rpartition('<g id="matplotlib.axis_')[2])
     assert len(labels) >= 3
     assert all(label.strip("0.") in ("1", "2", "5") for label in labels), labels
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Figures in place of the files."""
+    pytest.importorskip("matplotlib")
+    figures = []
+    monkeypatch.setattr("twistwrench.plotting.style.save", lambda figure, path: figures.append(figure))
+    return figures
+
+
+def test_finding_65_the_plot_of_an_identification_shows_what_was_measured(drawn):
+    """As points over the curve of the prediction, which has the joint's colour."""
+    arm, t = tw.robots.planar_2r(), np.arange(800) * 0.01
+    q = np.c_[0.5 * np.sin(2.3 * t + 1.5), 0.7 * np.cos(1.9 * t) + 0.2 * np.sin(4.1 * t)]
+    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    tau = arm.inverse_dynamics(q, dq, ddq)
+    tau = tau + 1e-3 * tau.std(axis=0) * np.random.default_rng(0).normal(size=tau.shape)
+    tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm)).plot("found.png")
+    panels = [axes for axes in drawn[0].axes if "joint" in axes.get_title(loc="left")]
+    for axes, colour in zip(panels, ("#0072B2", "#E69F00"), strict=True):
+        lines = {line.get_label(): line for line in axes.lines}
+        order = [line.get_label() for line in axes.lines]
+        assert lines["predicted"].get_color() == colour
+        assert (lines["measured"].get_marker(), lines["measured"].get_color()) == (".", "#222222")
+        assert order.index("measured") > order.index("predicted")
+
+
+def test_finding_65_small_torques_look_small(drawn, tmp_path):
+    """The third wrist joint of the demo bears 0.002 of 28 N m; its axis spans a fifth of the limit at least."""
+    picture = str(tmp_path / "torques.png")
+    result = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", "demo", "--plot", picture])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    spans = {axes.get_title(loc="left"): np.ptp(axes.get_ylim()) for axes in drawn[0].axes}
+    assert spans["wrist_3_joint"] == pytest.approx(0.2 * 28)
+    assert spans["shoulder_pan_joint"] > 0.2 * 150

@@ -29,6 +29,8 @@ _COLOURS = {
 }
 _SEEN = 0.02
 """Share of the curve's range from which an interval shows."""
+_LEAST = 0.2
+"""Share of a joint's limit that its axis spans at least, so that small torques look small."""
 _SHOWN_FROM = 0.3  # limits are drawn to scale from this share on; below, they would flatten the curve
 
 
@@ -105,7 +107,7 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
     if half > _SEEN * float(np.nanmax(greatest) - np.nanmin(least)):
         axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
     bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
-    _frame_limits(axis, joint, bottom, top)
+    _frame_limits(axis, joint, bottom, top, most=2 * report.scale)
     axis.plot(
         joint.time,
         0.0 if report.is_zero(joint.peak) else joint.peak,
@@ -170,8 +172,11 @@ def _draw_band(
     return time, least, greatest
 
 
-def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float) -> None:
-    """Choose the range of torques shown: the curve with room for its label, and the limit on sides that near it."""
+def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float, *, most: float) -> None:
+    """Choose the range of torques shown: the curve with room for its label, and the limit on sides that near it.
+
+    A range below a fifth of the limit is widened to it, or to ``most`` if that is less.
+    """
     span = max(high, 0.0) - min(low, 0.0) or 1.0
     bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
     for side, extreme in ((-1, -low), (1, high)):
@@ -180,6 +185,9 @@ def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float)
         bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
         axis.axhline(side * joint.limit, **style.LIMIT)
         axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=style.OVER, alpha=0.08, linewidth=0)
+    lack = min(_LEAST * joint.limit, most) - (top - bottom)
+    if math.isfinite(joint.limit) and lack > 0:
+        bottom, top = bottom - lack / 2, top + lack / 2
     axis.set_ylim(bottom, top)
 
 
@@ -202,7 +210,7 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
     axis.plot(time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
-    _frame_limits(axis, joint, lowest, highest)
+    _frame_limits(axis, joint, lowest, highest, most=2 * report.scale)
     whole = len(states) == report.rows
     part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
     some = not report.is_zero(joint.largest)
