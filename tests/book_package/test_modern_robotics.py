@@ -420,3 +420,14 @@ def test_rounded_rotations_are_read_as_the_nearest_one():
     assert gap(mr.MatrixLog3(R.round(3)), tw.so3.hat([0.3, -0.5, 0.8])) <= 1e-3
     T = tw.se3.pose(R.round(2), [1, 2, 3])
     assert gap(mr.TransInv(T) @ tw.se3.pose(R, [1, 2, 3]), np.eye(4)) <= 3e-2
+
+
+@pytest.mark.parametrize("solve", [mr.IKinBody, mr.IKinSpace])
+@pytest.mark.parametrize(("screw", "eomg", "ev"), [([0, 0, 1, 0, 0, 0], 0.2, 1e-9), ([0, 0, 0, 0, 0, 1], 1e-9, 0.2)])
+def test_newtons_steps_end_within_eomg_of_angle_and_ev_of_distance(solve, screw, eomg, ev):
+    """MR section 6.2.2."""
+    given = np.array([screw], float).T, np.eye(4), np.eye(4), [0.1]
+    theta, success = solve(*given, eomg, ev)
+    assert success and theta.tolist() == [0.1]
+    theta, success = solve(*given, ev, eomg)
+    assert success and abs(theta[0]) <= 1e-9

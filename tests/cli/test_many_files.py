@@ -15,6 +15,7 @@ from identification_logs import known_log
 from motions import report_of, write_positions
 
 import twistwrench as tw
+from twistwrench.cli.console import total_bytes
 from twistwrench.cli.main import main
 from twistwrench.core.cluster import Failure, Workers, workers_of
 from twistwrench.reports.load_case import Payload
@@ -159,3 +160,11 @@ def test_a_scheduler_that_is_not_there(folder, monkeypatch):
     assert result.exit_code == 2 and "no Dask scheduler answers at 'tcp://127.0.0.1:9'" in result.output
     both = run("identify", "planar_2r", folder / "log1.csv", "--scheduler", "tcp://127.0.0.1:9", "--workers", 2)
     assert both.exit_code == 2 and "Choose one" in both.output
+
+
+def test_a_log_of_several_files_is_as_large_as_they_are(tmp_path):
+    one, other = tmp_path / "one.csv", tmp_path / "other.csv"
+    one.write_bytes(b"a" * 300)
+    other.write_bytes(b"b" * 50)
+    assert total_bytes([f"{one}+{other}"]) == total_bytes([str(one), str(other)]) == 350
+    assert total_bytes([f"{one} + {other}", str(tmp_path / "none.csv")]) == 350

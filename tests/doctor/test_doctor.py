@@ -328,6 +328,18 @@ def test_only_the_numbers_concerned_change(metric, encoding, tmp_path):
     assert tw.doctor(tmp_path / "fixed.urdf", only="impossible").findings == ()
 
 
+@pytest.mark.parametrize("quoted", ["'a > b'", '"a > b"', "'a \"> b'"])
+def test_a_tag_ends_behind_its_quoted_text(quoted, tmp_path):
+    arm = Arm(5)
+    text = arm.text({1: changed(arm.tensor(1), "ixy", 0.9 * np.trace(arm.tensor(1)))})
+    source = tmp_path / "arm.urdf"
+    source.write_text(text.replace("<inertia ", f"<inertia note={quoted} "))
+    assert [f.check for f in tw.doctor(source).findings] == ["impossible"]
+    tw.doctor(source).write(tmp_path / "fixed.urdf")
+    assert load_quietly(tmp_path / "fixed.urdf", inertia="error").nv == 4
+    assert (tmp_path / "fixed.urdf").read_text().count(f"note={quoted}") == text.count("<inertia ")
+
+
 def test_entropic_repairs_have_volume_and_keep_what_is_possible():
     from twistwrench.diagnosis.shapes import nearest
 

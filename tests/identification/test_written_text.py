@@ -220,6 +220,7 @@ SDF_CASES = {
         "<dynamics><friction>0.1</friction><damping>0.2</damping></dynamics>",
         "",
     ),
+    "an empty quaternion": (f'<inertial><pose rotation_format="quat_xyzw"/>{WHOLE}</inertial>', "", ""),
     "a comment inside": (f"<inertial><pose><!-- 1 2 3 -->0.1 0 0 0.2 0 0</pose>{WHOLE}</inertial>", "", ""),
     "no products": (
         "<inertial><mass>1</mass><inertia><ixx>0.01</ixx><iyy>0.02</iyy><izz>0.02</izz></inertia></inertial>", "", "",

@@ -36,6 +36,14 @@ def test_a_call_is_the_kernel_on_its_rows_to_the_last_bit(robot):
     np.testing.assert_array_equal(ddq[2], given)
 
 
+def test_rows_of_each_operand_are_as_far_apart_as_its_own_array_says(robot):
+    rng, own = np.random.default_rng(1), np.arange(5)
+    q, M = rng.normal(size=(5, robot.nv)), np.zeros((5, robot.nv, robot.nv))
+    call = bind_calls(robot.kernel("mass_matrix"), [(q, own), (M, own)], taken=0, told=1)
+    assert [call(k) for k in range(5)] == robot.mass_matrix(q)[:, 0, 0].tolist()
+    np.testing.assert_array_equal(M, robot.mass_matrix(q))
+
+
 def test_what_is_no_plain_array_of_that_size_does_nothing(robot):
     call, (_, _, ddq, tau) = prepared(robot)
     before = ddq.copy()

@@ -38,6 +38,13 @@ def test_arguments_and_errors_are_filled_in_by_the_signature():
     assert completed(found, ["q", "gain", "frame"], "robot") == found
 
 
+def test_errors_that_a_docstring_lists_together_are_not_said_again():
+    told = f"{PLAIN.rstrip()}\n\n    Raises\n    ------\n    FrameError, UnknownNameError\n        No such frame.\n    "
+    found = completed(told, ["q", "gain", "frame"], "robot")
+
+    assert found.count("FrameError") == found.count("UnknownNameError") == found.count("ShapeError") == 1
+
+
 def test_a_room_has_words_of_its_own():
     assert f"q : {ROOMS['joints']['q']}" in completed(PLAIN, ["q", "gain"], "joints")
 

@@ -150,6 +150,15 @@ def test_a_joint_that_can_give_nothing_is_drawn_too(tmp_path):
     assert (tmp_path / "out.png").stat().st_size > 10_000
 
 
+def test_a_map_is_of_the_payload_asked_for(run, weak_limits):
+    """The place of the mass in the frame counts, not the frame alone."""
+    said = []
+    for com in ("0,0,0", "0.5,0,0"):
+        _, output = run("planar_2r", "--limits", weak_limits, "--com", com, "--map", "xz", "--samples", 500)
+        said.append(next(line for line in output.splitlines() if line.startswith("map, ")))
+    assert said[0] != said[1]
+
+
 @pytest.mark.parametrize("pose", ["joint2=1.5", "joint2=0"])
 def test_planar_arms_are_drawn_in_their_plane(run, weak_limits, tmp_path, pose):
     pytest.importorskip("matplotlib")

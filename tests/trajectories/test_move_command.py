@@ -46,6 +46,7 @@ def test_a_straight_line_in_degrees(run, tmp_path):
     assert output.startswith("OK: within all limits.")
     rows = list(csv.reader(file.read_text().splitlines()))
     assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
+    assert float(rows[2][0]) - float(rows[1][0]) == pytest.approx(0.1, rel=0.2)  # a whole number of steps
 
 
 @pytest.mark.parametrize("flags, quarter", [(["--degrees"], 90.0), ([], np.pi / 2)])
@@ -153,6 +154,15 @@ def test_tables_of_waypoints_and_limits_are_read_as_motions_are(run, tmp_path, d
     q = tw.Motion.from_file(csv, tw.robots.planar_2r()).q
     assert np.abs(q - [0.25, 0.5]).max(axis=1).min() < 5e-3  # a row every 2 ms at 0.75 rad/s
     assert "0.75" in output
+
+
+@pytest.mark.parametrize("upper, code, said", [("0.5", 1, "OVER LIMIT: joint1"), ("1.5", 0, "OK: within all limits")])
+def test_limits_of_positions_are_those_of_the_file(run, tmp_path, upper, code, said):
+    limits = tmp_path / "limits.csv"
+    limits.write_text(f"joint,lower,upper,velocity,effort\njoint1,-2,{upper},2,200\njoint2,-2,2,2,200\n")
+    found, output = run("move", "planar_2r", "--to", "1,0", "--acceleration", 5, "--limits", limits)
+    assert found == code, output
+    assert output.startswith(said), output
 
 
 def test_waypoints_are_met(run, tmp_path):
