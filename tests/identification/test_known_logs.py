@@ -171,11 +171,13 @@ def test_late_torques(rows):
     found = identify(ARM, LOG.changed(tau=np.roll(LOG.motion.tau, rows, axis=0), rows=slice(20, None)), **GIVEN)
     assert abs(found.settings.shift - 0.005 * rows) < 0.002
     assert kinds(found) == {"late"} and found.held_out.all < 0.03
+    assert "ms after the positions of their rows" in str(found.doubts[0])
 
 
-def test_saturated_torques():
-    most = 0.6 * np.abs(LOG.motion.tau).max(axis=0)
-    found = identify(ARM, LOG.changed(tau=np.clip(LOG.motion.tau, -most, most)), **GIVEN)
+@pytest.mark.parametrize("sides", [(-1.0, 1.0), (-np.inf, 1.0), (-1.0, np.inf)])
+def test_saturated_torques(sides):
+    least, most = np.outer(sides, 0.6 * np.abs(LOG.motion.tau).max(axis=0))
+    found = identify(ARM, LOG.changed(tau=np.clip(LOG.motion.tau, least, most)), **GIVEN)
     assert "saturated" in kinds(found)
 
 
