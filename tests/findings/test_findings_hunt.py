@@ -38,3 +38,18 @@ def test_hunt_doctor_asks_no_limits_of_a_mimic_follower(tmp_path, elbow, warned)
     result = CliRunner().invoke(main, ["doctor", str(path)], env={"COLUMNS": "200"})
     assert ("no limit of effort" in result.output) == warned, result.output
     assert "'finger'" not in result.output, result.output
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.001])
+def test_hunt_the_mass_of_the_payload_command_is_within_the_limits(tmp_path, factor):
+    """The mass is rounded down: what is printed is held, and a thousandth more is not."""
+    run = CliRunner()
+    said = run.invoke(main, ["payload", "ur5"], env={"COLUMNS": "200"}).output
+    mass = float(said.split(" kg: the largest payload", 1)[0])
+    joints = tw.robots.ur5().joint_names
+    path = tmp_path / "still.csv"
+    header = ",".join(["time", *joints, *(f"{j}{rate}" for rate in (".vel", ".acc") for j in joints)])
+    path.write_text(header + "\n" + "".join(f"{0.1 * k}" + ",0" * 18 + "\n" for k in range(7)))
+    args = ["torques", "ur5", "--trajectory", str(path), "--payload", repr(factor * mass)]
+    verdict = run.invoke(main, args, env={"COLUMNS": "200"}).output
+    assert verdict.startswith("OK" if factor == 1.0 else "OVER LIMIT: shoulder_lift_joint"), said + verdict

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+from twistwrench.core.numbers import rounded_down
 
 POSE = ("--at", "shoulder_lift_joint=-0.6", "--at", "elbow_joint=0.9")
 
@@ -103,7 +104,9 @@ def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path):
 
     found = statics.largest_payload(tw.robots.ur5(), np.zeros(6))
     title = _title(tw.robots.ur5(), found, "tool0 + [0, 0, 0.1] m", "1.2 kg at tool0")
-    assert title == f"ur5 · largest payload {found.mass:.4g} kg at tool0 + [0, 0, 0.1] m, beside 1.2 kg at tool0"
+    assert (
+        title == f"ur5 · largest payload {rounded_down(found.mass)} kg at tool0 + [0, 0, 0.1] m, beside 1.2 kg at tool0"
+    )
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core.files import check_outputs, replacing
-from ..core.numbers import number, percent_of_limit, quantity, torque, without_noise
+from ..core.numbers import number, percent_of_limit, quantity, rounded_down, torque, without_noise
 from ..core.tables import CsvWriter
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
@@ -257,7 +257,7 @@ def _verdict(found: LargestPayload, carried: str, assumed: str) -> Text:
     k = int(found.joint)
     side = "upper" if found.side > 0 else "lower"
     return Text.assemble(
-        (f"{number(found.mass)} kg", "bold green"),
+        (f"{rounded_down(found.mass)} kg", "bold green"),
         f": the largest payload held at rest, limited by {found.joint_names[k]} at its {side} limit "
         f"({torque(found.torques[k])}, of which {torque(found.unloaded[k])} hold {itself}){assumed}.",
     )

@@ -59,6 +59,18 @@ def number(
     return f"{x:.{digits}g}"
 
 
+def rounded_down(value: float) -> str:
+    """A number that is at least 0, as :func:`number` prints it, but not rounded up: what is allowed up to it.
+
+    >>> rounded_down(11.3295), rounded_down(0.3), rounded_down(2.0), rounded_down(0.0)
+    ('11.32', '0.3', '2', '0')
+    """
+    if not 0.0 < value < math.inf:
+        return number(value)
+    step = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
+    return number(math.floor(value / step * (1.0 + _NOISE)) * step)
+
+
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
     """A number within a sentence, such as an error's: a given one, or with fewer ``digits`` a computed one.
 

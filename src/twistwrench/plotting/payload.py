@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.glossary import complete
-from ..core.numbers import number
+from ..core.numbers import number, rounded_down
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
 from ..statics.force_capability import (
@@ -132,7 +132,7 @@ def plot_payload(
 
 
 def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
-    mass = "any payload" if np.isinf(found.mass) else f"largest payload {number(found.mass)} kg"
+    mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
     return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (
         f", beside {carried}" if carried else ""
     )

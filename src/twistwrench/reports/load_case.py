@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.inverse_dynamics import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
-from ..core.numbers import number, percent, printed, quantity, seconds
+from ..core.numbers import number, percent, printed, quantity, rounded_down, seconds
 from ..core.text import listed
 from ..errors import UnknownNameError, ValueRangeError
 from ..joints.units import unit_of
@@ -395,10 +395,8 @@ class PayloadMargin:
     @property
     def words(self) -> str:
         """A sentence; the mass is rounded down."""
-        step = 10.0 ** (math.floor(math.log10(self.mass)) - 3) if self.mass > 0 else 1.0
-        most = number(math.floor(self.mass / step) * step)
         when = f"{self.joint} reaches its limit at t = {seconds(self.time)} s"
-        return f"By the joints' torque limits, a payload there may have up to {most} kg: {when}."
+        return f"By the joints' torque limits, a payload there may have up to {rounded_down(self.mass)} kg: {when}."
 
 
 class PayloadMarginTally:

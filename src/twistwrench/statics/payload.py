@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.glossary import complete
-from ..core.numbers import number, printed
+from ..core.numbers import number, printed, rounded_down
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.assembly import follower_torques
 from ..model.limits import margin
@@ -83,7 +83,8 @@ class LargestPayload:
         if self.joint < 0:
             return "not limited at this pose: no joint with a limit carries the payload"
         k = int(self.joint)
-        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {printed(self.side * self.limits[k], 4, signed=True)}"
+        limit = printed(self.side * self.limits[k], 4, signed=True)
+        return f"{rounded_down(self.mass)} kg, then {self.joint_names[k]} is at {limit}"
 
 
 def torques_per_kilogram(
