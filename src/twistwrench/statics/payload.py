@@ -176,7 +176,7 @@ def largest_payload(
     >>> import twistwrench as tw
     >>> found = largest_payload(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0])
     >>> print(found)
-    1.039 kg, then joint2 is at +20
+    1.038 kg, then joint2 is at +20
     """
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
