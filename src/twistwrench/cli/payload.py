@@ -177,7 +177,7 @@ def payload_view(
             *row,
             *map(torque, (found.unloaded[k], found.per_kilogram[k], found.torques[k])),
             found.limits[k],
-            torque(max(found.per_joint[k], 0.0)),
+            rounded_down(most) if math.isfinite(most := max(float(found.per_joint[k]), 0.0)) else torque(most),
             percent_of_limit(share if limited else None),
             share_bar(share if limited else 0.0),
             style="bold red" if over else "bold" if worst else "",

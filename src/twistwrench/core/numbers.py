@@ -59,12 +59,13 @@ def number(
     return f"{x:.{digits}g}"
 
 
-def rounded_down(value: float) -> str:
+def rounded_down(value: SupportsFloat) -> str:
     """A number that is at least 0, as :func:`number` prints it, but not rounded up: what is allowed up to it.
 
     >>> rounded_down(11.3295), rounded_down(0.3), rounded_down(2.0), rounded_down(0.0)
     ('11.32', '0.3', '2', '0')
     """
+    value = float(value)
     if not 0.0 < value < math.inf:
         return number(value)
     step = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
