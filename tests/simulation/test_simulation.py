@@ -72,7 +72,7 @@ def rough_ur5():
 
 def test_dry_friction_that_makes_steps_endless_is_an_error_that_names_the_method_for_it():
     robot = rough_ur5()
-    with pytest.raises(tw.SimulationError, match=r'Dry friction of joint.*method="semi_implicit"') as caught:
+    with pytest.raises(tw.SimulationError, match=r"Dry friction of joint.*method=\'semi_implicit\'") as caught:
         robot.simulate(duration=1.0, friction=True)
     assert caught.value.result.times[-1] > 0 and not caught.value.result.completed
     assert robot.simulate(duration=0.1, friction=True, method="semi_implicit").completed

@@ -79,10 +79,10 @@ def excerpts(table: Array, count: int, rows: int) -> list[Array]:
 def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]:
     """Windows of ``core`` rows with up to ``margin`` more on either side, and the core's place in each.
 
-    The last core is longer by up to ``margin``.
+    The last core is longer by fewer than ``margin`` rows if they alone would be left.
 
-    >>> [(a.start, a.stop, b.start, b.stop) for a, b in windows(10, 4, 2)]
-    [(0, 6, 0, 4), (2, 10, 2, 8)]
+    >>> [(a.start, a.stop, b.start, b.stop) for a, b in windows(9, 4, 2)]
+    [(0, 6, 0, 4), (2, 9, 2, 7)]
     """
     begin = 0
     while begin < count:
