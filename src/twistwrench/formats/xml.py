@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -196,6 +195,8 @@ def _figure(x: float) -> str:
 
 def xml_text(root: Element) -> str:
     """The document of an element. Raises :class:`~twistwrench.ModelError` for characters that are not allowed in one."""
+    from xml.sax.saxutils import escape, quoteattr  # imports urllib, whose SSL takes longer than a robot file
+
     lines = ['<?xml version="1.0" encoding="utf-8"?>']
     stack: list[tuple[Element | None, str, int]] = [(root, "", 0)]  # a chain may be longer than Python's stack is deep
     while stack:

@@ -51,7 +51,7 @@ class ObjectFile(NamedTuple):
 
     def undefined(self) -> set[bytes]:
         """Names that relocations refer to and the file does not define."""
-        wanted = {int(k) for r in self.relocations for k in np.unique(r.symbols)}
+        wanted = {k for r in self.relocations for k in r.symbols.tolist()}  # np.unique imports numpy.ma, which is slow
         return {self.names[k] for k in wanted if self.names[k] and not self.symbol_sections[k]}
 
 
