@@ -20,6 +20,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
+from twistwrench.core.glossary import SECTIONS
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import METHODS
 
@@ -31,19 +32,6 @@ OWN_PATHS = (
     "core.verdict", "verify",
 )  # fmt: skip
 """Modules that are imported by their own path, beside those of ``dir(twistwrench)``."""
-SECTIONS = (
-    "Parameters",
-    "Attributes",
-    "Returns",
-    "Yields",
-    "Raises",
-    "Warns",
-    "See Also",
-    "Notes",
-    "References",
-    "Examples",
-)
-"""The sections of a docstring, in the order numpydoc has them."""
 
 
 def modules():

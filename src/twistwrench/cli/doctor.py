@@ -62,7 +62,7 @@ doctor_options = option_group(
     ),
 )
 def doctor_command(given: Given) -> ExitCode:
-    """What is wrong with a robot file, what it does to M and to gravity torques, and the repair.
+    """Find errors of a robot file, their effect on M and on gravity torques, and the repair.
 
     Exit code 1 with errors or warnings.
     """

@@ -40,7 +40,7 @@ from .usage import Given, command
     examples=("info panda", "info ur5 --json"),
 )
 def info_command(options: RobotOptions, given: Given) -> None:
-    """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
+    """Parts of the robot: joints, limits, inertias, masses, frames, and its tree."""
     if given.as_json and given.csv_path is not None:
         raise ValueRangeError("--json prints the robot, and --csv writes its joints. Choose one.")
     if options.degrees and (given.as_json or given.csv_path is not None):

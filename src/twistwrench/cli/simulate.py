@@ -84,7 +84,7 @@ simulate_options = option_group(
     ),
 )
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
-    """How the robot moves, falls or is thrown: states, energies with their drift, events, and why it stopped.
+    """Simulate a motion: states, energies with their drift, events, and why it stopped.
 
     Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
     what was computed until then is printed and written.

@@ -70,7 +70,7 @@ torques_options = option_group(
     ),
 )
 def torques_command(options: RobotOptions, given: Given) -> ExitCode:
-    """Which torques a motion takes, which joint is over its limit, and what causes it.
+    """Torques of a motion: which joint is over its limit, and what causes it.
 
     The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
     """

@@ -164,7 +164,7 @@ RETURNS: Mapping[str, str] = {
 }
 """The section Returns by the annotation of the result."""
 
-_ORDER = (
+SECTIONS = (
     "Parameters",
     "Attributes",
     "Returns",
@@ -176,6 +176,7 @@ _ORDER = (
     "References",
     "Examples",
 )
+"""Sections of a docstring, in the order of numpydoc."""
 
 
 def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
@@ -216,7 +217,7 @@ def completed(doc: str, names: Sequence[str], room: str, result: str = "") -> st
             x for name, text in errors.items() for x in (indent + name, f"{indent}    {text}")
         ] + raised
     text = "\n".join(sections[""])
-    for title in _ORDER:
+    for title in SECTIONS:
         if sections.get(title):
             text += f"\n\n{indent}{title}\n{indent}{'-' * len(title)}\n" + "\n".join(sections[title])
     return f"{text}\n{indent}"
@@ -251,7 +252,7 @@ def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
     sections: dict[str, list[str]] = {}
     title, start, indent = "", 0, ""
     for k, line in enumerate(lines):
-        if line.endswith("---") and (found := lines[k - 1].strip()) in _ORDER:
+        if line.endswith("---") and (found := lines[k - 1].strip()) in SECTIONS:
             sections[title] = _trimmed(lines[start : k - 1])
             title, start, indent = found, k + 1, line[: -len(found)]
     sections[title] = lines[start:]
