@@ -253,7 +253,7 @@ def test_axes_of_its_own_and_fixed_joints_are_reckoned_with(fixed):
 
 
 def test_the_tensor_of_the_shapes_is_along_the_written_axes():
-    from twistwrench.diagnosis.checks.inertia import reference_of
+    from twistwrench.diagnosis.tensor_checks import reference_of
 
     arm = Arm(4)
     link = tw.doctor(turned(arm.text(), arm, 2, arm.tensor(2), (0.3, -0.7, 1.1))).subject.robot.links["link2"]

@@ -14,8 +14,8 @@ from twistwrench.errors import (
 )
 from twistwrench.formats.urdf import rotation_of_rpy
 from twistwrench.lie import se3
+from twistwrench.model.assembly import snap_rotation
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.model.rounding import snap_rotation
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
 

@@ -247,7 +247,7 @@ def test_floating_joints_give_body_rates(name):
 
 def test_planar_rates_follow_the_joint():
     from twistwrench.bodies.inertia import SpatialInertia
-    from twistwrench.joints.planar import Planar
+    from twistwrench.joints.multi_dof import Planar
     from twistwrench.model.model import Body, Limits, Model
 
     joint = Planar("slide", Planar.axes_from((0, 0, 1), 0.0, True, "slide"))

@@ -17,7 +17,7 @@ from random_trees import DIFFERENCES, ROUNDING
 
 import twistwrench as tw
 from twistwrench.algorithms import loop_closure
-from twistwrench.model.friction import Friction
+from twistwrench.model.limits import Friction
 from twistwrench.testing import assert_close, derivative, random_robot
 
 pytest_plugins = ("mechanism_fixtures",)

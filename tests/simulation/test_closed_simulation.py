@@ -14,7 +14,7 @@ from scipy.special import ellipj, ellipk
 
 import twistwrench as tw
 from twistwrench.algorithms.loop_closure import small_gaps
-from twistwrench.model.friction import Friction
+from twistwrench.model.limits import Friction
 from twistwrench.simulation import SimulationResult
 
 LEVEL = 0.5

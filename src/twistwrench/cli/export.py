@@ -10,7 +10,7 @@ import click
 from ..core.files import check_outputs
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from ..model.notes import grouped
+from ..model.description import grouped
 from ..robot.load import save
 from .console import show_written
 from .robot_options import RobotOptions, robot_command

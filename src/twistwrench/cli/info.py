@@ -16,8 +16,8 @@ from ..core.files import check_outputs, replacing
 from ..core.numbers import number
 from ..errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..joints.units import heading_unit
+from ..model.description import grouped
 from ..model.model import BASE, Body, Model
-from ..model.notes import grouped
 from ..motion.coordinates import Coordinates
 from ..reports.robot_summary import as_text, link_of
 from ..robot import Robot

@@ -1,7 +1,7 @@
 """Doctor of robot files: checks, the effect of findings, and repairs in the file itself."""
 
 from ..formats.edit import Edit
-from ..formats.element import Place
+from ..formats.xml import Place
 from .checks import CHECKS
 from .findings import Effect, FileRepair, Finding, Severity
 from .report import DoctorReport, doctor

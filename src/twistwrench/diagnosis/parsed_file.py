@@ -17,13 +17,12 @@ from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path
 from ..errors import ModelError, ModelWarning, RobotFileError, TwistWrenchError, UnknownNameError
 from ..formats import FORMATS, load_model, usd_path
-from ..formats.element import Element
 from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
 from ..formats.robot_text import TEXTS, MjcfText, RobotText, SdfText, WrittenInertia
 from ..formats.sdf import pose, with_text, word
 from ..formats.source import is_text, robot_file
 from ..formats.urdf import add_joint, add_link, origin_of
-from ..formats.xml import parse
+from ..formats.xml import Element, parse
 from ..model.builder import ModelBuilder
 from ..model.model import BASE, Model
 from ..robot import Robot

@@ -17,7 +17,7 @@ from ..core.tables import html_table
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
 from ..formats.edit import edited, encoded
-from ..formats.element import Place
+from ..formats.xml import Place
 from ..robot import Robot, load
 from .checks import CHECKS, Options
 from .findings import Effect, Finding, Severity

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 from ..core.arguments import integer
 from ..core.text import with_clipped_quotations
 from ..errors import ModelError, RobotFileError, ValueRangeError
+from ..model.assembly import DEFAULT_SNAP
 from ..model.model import Model
-from ..model.rounding import DEFAULT_SNAP
-from .element import Element
 from .source import bytes_of, is_text, read_robot_text
-from .xml import MOST_BODIES, parse
+from .xml import MOST_BODIES, Element, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 

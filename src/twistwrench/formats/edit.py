@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..errors import ModelError, RobotFileError
-from .element import Element, Place
 from .source import DECLARED_ENCODING, MAX_BYTES
-from .xml import BLANK, without_loose_declaration
+from .xml import BLANK, Element, Place, without_loose_declaration
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from ..core.text import clipped
-from .element import Element
+from .xml import Element
 
 READ = "read"
 NO_MECHANICS = "no mechanics"

@@ -13,16 +13,15 @@ from ..core.numbers import printed
 from ..errors import ModelError
 from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
-from ..model.description import Mimic
+from ..model.description import Mimic, ModelNote
 from ..model.model import OfferedClosure
-from ..model.notes import ModelNote
 from ..typing import Array
-from .element import Element
 from .known_elements import LEFT_OUT
 from .mjcf.bodies import WORLD, MjcfJoint
 from .mjcf.drives import ALL, ANY, POINT, Drives, at_joint, effort_of, leaders_of
 from .mjcf.preprocess import also_disabled
 from .mjcf.reader import add_joints, add_keyframe, chain
+from .xml import Element
 
 _ON_JOINTS = (0, 1)
 """Values of ``mjtTrn``: at a joint, and at one in its parent's frame."""

@@ -17,11 +17,10 @@ from ..lie import se3
 from ..typing import Array
 from . import sdf, urdf
 from .edit import ELSEWHERE, FOUND, Edit, TextChanges
-from .element import Element, Place
 from .mjcf import bodies as mjcf
 from .mjcf.preprocess import Defaults, Folders, Meshes, Settings, expand
 from .urdf import ENTRIES, IN_MJCF
-from .xml import MOST_BODIES
+from .xml import MOST_BODIES, Element, Place
 
 _LAWS = {"viscous": "damping", "coulomb": "friction"}
 _MJCF_DRIVES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}

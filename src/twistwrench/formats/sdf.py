@@ -16,12 +16,11 @@ from ..core.text import listed
 from ..errors import RobotFileError, UnknownNameError
 from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
-from ..model.description import Mimic
-from ..model.notes import ModelNote
+from ..model.description import Mimic, ModelNote
 from ..typing import Array
-from .element import Element
 from .known_elements import Unread
 from .urdf import ENDLESS, rotation_of_rpy, tensor_of
+from .xml import Element
 
 __all__ = ["read_sdf"]
 

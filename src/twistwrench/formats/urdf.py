@@ -15,12 +15,12 @@ from ..core.text import clipped
 from ..errors import RobotFileError
 from ..lie import quaternion
 from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
+from ..model.assembly import DEFAULT_SNAP, snap_rotation
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
-from ..model.rounding import DEFAULT_SNAP, snap_rotation
 from ..typing import Array
-from .element import Element
 from .known_elements import Unread
+from .xml import Element
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 """Name in URDF and SDF → row and column."""

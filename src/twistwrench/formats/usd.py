@@ -1,43 +1,351 @@
-"""USD with UsdPhysics: rigid bodies, their mass properties, and the joints of an articulation.
+"""USD with UsdPhysics: the bodies of a stage, their mass properties, and the joints of an articulation.
 
-A collider has the mass of its own MassAPI; else its volume times a density: its own, that of the body's MassAPI, that of its
-material, else a tonne a cubic metre. A mass that the body has is spread over the colliders so that they have the same shape of
-inertia. Meshes and planes are not weighed.
+https://openusd.org/release/api/usd_physics_page_front.html. The stage is opened by Pixar's own library, ``pxr`` of the package
+usd-core, which is an extra. Numbers become SI by the ``metersPerUnit`` and ``kilogramsPerUnit`` of the stage, angles radians;
+most are of single precision. Links are the rigid bodies, in their own frames without scale. Looks, contacts and gains of drives
+are passed over.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import RobotFileError
+from ..core.gravity import STRENGTH
+from ..core.numbers import printed
+from ..core.third_party import captured_stderr, third_party_errors
+from ..errors import MissingExtraError, RobotFileError, UnknownNameError
 from ..lie import quaternion, se3, so3
+from ..lie.identity import IDENTITY, pose_rows
 from ..lie.labelled import TWIST
 from ..model.assembly import ROOT_JOINT
 from ..model.builder import ModelBuilder
+from ..model.description import ModelNote
 from ..model.model import OfferedClosure
-from ..model.notes import ModelNote
 from ..typing import Array
 from .known_elements import LeftOut, Unread
-from .usd_stage import (
-    HOW_TO_SPLIT,
-    Stage,
-    TreeJoint,
-    UsdTree,
-    axis_of,
-    number_of,
-    opened,
-    quaternion_of,
-    vector_of,
-    who,
-)
 from .xml import MOST_BODIES
+
+_SINGLE = 1e-5
+"""Error of rotations in single precision."""
+
+
+def open_stage(path: Path, folders: Sequence[Path]) -> Any:
+    """The stage of a file whose layers all lie below ``folders``.
+
+    Raises :class:`~twistwrench.MissingExtraError` and :class:`~twistwrench.RobotFileError`.
+    """
+    try:
+        from pxr import Usd
+    except ImportError:
+        raise MissingExtraError.from_extra("usd-core", "usd", "Reading USD") from None
+    with (
+        third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
+        captured_stderr() as said,
+    ):
+        stage = Usd.Stage.Open(str(path.resolve()))
+    if str(said):  # a layer that is not there is a warning to the library, and a part of the robot to us
+        raise RobotFileError(f"it cannot be read whole: {' '.join(str(said).split())[:300]}")
+    allowed = [folder.resolve() for folder in folders]
+    for layer in stage.GetUsedLayers():
+        place = Path(layer.realPath).resolve() if layer.realPath else None
+        if place is not None and not any(place.is_relative_to(folder) for folder in allowed):
+            raise RobotFileError(
+                f"it takes in {str(place)!r}, which lies outside its folder. To read it, say include_paths=[its folder]."
+            )
+    return stage
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """One side of a joint: the body it is on, None for the world, and the joint's frame there."""
+
+    body: Any
+    T: Array
+
+    @property
+    def path(self) -> Any:
+        """Frame of the joint in the body."""
+        return None if self.body is None else self.body.GetPath()
+
+
+class Stage:
+    """Bodies and joints of a stage in its order, poses in metres."""
+
+    def __init__(self, stage: Any, max_bodies: int) -> None:
+        from pxr import Usd, UsdGeom, UsdPhysics
+
+        self.metre = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not 0 < unit < math.inf:
+                raise RobotFileError(f"it has {name} = {printed(unit)}; a positive number is expected.")
+        self.up = 2 if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else 1
+        self.cache = UsdGeom.XformCache(Usd.TimeCode.Default())
+        prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
+        self.bodies = [prim for prim in prims if prim.HasAPI(UsdPhysics.RigidBodyAPI) and moves(prim)]
+        if len(self.bodies) > max_bodies:
+            raise RobotFileError(
+                f"it has more than {max_bodies:,} bodies ({who(self.bodies[max_bodies])}). Raise the limit, max_bodies=, if it "
+                "is meant."
+            )
+        joints = (prim for prim in prims if prim.IsA(UsdPhysics.Joint))
+        self.joints = [joint for joint in joints if value_of(joint, "physics:jointEnabled", default=True)]
+        self.roots = [prim for prim in prims if prim.HasAPI(UsdPhysics.ArticulationRootAPI)]
+        self.scenes = [prim for prim in prims if prim.IsA(UsdPhysics.Scene)]
+        self.numbers = {prim.GetPath(): k for k, prim in enumerate(self.bodies)}
+        self.default = stage.GetDefaultPrim()
+        self.prim_at = stage.GetPrimAtPath
+
+    def placed(self, prim: Any) -> tuple[Array, Array]:
+        """The pose (4, 4) of a prim on the stage, and the scale (3,) of what lies in it."""
+        M = np.array(self.cache.GetLocalToWorldTransform(prim))
+        scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))
+        if not scale.min() > 0:
+            raise RobotFileError(f"{who(prim)} is scaled to nothing.")
+        R = (M[:3, :3] / scale[:, None]).T  # rows of theirs are the images of the axes
+        if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE or np.linalg.det(R) < 0:
+            raise RobotFileError(
+                f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
+            )
+        return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
+
+    def parts(self, body: Any) -> Iterator[Any]:
+        """Prims of a body, itself first, without those of nested bodies."""
+        from pxr import Usd
+
+        prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+        for prim in prims:
+            if prim != body and prim.GetPath() in self.numbers:
+                prims.PruneChildren()
+            else:
+                yield prim
+
+    def shaped(self, body: Any) -> bool:
+        """True if a body has a visual or a collider."""
+        from pxr import UsdGeom
+
+        return any(prim.IsA(UsdGeom.Gprim) for prim in self.parts(body))
+
+    def colliders(self, body: Any) -> list[Any]:
+        """Colliders of a body."""
+        from pxr import UsdPhysics
+
+        return [prim for prim in self.parts(body) if prim.HasAPI(UsdPhysics.CollisionAPI)]
+
+    def gravity(self) -> Array:
+        """(3,) m/s²: of the scene, else of the earth, downward."""
+        down = -np.eye(3)[self.up]
+        if not self.scenes:
+            return STRENGTH * down
+        direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
+        magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
+        size = STRENGTH if magnitude < 0 else magnitude * self.metre
+        length = float(np.linalg.norm(direction))
+        return size * (direction / length if length > 0 else down)
+
+    def end(self, joint: Any, which: int) -> End:
+        """Body at one side of a joint, and the joint's frame there; the stage if there is none."""
+        targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
+        if len(targets) > 1:
+            raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
+        T = IDENTITY
+        prim = self.prim_at(targets[0]) if targets else None
+        if prim is not None and not prim:
+            raise RobotFileError(f"{who(joint)} has body{which} at {targets[0]}, where nothing is.")
+        scale = np.ones(3)
+        if prim is not None:
+            T, scale = self.placed(prim)
+        local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
+        turn = quaternion_of(joint, f"physics:localRot{which}")
+        T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
+        while prim is not None and prim and prim.GetPath() not in self.numbers:  # a part of a body is held by the body
+            prim = prim.GetParent()
+        if prim is None or not prim:
+            return End(None, T)
+        return End(prim, np.asarray(se3.inverse(self.placed(prim)[0]) @ T))
+
+
+def who(prim: Any) -> str:
+    """Name of a prim in messages."""
+    return f"prim <{prim.GetPath()}>"
+
+
+def value_of(prim: Any, name: str, *, default: Any) -> Any:
+    """Value of an attribute, by default the schema's, then ``default``."""
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get() if attribute else None
+    return default if value is None else value
+
+
+def number_of(prim: Any, name: str, default: float = 0.0) -> float:
+    """The value of an attribute that is one number."""
+    return _decimal(prim, name, value_of(prim, name, default=default))
+
+
+def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
+    """Value of an attribute with several numbers."""
+    return np.array([_decimal(prim, name, x) for x in value_of(prim, name, default=default)])
+
+
+def _decimal(prim: Any, name: str, x: Any) -> float:
+    """Shortest decimal that rounds to the same single-precision number."""
+    x = float(x)
+    if math.isnan(x):
+        raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
+    with np.errstate(over="ignore"):
+        single = np.float32(x)
+    return float(str(single)) if float(single) == x else x
+
+
+def quaternion_of(prim: Any, name: str) -> list[float]:
+    """Quaternion (w, x, y, z); zeros stand for the identity."""
+    value = value_of(prim, name, default=None)
+    Q = [1.0, 0.0, 0.0, 0.0] if value is None else [float(value.GetReal()), *map(float, value.GetImaginary())]
+    return Q if any(Q) else [1.0, 0.0, 0.0, 0.0]
+
+
+def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
+    """Axis (0, 1 or 2) of a joint's motion, or of a shape."""
+    return "XYZ".index(str(value_of(prim, name, default=default)))
+
+
+def moves(prim: Any) -> bool:
+    """True if forces move a body: it is enabled and not kinematic."""
+    return bool(value_of(prim, "physics:rigidBodyEnabled", default=True)) and not value_of(
+        prim, "physics:kinematicEnabled", default=False
+    )
+
+
+# ── Articulation: bodies and joints of a stage, in order from the base
+
+HOW_TO_SPLIT = (
+    "Write it as revolute, prismatic, spherical and fixed joints with bodies between, or load the URDF or MJCF file that the "
+    "stage was made of"
+)
+"""Advice for a joint that is not read."""
+
+
+@dataclass(frozen=True, eq=False)
+class TreeJoint:
+    """Joint of the tree, from a placed link to the next one."""
+
+    joint: Any
+    near: End
+    far: End
+    forward: bool
+    """True if the far body is the joint's body1."""
+
+
+class UsdTree:
+    """One articulation of a stage: ``model`` names its root, by its name or path, where there are several."""
+
+    def __init__(self, stage: Stage, model: str | None) -> None:
+        self.stage = stage
+        self.ends = {joint.GetPath(): (stage.end(joint, 0), stage.end(joint, 1)) for joint in stage.joints}
+        self.root = self._chosen_root(model)
+
+    def _chosen_root(self, model: str | None) -> Any:
+        roots = self.stage.roots
+        if model is not None:
+            by_name = {name: prim for prim in roots for name in (prim.GetName(), str(prim.GetPath()))}
+            if model not in by_name:
+                raise UnknownNameError.from_choices("articulation", model, by_name)
+            return by_name[model]
+        if len(roots) > 1:
+            paths = ", ".join(str(prim.GetPath()) for prim in roots)
+            raise RobotFileError(f"it has {len(roots)} articulations: {paths}. Say which, model=….")
+        return roots[0] if roots else None
+
+    def joints(self) -> tuple[list[TreeJoint], list[Any], Any]:
+        """The joints outward from the base, those that close loops, and the body that no joint holds, if there is one."""
+        inside = [joint for joint in self.stage.joints if not _excluded(joint)]
+        tied: dict[Any, list[Any]] = {None: []}  # the joints of each body, and of the world
+        for joint in inside:
+            paths = {end.path for end in self.ends[joint.GetPath()]}
+            if len(paths) == 1:
+                raise RobotFileError(f"{who(joint)} has one body at both ends. Name another one.")
+            for path in paths:
+                tied.setdefault(path, []).append(joint)
+        within = self._within(tied)
+        tied[None] = [joint for joint in tied[None] if within & {end.path for end in self.ends[joint.GetPath()]}]
+        start = None if tied[None] else self._first(within)
+        found: dict[Any, TreeJoint] = {}  # by the path of the joint
+        waiting = [None if start is None else start.GetPath()]
+        met = set(waiting)
+        for at in waiting:  # which grows on the way
+            for joint in tied.get(at, []):
+                if joint.GetPath() in found:
+                    continue
+                first, second = self.ends[joint.GetPath()]
+                near, far = (first, second) if first.path == at else (second, first)
+                if far.path in met:
+                    raise RobotFileError(_too_many(joint, near, far, found.values()))
+                met.add(far.path)
+                waiting.append(far.path)
+                found[joint.GetPath()] = TreeJoint(joint, near, far, forward=near is first)
+        ordered = [found[joint.GetPath()] for joint in inside if joint.GetPath() in found]
+        outside = (joint for joint in self.stage.joints if _excluded(joint))
+        return (
+            ordered,
+            [joint for joint in outside if {end.path for end in self.ends[joint.GetPath()]} <= met | {None}],
+            start,
+        )
+
+    def _within(self, tied: dict[Any, list[Any]]) -> set[Any]:
+        """Bodies of the articulation: all that joints connect with one below its root, or with its joint."""
+        paths = [body.GetPath() for body in self.stage.bodies]
+        if not paths:
+            raise RobotFileError("it has no rigid body (PhysicsRigidBodyAPI). Is it a stage of looks only?")
+        if self.root:
+            root = self.root.GetPath()
+            joints = [joint for joint in self.stage.joints if joint.GetPath().HasPrefix(root)]
+            found = {path for path in paths if path.HasPrefix(root)}
+            found |= {end.path for joint in joints for end in self.ends[joint.GetPath()]} - {None}
+        else:
+            found = {next((path for path in paths if path in tied), paths[0])}
+        if not found:
+            raise RobotFileError(f"{who(self.root)} is the root of an articulation without a body.")
+        waiting = list(found)
+        for path in waiting:
+            new = {end.path for joint in tied.get(path, []) for end in self.ends[joint.GetPath()]} - found - {None}
+            found |= new
+            waiting.extend(new)
+        return found
+
+    def _first(self, within: set[Any]) -> Any:
+        """Floating body: the articulation's root if it is a body, else the first that is not the body1 of a joint."""
+        mine = [body for body in self.stage.bodies if body.GetPath() in within]
+        if self.root and self.root.GetPath() in within:
+            return self.root
+        carried = {end.path for _, end in self.ends.values()}
+        return next((body for body in mine if body.GetPath() not in carried), mine[0])
+
+
+def _excluded(joint: Any) -> bool:
+    return bool(value_of(joint, "physics:excludeFromArticulation", default=False))
+
+
+def _too_many(joint: Any, near: End, far: End, found: Iterable[TreeJoint]) -> str:
+    """Message for a joint between two links that are joined already."""
+    twin = next((one.joint for one in found if {one.near.path, one.far.path} == {near.path, far.path}), None)
+    if twin is not None:
+        return f"{who(joint)} and {who(twin)} join the same two bodies. {HOW_TO_SPLIT}."
+    return f"{who(joint)} closes a loop. Cut it open there with excludeFromArticulation; robot.close closes it."
+
+
+# ── Mass properties of colliders
+
+# A collider has the mass of its own MassAPI; else its volume times a density: its own, that of the body's MassAPI, that of its
+# material, else a tonne a cubic metre. A mass that the body has is spread over the colliders so that they have the same shape
+# of inertia. Meshes and planes are not weighed.
 
 _WATER = 1000.0
 """kg/m³, the format's density."""
@@ -55,7 +363,7 @@ def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
 
     Raises :class:`~twistwrench.RobotFileError` with the path of the prim if it has no such volume or no collider.
     """
-    total, colliders = SpatialInertia.zero(), _colliders(stage, body)
+    total, colliders = SpatialInertia.zero(), stage.colliders(body)
     if not colliders:
         missing = "physics:diagonalInertia" if mass > 0 else "physics:mass"
         raise RobotFileError(f"{who(body)} has no {missing}, and no collider that could give it. {_ADVICE}.")
@@ -64,17 +372,6 @@ def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
         T_sc, scale = stage.placed(prim)
         total = total + _solid(stage, prim, body, scale).in_frame(se3.inverse(T_sb) @ T_sc)
     return total if mass <= 0 else SpatialInertia.from_parameters(mass / total.mass * total.parameters)
-
-
-def has_colliders(stage: Stage, body: Any) -> bool:
-    """True if a body has colliders."""
-    return bool(_colliders(stage, body))
-
-
-def _colliders(stage: Stage, body: Any) -> list[Any]:
-    from pxr import UsdPhysics
-
-    return [prim for prim in stage.parts(body) if prim.HasAPI(UsdPhysics.CollisionAPI)]
 
 
 def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
@@ -91,10 +388,9 @@ def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
     along, across = metres[k], np.delete(metres, k)
     if np.ptp(metres if kind == "Capsule" else across) > 1e-6 * along:
         raise RobotFileError(f"{who(prim)} is a {kind} scaled to another shape, whose mass is not computed. {_ADVICE}.")
-    make = SpatialInertia.cylinder if kind == "Cylinder" else SpatialInertia.capsule
-    radius = number_of(prim, "radius", 1.0 if kind == "Cylinder" else 0.5)
-    height = number_of(prim, "height", 2.0 if kind == "Cylinder" else 1.0)
-    return make(float(radius * across[0]), float(height * along), **given).in_frame(se3.pose(_TURNS[k], np.zeros(3)))
+    size, build = (1.0, SpatialInertia.cylinder) if kind == "Cylinder" else (0.5, SpatialInertia.capsule)
+    radius, height = number_of(prim, "radius", size), number_of(prim, "height", 2.0 * size)
+    return build(float(radius * across[0]), float(height * along), **given).in_frame(se3.pose(_TURNS[k], np.zeros(3)))
 
 
 def _mass_or_density(stage: Stage, prim: Any, body: Any) -> dict[str, float]:
@@ -112,12 +408,7 @@ def _material(prim: Any) -> Any:
     return UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0].GetPrim()
 
 
-# ── Reader of USD stages
-
-# https://openusd.org/release/api/usd_physics_page_front.html
-# The stage is opened by Pixar's own library, ``pxr`` of the package usd-core, which is an extra. Numbers become SI by the
-# ``metersPerUnit`` and ``kilogramsPerUnit`` of the stage, angles radians; most are of single precision. Links are the rigid
-# bodies, in their own frames without scale. Looks, contacts and gains of drives are passed over.
+# ── Reader of one articulation
 
 WORLD = "world"
 """Name of the link of the stage."""
@@ -146,8 +437,8 @@ def read_usd(
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
     :class:`~twistwrench.UnknownNameError` for an articulation that is not there.
     """
-    stage = opened(path, [path.parent, *include_paths])
-    return _Reader(Stage(stage, max_bodies), source, floating_base, model).read()
+    stage = Stage(open_stage(path, [path.parent, *include_paths]), max_bodies)
+    return _Reader(stage, source, floating_base, model).read()
 
 
 class _Reader:
@@ -195,15 +486,12 @@ class _Reader:
         return self.builder, bool(self.floating_base) and start is None
 
     def _name(self, prim: Any) -> str:
-        return self.names[str(prim.GetPath())]
+        """Name of a link or joint; of the world for None."""
+        return WORLD if prim is None else self.names[str(prim.GetPath())]
 
     def _hold(self, body: Any) -> None:
-        where = str(body.GetPath())
-        if self.floating_base is False:
-            T = self.stage.placed(body)[0]
-            self.builder.add_joint(ROOT_JOINT, "fixed", WORLD, self._name(body), placement=T, where=where)
-        else:
-            self.builder.add_joint(ROOT_JOINT, "floating", WORLD, self._name(body), where=where)
+        kind, T = ("fixed", self.stage.placed(body)[0]) if self.floating_base is False else ("floating", None)
+        self.builder.add_joint(ROOT_JOINT, kind, WORLD, self._name(body), placement=T, where=str(body.GetPath()))
 
     def _add(self, link: TreeJoint) -> None:
         joint, T_far = link.joint, link.far.T
@@ -211,9 +499,8 @@ class _Reader:
         if kind is None:
             raise RobotFileError(f"{who(joint)} is a {joint.GetTypeName()}, which is not read. {HOW_TO_SPLIT}.")
         name, where = self._name(joint), str(joint.GetPath())
-        parent = WORLD if link.near.body is None else self._name(link.near.body)
-        child = self._name(link.far.body)
-        placement = np.asarray(link.near.T @ se3.inverse(T_far))
+        parent, child = self._name(link.near.body), self._name(link.far.body)
+        placement = link.near.T @ se3.inverse(T_far)
         if kind == "ball":
             at, back = (se3.pose(np.eye(3), sign * T_far[:3, 3]) for sign in (1.0, -1.0))
             below = f"{child}:{name}" if T_far[:3, 3].any() else child
@@ -248,22 +535,14 @@ class _Reader:
     def _offer(self, joint: Any) -> None:
         """Offer a joint outside the articulation as a closure of two frames."""
         kind, name = str(joint.GetTypeName()), self._name(joint)
-        free = {
-            "PhysicsFixedJoint": "",
-            "PhysicsSphericalJoint": "w",
-            "PhysicsRevoluteJoint": "wx",
-            "PhysicsPrismaticJoint": "vx",
-        }
-        if kind not in free:
+        if kind not in _KINDS:
             self.builder.remark(ModelNote(who(joint), f"is a {kind} outside the articulation, which is left out"))
             return
-        letter = "xyz"[axis_of(joint)] if kind in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint") else ""
-        moving = free[kind].replace("x", letter)
-        rows = " ".join(row for row in TWIST if not moving or not row.startswith(moving))
+        axis = "xyz"[axis_of(joint)]
+        free = {"ball": ("wx", "wy", "wz"), "revolute": (f"w{axis}",), "prismatic": (f"v{axis}",)}.get(_KINDS[kind], ())
+        rows = " ".join(row for row in TWIST if row not in free)
         frames = [
-            self.builder.add_site(
-                f"{name}:{k}", WORLD if end.body is None else self._name(end.body), end.T, where=who(joint)
-            )
+            self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint))
             for k, end in enumerate(self.tree.ends[joint.GetPath()])
         ]
         self.builder.add_closure(name, OfferedClosure(frames[0], frames[1], rows))
@@ -278,7 +557,7 @@ class _Reader:
         R = quaternion.rotation(quaternion_of(body, "physics:principalAxes"))
         com, I = com * self.stage.placed(body)[1] * metre, R @ np.diag(moments * kilogram * metre**2) @ R.T
         has_com, has_moments = bool(np.isfinite(com).all()), bool(moments.any())
-        if mass > 0 and has_moments and not has_com and not has_colliders(self.stage, body):
+        if mass > 0 and has_moments and not has_com and not self.stage.colliders(body):
             com, has_com = np.zeros(3), True
         if not (mass > 0 and has_moments and has_com):
             G = inertia_of_shapes(self.stage, body, mass)

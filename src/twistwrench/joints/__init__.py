@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .ball import Ball
-from .floating import Floating
 from .joint import ChartEntry, Fixed, Joint, Slider
-from .planar import Planar
+from .multi_dof import Ball, Floating, Planar
 from .screw_joint import Continuous, Helical, Prismatic, Revolute, RotorJoint
 
 __all__ = ["JOINT_TYPES", "ChartEntry", "Fixed", "Floating", "Joint", "RotorJoint", "Slider"]

@@ -18,8 +18,7 @@ from ..joints import Joint, RotorJoint
 from ..lie import se3
 from ..typing import Array
 from .actuators import LARGEST, Actuator, Rotor, check_actuator
-from .friction import LAWS
-from .limits import Limits
+from .limits import LAWS, Limits
 from .model import BASE, Body, Model, Spring
 
 

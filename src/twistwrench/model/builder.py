@@ -15,25 +15,26 @@ from ..core.text import listed
 from ..errors import ModelError, ValueRangeError
 from ..joints import Floating
 from ..joints.screw_joint import number, numbers
-from .assembly import MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
+from .assembly import DEFAULT_SNAP, MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
 from .description import (
     TYPES,
     JointEntry,
     LinkEntry,
     Mimic,
+    ModelNote,
     SiteEntry,
     armature_of,
+    issue,
     label,
     limits_of,
     link_entry,
     mimic_of,
     placement_of,
+    sentences,
 )
 from .edit import gravity_vector, lock
 from .inertia_checks import INERTIA_POLICIES, judge, massless_links
 from .model import Model, OfferedClosure, Spring, Tree, find_tree
-from .notes import ModelNote, issue, sentences
-from .rounding import DEFAULT_SNAP
 
 
 class ModelBuilder:

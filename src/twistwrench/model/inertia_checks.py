@@ -11,8 +11,8 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed
 from ..errors import InertiaError
 from ..typing import Array
+from .description import ModelNote
 from .model import BASE, Body, Model
-from .notes import ModelNote
 
 _LISTED = 3
 """Number of impossible bodies that an error describes; many have one cause most often."""

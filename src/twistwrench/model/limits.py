@@ -1,8 +1,9 @@
-"""Limits of the joints, with their tolerance and the test for values beyond them."""
+"""Limits of the joints with their tolerance, and friction. Modern Robotics section 8.9.4."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -105,3 +106,74 @@ class Limits:
         """
         x, most = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - most) | (x > self.upper + most))
+
+
+# ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4
+
+NONE_GIVEN = "friction is asked for, and the robot has none: its file gives none; robot.with_actuators adds it"
+"""Remark if friction is requested and the robot has none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """Joint friction, (nv,) each: the torque that keeps a joint moving at the velocity ``dq``.
+
+    ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
+
+    The law gives 0 at rest, where friction takes whatever holds the joint, up to ``static``.
+    """
+
+    viscous: Array
+    """N m s/rad or N s/m."""
+    coulomb: Array
+    """N m or N."""
+    static: Array
+    """Breakaway torque, N m or N, at least ``coulomb``."""
+    stribeck: Array
+    """Speed at which static friction has mostly become Coulomb friction, above 0 [rad/s or m/s]."""
+    load: Array
+    """Friction per torque carried, below 1."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            getattr(self, f.name).setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # arrays come out of a pickle writable
+
+    @classmethod
+    def plain(cls, viscous: Array, coulomb: Array) -> Friction:
+        """Viscous and Coulomb friction only, as in robot files."""
+        viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
+        return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
+
+    def select(self, places: Sequence[int] | Array) -> Friction:
+        """Friction of some of the velocities, in that order."""
+        return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
+
+    def replaced(self, place: int, **values: float) -> Friction:
+        """Friction with other numbers for one velocity."""
+        columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
+        for name, value in values.items():
+            columns[name][place] = value
+        return Friction(**columns)
+
+    def extended(self) -> Friction:
+        """Friction with one more velocity at the end, without friction."""
+        new = Friction.plain(np.zeros(1), np.zeros(1))
+        return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
+
+    def moved(self, place: int, to: int) -> Friction:
+        """Friction of one velocity moved to another."""
+        laws = {f.name: float(getattr(self, f.name)[place]) for f in fields(self)}
+        return self.replaced(to, **laws).replaced(place, **dict.fromkeys(laws, 0.0) | {"stribeck": 1.0})
+
+    @property
+    def any(self) -> bool:
+        """True if any joint has friction."""
+        return bool(self.viscous.any() or self.static.any() or self.load.any())
+
+
+LAWS = tuple(entry.name for entry in fields(Friction))
+"""Names of the parts of the law in actuator files and parameters."""

@@ -17,8 +17,7 @@ from ..joints import Joint
 from ..typing import Array
 from .actuators import Actuator
 from .description import JointEntry, LinkEntry
-from .friction import Friction
-from .limits import Limits
+from .limits import Friction, Limits
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from ..errors import InertiaError, UnknownNameError, ValueRangeError
 from ..joints import Joint
 from ..lie import so3
 from ..typing import Array
-from .friction import LAWS, Friction
 from .inertia_checks import moved_moments, reasons
+from .limits import LAWS, Friction
 from .model import BASE, Model
 
 

@@ -15,8 +15,7 @@ from .actuation import counted, with_actuators
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
 from .description import JointEntry, LinkEntry, SiteEntry
-from .friction import Friction
-from .limits import Limits
+from .limits import Friction, Limits
 from .model import BASE, Body, Model, find_tree
 
 _ROUNDING = 1e-13

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.glossary import complete
 from ..errors import MissingExtraError, ModelError, ModelWarning, ShapeError
-from ..model.notes import frames_to_user, grouped
+from ..model.description import frames_to_user, grouped
 from .base import RobotBase
 from .task_space_methods import require_robot
 
@@ -369,7 +369,7 @@ class FileMethods(RobotBase):
         >>> tw.robots.ur5().to_pinocchio().nv  # doctest: +SKIP
         6
         """
-        from ..formats.writers.pinocchio import pinocchio_of
+        from ..formats.pinocchio_model import pinocchio_of
 
         model, lost = pinocchio_of(self.model)
         _warn(self.name, "a model of Pinocchio's", lost)

@@ -20,7 +20,7 @@ from ..ir.loops import PLACES
 from ..joints.screw_joint import ScrewJoint
 from ..lie import se3, so3
 from ..model.assembly import random_configuration
-from ..model.notes import frames_to_user
+from ..model.description import frames_to_user
 from ..typing import Array
 from .ik_search import Frames, PoseSearch, SinglePose
 

@@ -14,8 +14,8 @@ from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..errors import ValueRangeError
-from ..model.notes import issue, sentences
-from ..model.rounding import DEFAULT_SNAP
+from ..model.assembly import DEFAULT_SNAP
+from ..model.description import issue, sentences
 from .model_cache import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot

@@ -16,7 +16,7 @@ from ..core.arguments import positive, whole
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
 from ..errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
-from ..model.friction import NONE_GIVEN
+from ..model.limits import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper, run_adaptive
 from .callback_steps import CallbackSteps, use_block

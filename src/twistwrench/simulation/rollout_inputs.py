@@ -13,7 +13,7 @@ from ..core import arguments
 from ..core.arguments import positive, whole
 from ..core.numbers import printed
 from ..errors import ShapeError, ValueRangeError
-from ..model.friction import NONE_GIVEN
+from ..model.limits import NONE_GIVEN
 from ..model.parameters import matching, nominal, refuse_impossible
 from ..robot.arguments import wrench_at
 from ..typing import Array

@@ -13,10 +13,9 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..errors import MissingExtraError, ModelError, NotFoundError
-from ..formats.element import Element
 from ..formats.source import read_robot_text
 from ..formats.urdf import origin_of
-from ..formats.xml import parse
+from ..formats.xml import Element, parse
 from ..typing import Array
 from .surface import Surface, box, cylinder, read_mesh, sphere
 

@@ -15,9 +15,9 @@ from ...errors import RobotFileError
 from ...lie import quaternion, se3, so3
 from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 from ...typing import Array
-from ..element import Element
 from ..known_elements import LEFT_OUT
 from ..urdf import IN_MJCF, tensor_of
+from ..xml import Element
 from .preprocess import Defaults, Meshes, Settings
 
 _TURNED = frozenset(("quat", "axisangle", "xyaxes", "zaxis", "euler"))

@@ -12,12 +12,11 @@ from ...core.numbers import number, printed
 from ...errors import RobotFileError
 from ...lie import quaternion, se3
 from ...model.builder import ModelBuilder
-from ...model.description import Mimic
+from ...model.description import Mimic, ModelNote
 from ...model.model import OfferedClosure
-from ...model.notes import ModelNote
 from ...typing import Array
-from ..element import Element
 from ..known_elements import ACTUATORS, LEFT_OUT
+from ..xml import Element
 from .bodies import WORLD, MjcfBody, MjcfJoint, limited
 from .preprocess import SHORTCUT, Defaults, Settings
 

@@ -18,10 +18,9 @@ from ...core.third_party import third_party_errors
 from ...errors import RobotFileError, TwistWrenchError
 from ...lie import quaternion
 from ...typing import Array
-from ..element import Element
 from ..known_elements import ACTUATORS
 from ..source import MAX_BYTES, read_robot_text
-from ..xml import parse
+from ..xml import Element, parse
 
 
 @dataclass(frozen=True)

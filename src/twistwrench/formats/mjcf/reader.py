@@ -13,11 +13,10 @@ from ...joints.screw_joint import screw_motion
 from ...lie import se3
 from ...lie.identity import IDENTITY, UPRIGHT, product
 from ...model.builder import ModelBuilder
-from ...model.description import Mimic
-from ...model.notes import ModelNote
+from ...model.description import Mimic, ModelNote
 from ...typing import Array
-from ..element import Element
 from ..known_elements import LEFT_OUT, Unread
+from ..xml import Element
 from .bodies import (
     COORDINATES,
     WORLD,

@@ -12,16 +12,14 @@ from ...core.numbers import printed
 from ...errors import ModelError
 from ...lie import quaternion, se3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry
+from ...model.description import JointEntry, ModelNote
 from ...model.model import Model
-from ...model.notes import ModelNote
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..element import Element
 from ..mjcf.bodies import unused
 from ..mjcf.drives import ALL, POINT
 from ..urdf import ENTRIES, IN_MJCF
-from ..xml import figures, new, xml_text
+from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of
 
 _FAR = 1e10

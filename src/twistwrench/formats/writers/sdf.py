@@ -11,15 +11,13 @@ from ...core.gravity import GRAVITY
 from ...errors import ModelError
 from ...lie import se3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry
+from ...model.description import JointEntry, ModelNote
 from ...model.model import Model
-from ...model.notes import ModelNote
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..element import Element
 from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
-from ..xml import figures, new, xml_text
+from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of
 
 WORLD = "world"

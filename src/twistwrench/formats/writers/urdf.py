@@ -6,16 +6,14 @@ import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...core.gravity import GRAVITY
-from ...model.description import JointEntry
+from ...model.description import JointEntry, ModelNote
 from ...model.limits import Limits
 from ...model.model import Model
-from ...model.notes import ModelNote
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..element import Element
 from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
-from ..xml import figures, new, xml_text
+from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, moved, screw_of
 
 _NONE = 1e16

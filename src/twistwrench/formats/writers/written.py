@@ -10,9 +10,8 @@ from ...core.numbers import printed
 from ...errors import ModelError
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry
-from ...model.friction import Friction
-from ...model.notes import ModelNote
+from ...model.description import JointEntry, ModelNote
+from ...model.limits import Friction
 from ...model.parts import ModelParts
 from ...typing import Array
 from ..mjcf.reader import REFERENCE

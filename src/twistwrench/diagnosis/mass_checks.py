@@ -6,21 +6,20 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ...bodies.inertia import SpatialInertia
-from ...core.numbers import number, percent, printed
-from ...core.text import listed
-from ...formats.edit import Edit
-from ...formats.robot_text import WrittenInertia, about_com
-from ...formats.sdf import assumed_text
-from ...model.inertia_checks import massless_links, reasons
-from ...model.model import BASE
-from ...reports.load_case import reach
-from ...typing import Array
-from ..entry_errors import UNITS, Options
-from ..findings import Effect, FileRepair, Finding, Severity
-from ..parsed_file import ParsedFile, ParsedLink, SymmetricLinks, symmetric_links
-from ..shapes import hull_solid
-from .inertia import MATTERS, identified, no_tensor, placeholder, shape_repair
+from ..bodies.inertia import SpatialInertia
+from ..core.numbers import number, percent, printed
+from ..core.text import listed
+from ..formats.edit import Edit
+from ..formats.robot_text import WrittenInertia, about_com
+from ..formats.sdf import assumed_text
+from ..model.inertia_checks import massless_links, reasons
+from ..model.model import BASE
+from ..reports.load_case import reach
+from ..typing import Array
+from .findings import Effect, FileRepair, Finding, Severity
+from .parsed_file import ParsedFile, ParsedLink, SymmetricLinks, symmetric_links
+from .shapes import hull_solid
+from .tensor_checks import MATTERS, UNITS, Options, identified, no_tensor, placeholder, shape_repair
 
 _POINT = 10.0
 """% of M from which a mass without inertia matters; below, it is a point mass as in textbook models."""

@@ -1,22 +1,26 @@
-"""Checks of joints: limits, efforts, velocities, axes, friction."""
+"""Checks of joints, and the table of all checks of the doctor."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from ...core.numbers import in_file, number, printed
-from ...core.text import listed
-from ...formats.edit import Edit
-from ...formats.element import Element
-from ...model.limits import margin
-from ...reports.load_case import arm_entries, placeholder_limits
-from ...robot import Robot
-from ..entry_errors import Options
-from ..findings import FileRepair, Finding, Severity
-from ..parsed_file import ParsedFile
+from ..core.numbers import in_file, number, printed
+from ..core.text import listed
+from ..formats.edit import Edit
+from ..formats.xml import Element
+from ..model.limits import margin
+from ..reports.load_case import arm_entries, placeholder_limits
+from ..robot import Robot
+from . import mass_checks as masses
+from . import tensor_checks as tensors
+from .findings import FileRepair, Finding, Severity
+from .parsed_file import ParsedFile
+from .tensor_checks import Options
+
+__all__ = ["CHECKS", "Options"]
 
 _SINGLE = ("revolute", "continuous", "prismatic")
 _TURNS = 4.0 * math.pi
@@ -148,3 +152,30 @@ def _of_several(
         check, severity, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
         sentence, {"joints": float(len(names))}, file=first.file if first else "",
     )  # fmt: skip
+
+
+# ── All checks
+
+CHECKS: Mapping[str, Callable[[ParsedFile, Options], Iterator[Finding]]] = {
+    "impossible": tensors.check_impossible,
+    "too-large": tensors.check_too_large,
+    "too-small": tensors.check_too_small,
+    "placeholder": masses.check_placeholder,
+    "no-inertia": masses.check_no_inertia,
+    "no-mass": masses.check_no_mass,
+    "massless": masses.check_massless,
+    "assumed": masses.check_assumed,
+    "com-outside": masses.check_com,
+    "density": masses.check_density,
+    "light": masses.check_light,
+    "units": masses.check_units,
+    "mirror": masses.check_mirror,
+    "mimic": check_mimic,
+    "degrees": check_degrees,
+    "limits": check_limits,
+    "effort": check_effort,
+    "placeholder-limits": check_placeholder_limits,
+    "axis": check_axis,
+    "friction": check_friction,
+}
+"""Checks by name, in the order of reports."""

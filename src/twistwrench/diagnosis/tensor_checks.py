@@ -1,0 +1,391 @@
+"""Checks of tensors: impossible ones, those that do not fit the link's shapes, and the entry errors that explain them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..core.numbers import number, percent, printed, residual
+from ..formats.robot_text import WrittenInertia
+from ..formats.urdf import ENTRIES, IN_MJCF
+from ..model.inertia_checks import reasons
+from ..model.model import BASE
+from ..typing import Array
+from .findings import FileRepair, Finding, Severity
+from .parsed_file import ParsedFile, ParsedLink
+from .shapes import METRICS, nearest
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of all checks."""
+
+    metric: str = "frobenius"
+    """Metric of the nearest tensor, one of ``METRICS``."""
+    mirror_from: str = ""
+    """Side, left or right, that is correct if two sides are not mirror images; empty: not known."""
+
+
+# ── Entry errors: single changes that turn a tensor into one that a body can have
+
+# Tensors are about the centre of mass, along the axes they are written in [kg m²]. An entry error is accepted only if it is
+# the only one, or far nearer than all others to the tensor of the link's shapes at its mass.
+
+_POWERS = range(1, 7)
+UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
+"""Units that are mistaken for kg m², by the power of ten."""
+_PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
+_NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
+"""Relative distances to the tensor of the shapes: ratio to the second nearest, largest of the nearest, and cut-off."""
+_ROUND = 1e-4
+"""Relative distance from a number of two digits at which a dimension is round."""
+
+
+@dataclass(frozen=True, eq=False)
+class EntryError:
+    """An error in entering the numbers, and the tensor that was meant."""
+
+    kind: str
+    """sign, power, origin, dimension or unit."""
+    sentence: str
+    tensor: Array
+    certain: bool = False
+    """True if it reproduces the numbers digit for digit."""
+    family: str = ""
+    """Equal for entry errors that differ only by the power of ten."""
+
+
+def possible(tensor: Array) -> bool:
+    """True if a body can have the tensor, by the loader's criterion, and it is not zero."""
+    fine = np.isfinite(tensor).all() and tensor.trace() > 0.0
+    return bool(fine) and not SpatialInertia.from_com(1.0, moment_about_com=tensor).defects()
+
+
+def explain(candidates: list[EntryError], reference: Array | None) -> EntryError | None:
+    """The error that explains the numbers: by far the nearest to the tensor of the shapes, or the only one.
+
+    Among several powers of ten in one entry the smallest is taken if the shapes do not decide.
+    """
+    candidates = [error for error in candidates if error.certain] or candidates
+    if reference is not None and candidates:
+        size = float(np.linalg.norm(reference))
+        gaps = np.array([float(np.linalg.norm(error.tensor - reference)) / size for error in candidates])
+        first, second = [*np.argsort(gaps), -1][:2]
+        if len(candidates) > 1 and gaps[first] < min(_NEARER * gaps[second], _NEAR):
+            return candidates[int(first)]
+        candidates = [error for error, gap in zip(candidates, gaps, strict=True) if gap < _FAR]
+    return candidates[0] if len({error.family for error in candidates}) == 1 else None
+
+
+def impossible_tensor_errors(tensor: Array) -> list[EntryError]:
+    """Errors that explain an impossible tensor by a possible one."""
+    found = [*_signs(tensor), *_entries(tensor)]
+    return [error for error in found if possible(error.tensor)]
+
+
+def large_tensor_errors(
+    tensor: Array, written: WrittenInertia, fits: Callable[[Array], bool], reference: Array | None
+) -> list[EntryError]:
+    """Errors that explain a tensor too large for the shapes by one that fits."""
+    found = [*_about_origin(tensor, written), *_units(tensor, reference), *_dimensions(tensor, written.mass)]
+    return [error for error in found if possible(error.tensor) and fits(error.tensor)]
+
+
+def small_tensor_errors(tensor: Array, reference: Array | None) -> list[EntryError]:
+    """Errors that explain a tensor too small for the shapes: another unit."""
+    return [error for error in _units(tensor, reference) if possible(error.tensor)]
+
+
+def _signs(tensor: Array) -> Iterator[EntryError]:
+    """Three products that are not zero: one of other sign changes the moments, and so do all three, but two do not."""
+    if not all(tensor[at] for at in _PRODUCTS.values()):
+        return
+    for name, at in _PRODUCTS.items():
+        yield EntryError("sign", f"{name} has the other sign", _with(tensor, at, -tensor[at]), family=name)
+    both = 2.0 * np.diag(tensor.diagonal()) - tensor
+    yield EntryError("sign", "all products have the other sign, as some CAD programs write them", both)
+
+
+def _entries(tensor: Array) -> Iterator[EntryError]:
+    """One entry a power of ten off, either way for moments, down for products, the least power first."""
+    for name, at in ((name, ENTRIES[name]) for name in IN_MJCF):
+        for up in (False, True) if at[0] == at[1] else (False,):
+            for k in _POWERS if tensor[at] else ():
+                factor = 10.0**k if up else 10.0**-k
+                changed = _with(tensor, at, tensor[at] * factor)
+                if possible(changed):
+                    way = "small" if up else "large"
+                    yield EntryError(
+                        "power", f"{name} is {printed(10.0**k)} times too {way}", changed, family=f"{name} {way}"
+                    )
+
+
+def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[EntryError]:
+    steiner = _steiner(written)
+    if np.linalg.norm(steiner) > 0.05 * np.linalg.norm(tensor):
+        yield EntryError(
+            "origin",
+            "it is about the link's origin, where the centre of mass is meant",
+            tensor - steiner,
+            family="origin",
+        )
+
+
+def _steiner(written: WrittenInertia) -> Array:
+    """m (c.c 1 - c c') along the written axes."""
+    c = written.R.T @ written.com
+    return np.asarray(written.mass * (c @ c * np.eye(3) - np.outer(c, c)))
+
+
+def _units(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
+    """All entries one power of ten off, compared with the tensor of the shapes."""
+    if reference is None or tensor.trace() <= 0 or reference.trace() <= 0:
+        return
+    ratio = float(np.log10(tensor.trace() / reference.trace()))
+    k = round(ratio)
+    if abs(k) in UNITS and abs(ratio - k) < 0.35:
+        size = f"large, as {UNITS[k]} for kg m²" if k > 0 else "small"
+        yield EntryError("unit", f"all entries are 1e{abs(k)} times too {size}", tensor * 10.0**-k, family="unit")
+
+
+def _dimensions(tensor: Array, mass: float) -> Iterator[EntryError]:
+    """A uniform solid of round dimensions, one of which is ten, a hundred or a thousand times too large."""
+    moments = tensor.diagonal()
+    if mass <= 0 or np.abs(tensor - np.diag(moments)).max() > 1e-6 * np.abs(moments).max():
+        return
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        if abs(moments[others[0]] - moments[others[1]]) > _ROUND * moments[others[0]]:
+            continue
+        r2 = 2.0 * moments[axis] / mass
+        h2 = 12.0 * moments[others[0]] / mass - 3.0 * r2
+        if r2 > 0 and h2 > 1e-6 * r2 and (r := _round(r2**0.5)) and (h := _round(h2**0.5)):
+            for name, radius, length, k in (
+                *(("radius", r / 10**k, h, k) for k in (1, 2, 3)),
+                *(("length", r, h / 10**k, k) for k in (1, 2, 3)),
+            ):
+                meant = np.empty(3)
+                meant[axis] = mass * radius**2 / 2.0
+                meant[others] = mass * (3.0 * radius**2 + length**2) / 12.0
+                wrong, right = (r, radius) if name == "radius" else (h, length)
+                yield EntryError(
+                    "dimension",
+                    f"it is that of a solid cylinder of radius {printed(r)} m and length {printed(h)} m, whose {name} is "
+                    f"{10**k} times too large: {printed(wrong)} m for {printed(right)} m",
+                    np.diag(meant),
+                    certain=k == 1,
+                    family=name,
+                )
+    edges2 = 6.0 * (moments.sum() - 2.0 * moments) / mass
+    if (edges2 > 0).all() and all(edges := [_round(float(e) ** 0.5) for e in edges2]):
+        for axis, k in itertools.product(range(3), (1, 2, 3)):
+            a = np.array(edges, float)
+            a[axis] /= 10**k
+            listed = " x ".join(f"{printed(e)}" for e in edges)
+            yield EntryError(
+                "dimension",
+                f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: "
+                f"{printed(edges[axis])} m for {printed(a[axis])} m",
+                np.diag(mass * (a @ a - a**2) / 12.0),
+                certain=k == 1,
+                family=f"edge {axis}",
+            )
+
+
+def _round(value: float) -> float:
+    """The value as a number of two digits; 0 if it is not one."""
+    near = float(f"{residual(value)}")
+    return near if abs(value - near) <= _ROUND * near else 0.0
+
+
+def _with(tensor: Array, at: tuple[int, int], value: float) -> Array:
+    changed = tensor.copy()
+    changed[at] = changed[at[::-1]] = value
+    return changed
+
+
+# ── Checks of tensors: physically impossible ones, and those that do not fit the link's shapes
+
+_ABSORBED = 1.0
+"""% of M from which an impossible link within a possible body matters."""
+MATTERS = 5.0
+"""% of M from which a tensor of another size than its shapes matters."""
+_FACTOR = 2.0
+"""Factor above the largest moment in its box from which a moment is too large."""
+_IDENTIFIED = 10.0
+"""Factor above that largest moment up to which base-parameter regrouping can explain it."""
+_SMALL = 1.0 / 30.0
+"""Share of the diagonal of its shapes below which a gyration radius is too small."""
+
+
+def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
+    """Negative moments, or a broken triangle inequality, of a link by itself."""
+    refused = {i for i, body in enumerate(robot.model.bodies) if reasons(body.inertia)}
+    for link in robot.links.values():
+        written = link.written
+        if written is None or written.mass <= 0 or no_tensor(written) or not (why := reasons(written.inertia)):
+            continue
+        body = robot.model.frames[link.name].body if link.name in robot.model.frames else BASE
+        reference = reference_of(link)
+        error = explain(impossible_tensor_errors(written.tensor), reference)
+        repair = (
+            entry_error_repair(link, error)
+            if error is not None
+            else nearest_repair(link, options.metric, reference if options.metric == "entropic" else None)
+        )
+        effect = robot.effects.evaluate(repair.inertias)
+        if body in refused:
+            severity, fate = Severity.ERROR, "the moving body it belongs to cannot exist, and is refused on loading"
+        elif body == BASE:
+            severity, fate = Severity.NOTE, "it does not move"
+        else:
+            severity = Severity.WARNING if effect.reaches(_ABSORBED) else Severity.NOTE
+            fate = "with what is fixed to it, it makes a body that can exist"
+        yield Finding(
+            "impossible", severity, f"link {link.name!r}", written.line, f"its tensor cannot exist: {'; '.join(why)}; {fate}",
+            dict(zip(("moment_1", "moment_2", "moment_3"), np.linalg.eigvalsh(written.tensor).tolist(), strict=True)),
+            effect, repair, written.file,
+        )  # fmt: skip
+
+
+def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
+    """A moment above twice the largest that the mass could have within the box of the link's shapes."""
+    for link, written in judged(robot):
+        reach = _reach(link, written)
+
+        def fits(tensor: Array, reach: Array = reach, mass: float = written.mass) -> bool:
+            return bool((tensor.diagonal() <= _FACTOR * _most(reach, mass)).all())
+
+        if fits(written.tensor) or not reach.all():
+            continue
+        most = _most(reach, written.mass)
+        axis = int((written.tensor.diagonal() / most).argmax())
+        factor = float(written.tensor[axis, axis] / most[axis])
+        reference = reference_of(link)
+        error = explain(large_tensor_errors(written.tensor, written, fits, reference), reference)
+        if error is None and factor <= _IDENTIFIED and identified(written):
+            repair = None
+            severity, more = Severity.NOTE, ", as identified sets have, whose parts are right in their sums only"
+        else:
+            repair, severity, more = (
+                entry_error_repair(link, error) if error is not None else shape_repair(link),
+                None,
+                "",
+            )
+        effect = robot.effects.evaluate(repair.inertias) if repair is not None else robot.effects.evaluate({})
+        if severity is None:
+            severity = Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE
+        name = ("ixx", "iyy", "izz")[axis]
+        radius = float(np.sqrt(written.tensor[axis, axis] / written.mass))
+        yield Finding(
+            "too-large", severity, f"link {link.name!r}", written.line,
+            f"its tensor is too large for its shapes: {name} is {number(written.tensor[axis, axis])} kg m², a gyration radius "
+            f"of {number(radius, 3)} m, and {number(written.mass)} kg in their box have {number(most[axis], 3)} at most{more}",
+            {"factor": factor, "gyration_radius": radius, "largest": float(most[axis])}, effect, repair, written.file,
+        )  # fmt: skip
+
+
+def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
+    """A largest gyration radius below a thirtieth of the diagonal of the shapes."""
+    for link, written in judged(robot):
+        largest = float(np.linalg.eigvalsh(written.tensor)[-1])
+        radius, diagonal = float(np.sqrt(max(largest, 0.0) / written.mass)), link.shapes.diagonal
+        if radius >= _SMALL * diagonal or no_tensor(written):
+            continue
+        reference = reference_of(link)
+        error = explain(small_tensor_errors(written.tensor, reference), reference)
+        repair = entry_error_repair(link, error) if error is not None else shape_repair(link)
+        effect = robot.effects.evaluate(repair.inertias)
+        yield Finding(
+            "too-small", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
+            f"its tensor is too small for its shapes: its gyration radius is {number(radius, 2)} m, their diagonal "
+            f"{number(diagonal, 2)} m",
+            {"gyration_radius": radius, "diagonal": diagonal}, effect, repair, written.file,
+        )  # fmt: skip
+
+
+def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
+    """Links with a hundredth of the mass, a possible tensor, and shapes that were all read."""
+    for link in robot.links.values():
+        written = link.written
+        fine = written is not None and robot.heavy(link) and not reasons(written.inertia)
+        if written is not None and fine and not placeholder(written) and link.shapes.complete:
+            yield link, written
+
+
+def no_tensor(written: WrittenInertia) -> bool:
+    """True if the tensor is zero, rounding beside the moments about the origin, or that of a body of a micrometre."""
+    largest = float(np.abs(written.tensor).max())
+    return largest <= max(1e-13 * float(np.abs(written.inertia.moment_about_origin).max()), 1e-12 * written.mass)
+
+
+def placeholder(written: WrittenInertia) -> bool:
+    """True if the moments are one power of ten, as in templates, and the products zero or the same."""
+    value = float(written.tensor[0, 0])
+    if value <= 0 or (written.tensor.diagonal() != value).any():
+        return False
+    products = set(np.abs(written.tensor[[0, 0, 1], [1, 2, 2]]).tolist())
+    return products <= {0.0, value} and abs(np.log10(value) - round(np.log10(value))) < 1e-9
+
+
+def reference_of(link: ParsedLink) -> Array | None:
+    """The tensor of the link's shapes at its mass, along the axes its own is written in; None without volume."""
+    if link.written is None or not link.shapes.complete:
+        return None
+    tensor = link.shapes.tensor(link.written.mass)
+    R = link.written.R
+    return None if tensor is None else np.asarray(R.T @ tensor @ R)
+
+
+def entry_error_repair(link: ParsedLink, error: EntryError) -> FileRepair:
+    """Repair by the tensor that an entry error explains."""
+    return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
+
+
+def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> FileRepair:
+    """The nearest tensor that can exist."""
+    assert link.written is not None
+    tensor = nearest(link.written.tensor, metric, reference)
+    change = float(np.linalg.norm(tensor - link.written.tensor) / np.linalg.norm(link.written.tensor))
+    sentence = (
+        f"no one slip explains it; the nearest tensor that can exist ({METRICS[metric]}) is {percent(change, 2)} away"
+    )
+    return _repair(link, "nearest" if metric == "frobenius" else metric, sentence, tensor, METRICS[metric])
+
+
+def shape_repair(
+    link: ParsedLink, why: str = "no one slip explains it; this is the tensor of its shapes as uniform solids"
+) -> FileRepair:
+    """The tensor of the shapes at the link's mass, or advice where they have no volume."""
+    tensor = reference_of(link)
+    if tensor is None:
+        return FileRepair("advice", "give it the tensor of its shape at its mass")
+    return _repair(link, "shape", why, tensor)
+
+
+def _repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, metric: str = "") -> FileRepair:
+    assert link.written is not None
+    edits, tensor = link.written.tensor_edits(tensor)
+    return FileRepair(kind, sentence, {link.name: link.written.with_tensor(tensor)}, edits, metric)
+
+
+def _reach(link: ParsedLink, written: WrittenInertia) -> Array:
+    """Extent (3,) of the shapes from the centre of mass along the written axes [m]."""
+    low, high = link.shapes.box(written.R)
+    c = written.R.T @ written.com
+    return np.maximum(np.abs(low - c), np.abs(high - c))
+
+
+def _most(reach: Array, mass: float) -> Array:
+    """The largest moments that a mass within that reach can have."""
+    return np.asarray(mass * (reach @ reach - reach**2))
+
+
+def identified(written: WrittenInertia) -> bool:
+    """True if the numbers look identified: all six are given, and the products are not small beside the moments."""
+    products = np.abs(written.tensor[[0, 0, 1], [1, 2, 2]])
+    return bool(products.all() and products.max() > 1e-3 * written.tensor.trace())
