@@ -14,6 +14,7 @@ import sys
 
 import numpy as np
 import pytest
+from bench.cuda_launch import compile_kernel, launch
 
 import twistwrench as tw
 from twistwrench.printers.cuda import OPTIONS, SHARED, CudaFunction
@@ -225,6 +226,25 @@ FOR_A_GPU = [
     ("quadruped", "mass_matrix", "float", 300),
     ("floating_box", "jacobian", "float", SHARED),
 ]
+
+
+needs_a_gpu = pytest.mark.skipif(
+    not (shutil.which("nvcc") and shutil.which("nvidia-smi")), reason="no NVIDIA GPU with a compiler: nvcc, nvidia-smi"
+)
+
+
+@needs_a_gpu
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(("name", "quantity", "options"), CASES, ids=[f"{n}-{q}" for n, q, _ in CASES])
+def test_on_a_gpu_it_gives_what_the_kernels_give(name, quantity, options, precision, bundled, tmp_path):
+    robot = bundled(name)
+    program, kernel = robot.program(quantity, **options), robot.kernel(quantity, **options)
+    library = compile_kernel(CudaFunction("kernel", program, precision).source, "kernel", tmp_path, OPTIONS)
+    for count in (1, 127, 128, 1000):
+        given = states(robot, program, count)
+        found = [np.full((count, *port.shape), np.nan, DTYPES[precision]) for port in program.outputs]
+        launch(library, [a.astype(DTYPES[precision]) for a in given], found, count)
+        assert_same(found, kernel, given, precision)
 
 
 @pytest.mark.skipif(not shutil.which("nvcc"), reason="no CUDA compiler: nvcc is not on the path")
