@@ -98,7 +98,7 @@ if _typing.TYPE_CHECKING:
     from .lie import so3 as so3
     from .lie.adjoint import Ad as Ad
     from .lie.adjoint import ad as ad
-    from .lie.pose import Pose as Pose
+    from .lie.twist_wrench import Pose as Pose
     from .lie.twist_wrench import Twist as Twist
     from .lie.twist_wrench import Wrench as Wrench
     from .motion.motion import Motion as Motion
@@ -135,7 +135,7 @@ _MODULES = {
 _NAMES = {
     "Ad": "lie.adjoint",
     "Motion": "motion.motion",
-    "Pose": "lie.pose",
+    "Pose": "lie.twist_wrench",
     "RigidBody": "bodies.rigid_body",
     "SpatialInertia": "bodies.inertia",
     "Twist": "lie.twist_wrench",

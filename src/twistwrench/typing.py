@@ -6,7 +6,16 @@ from typing import Any, TypeAlias
 
 from numpy.typing import NDArray
 
-__all__ = ["Array"]
+__all__ = ["Array", "JointTorques", "Poses", "Rotations", "Twists"]
 
 Array: TypeAlias = NDArray[Any]
 """An array of NumPy's, of float64 or float32 unless stated otherwise; of symbols where a function is traced."""
+
+Rotations: TypeAlias = Array
+"""(..., 3, 3)."""
+Poses: TypeAlias = Array
+"""(..., 4, 4)."""
+Twists: TypeAlias = Array
+"""(..., 6), angular part first."""
+JointTorques: TypeAlias = Array
+"""(..., n) [N m, sliding joints: N]."""

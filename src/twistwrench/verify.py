@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .algorithms.closed_form import closed_form
+from .algorithms.inverse_dynamics import closed_form
 from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from .core.third_party import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError

@@ -11,7 +11,7 @@ position goes with them. λ is what the robot applies: {b} to {a} at the origin 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -174,24 +174,22 @@ def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -
 
 def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
     """A, with A dq = 0; (k, nv). MR section 8.7."""
-    return np.concatenate([_rows_of(model, q, c)[list(c.rows)] for c in constraints])
-
-
-def _rows_of(model: Model, q: Array, c: Constraint) -> Array:
-    return _relative_jacobian(model, q, c) if isinstance(c, Closure) else jacobian(model, q, c.frame, c.kind)
+    rows = []
+    for c in constraints:
+        J = _relative_jacobian(model, q, c) if isinstance(c, Closure) else jacobian(model, q, c.frame, c.kind)
+        rows.append(J[list(c.rows)])
+    return np.concatenate(rows)
 
 
 def constraint_bias(model: Model, q: Array, dq: Array, constraints: tuple[Constraint, ...]) -> Array:
     """(dA/dt) dq, so that A ddq + (dA/dt) dq = 0; (k,). MR section 8.7."""
-    return np.concatenate(list(_biases(model, q, dq, constraints)))
-
-
-def _biases(model: Model, q: Array, dq: Array, constraints: tuple[Constraint, ...]) -> Iterator[Array]:
+    biases = []
     for c in constraints:
         if isinstance(c, Closure):
-            yield _relative_bias(model, q, dq, c)[list(c.rows)]
+            biases.append(_relative_bias(model, q, dq, c)[list(c.rows)])
         else:
-            yield jacobian_rate(model, q, dq, c.frame, c.kind)[list(c.rows)] @ dq
+            biases.append(jacobian_rate(model, q, dq, c.frame, c.kind)[list(c.rows)] @ dq)
+    return np.concatenate(biases)
 
 
 def constrained_dynamics(

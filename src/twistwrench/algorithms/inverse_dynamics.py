@@ -1,4 +1,4 @@
-"""Newton–Euler inverse dynamics on trees (MR section 8.3), its regressor, motor torques, and powers.
+"""Newton–Euler inverse dynamics on trees (MR section 8.3), its regressor, motor torques, powers, and closed form (8.4).
 
 The laws of Newton and Euler hold in every inertial frame. So each body is watched from the one that at this instant moves
 with the body's own origin: there v = 0, the linear part of dV is the plain acceleration ``a`` of the origin, and
@@ -18,8 +18,8 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed
-from ..lie import so3
-from ..lie.adjoint import Ad
+from ..lie import se3, so3
+from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Model
 from ..typing import Array
 from .friction import friction_forces
@@ -240,3 +240,158 @@ class PowerBalance(NamedTuple):
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
     """Power balance from τ and its parts M ddq + h, Σ J'F, and friction; (..., nv) each."""
     return PowerBalance(*(np.sum(x * dq, axis=-1) for x in (tau, -moving, -pushing, -lost)))
+
+
+# ── The dynamics in block matrices, Modern Robotics section 8.4: slow, plain, and independent of the recursions
+
+# Stack the bodies: 𝒱 = ℒ(𝒜 q̇), with ℒ = (1 - 𝒲)⁻¹ and 𝒲 holding Ad(T_i,p) where body i hangs on body p. Then
+# M = 𝒜'ℒ'𝒢ℒ𝒜, and c, g and the wrenches' part follow without a recursion. Floats only.
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedForm:
+    """τ = M q̈ + c + g + J'F, its terms, and the block matrices they are products of: body after body, six rows each.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> at = tw.robots.ur5().closed_form([0, 1, 1, 0, 0, 0], np.ones(6))
+    >>> np.allclose(at.M, at.A.T @ at.L.T @ at.G @ at.L @ at.A)
+    True
+    >>> np.allclose(at.V, at.L @ at.A @ np.ones(6)) and np.allclose(at.L, np.linalg.inv(np.eye(36) - at.W))
+    True
+    """
+
+    M: Array
+    """Mass matrix 𝒜'ℒ'𝒢ℒ𝒜, and on its diagonal the armature of the drives, if there is any; (nv, nv)."""
+    c: Array
+    """Coriolis and centripetal torques; (nv,)."""
+    g: Array
+    """Gravity torques, with those that hold the springs, if there are any; (nv,)."""
+    wrench_torques: Array
+    """J'F, torques of the wrenches that the robot applies; (nv,)."""
+    A: Array
+    """𝒜, the joints' screw axes in the frames of their bodies; (6n, nv)."""
+    G: Array
+    """𝒢, the spatial inertias; (6n, 6n)."""
+    W: Array
+    """𝒲, Ad(T_ip) in the rows of body i and the columns of its parent p; (6n, 6n)."""
+    L: Array
+    """ℒ = (1 - 𝒲)⁻¹, Ad(T_ij) wherever body i hangs on body j; (6n, 6n)."""
+    V: Array
+    """𝒱 = ℒ𝒜 q̇, the twists; (6n,)."""
+    ad_V: Array
+    """[ad 𝒱], block by block; (6n, 6n)."""
+    ad_Adq: Array
+    """[ad 𝒜q̇]; (6n, 6n)."""
+    dV_base: Array
+    """𝒱̇_base, the base's acceleration -gravity in the rows of the bodies on it; (6n,)."""
+    F_by: Array
+    """ℱ, the wrenches that the robot applies; (6n,)."""
+
+    def inverse_dynamics(self, ddq: Array) -> Array:
+        """Inverse dynamics by the block matrices: joint torques of the accelerations.
+
+        Parameters
+        ----------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Returns
+        -------
+        tau : (nv,) array [N m, sliding joints: N]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0], [0, 0])
+        >>> terms.inverse_dynamics(np.zeros(2)).round(9).tolist()
+        [29.43, 9.81]
+        """
+        return self.M @ ddq + self.c + self.g + self.wrench_torques
+
+    def accelerations(self, ddq: Array) -> Array:
+        """Accelerations of the bodies 𝒱̇ = ℒ(𝒜 q̈ - [ad 𝒜q̇] 𝒲𝒱 + 𝒱̇_base), gravity included.
+
+        Parameters
+        ----------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Returns
+        -------
+        dV : (6n,) array, six rows a body, each in its own frame [rad/s², m/s²]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0], [0, 0])
+        >>> terms.accelerations(np.ones(2)).shape
+        (12,)
+        """
+        return self.L @ (self.A @ ddq - self.ad_Adq @ (self.W @ self.V) + self.dV_base)
+
+    def wrenches(self, ddq: Array) -> Array:
+        """Wrenches across the joints ℱ = ℒ'(𝒢𝒱̇ - [ad 𝒱]'𝒢𝒱 + ℱ_by), what each body receives through its joint.
+
+        Parameters
+        ----------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Returns
+        -------
+        F : (6n,) array, six rows a body, each in its own frame [N m, N]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0], [0, 0])
+        >>> terms.wrenches(np.zeros(2)).shape
+        (12,)
+        """
+        return self.L.T @ (self.G @ self.accelerations(ddq) - self.ad_V.T @ (self.G @ self.V) + self.F_by)
+
+
+def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> ClosedForm:
+    """All terms at one state, by block matrices of size 6n. MR section 8.4."""
+    n, nv = len(model.bodies), model.nv
+    T = [np.asarray(X, float) for X in joint_poses(model, np.asarray(q, float))]
+    A, G, W = np.zeros((6 * n, nv)), np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
+    dV_base, F = np.zeros(6 * n), np.zeros(6 * n)
+    for i, body in enumerate(model.bodies):
+        here = slice(6 * i, 6 * i + 6)
+        A[here, body.places[1]] = body.ratio * body.joint.axes.T
+        G[here, here] = body.inertia.matrix
+        X = Ad(se3.inverse(T[i])).matrix
+        if body.parent == BASE:
+            dV_base[here] = X @ np.concatenate([np.zeros(3), -model.gravity])
+        else:
+            W[here, 6 * body.parent : 6 * body.parent + 6] = X
+    for name, F_by in (wrenches or {}).items():
+        frame = model.frame(name)
+        if frame.body != BASE:
+            F[6 * frame.body : 6 * frame.body + 6] += Ad(se3.inverse(frame.pose)).matrix.T @ F_by
+    L = np.linalg.inv(np.eye(6 * n) - W)
+    V = L @ A @ dq
+    ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
+    return ClosedForm(
+        M=A.T @ L.T @ G @ L @ A + np.diag(model.armature),
+        c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V + _armature_products(model, dq),
+        g=A.T @ L.T @ G @ L @ dV_base + np.asarray(spring_forces(model, q), float),
+        wrench_torques=A.T @ L.T @ F,
+        A=A, G=G, W=W, L=L, V=V, ad_V=ad_V, ad_Adq=ad_Adq, dV_base=dV_base, F_by=F,
+    )  # fmt: skip
+
+
+def _armature_products(model: Model, dq: Array) -> Array:
+    """Part of c due to the armature of each joint: -S [V, ·]' S' A u, with V = S' u its own twist; (nv,)."""
+    c = np.zeros(model.nv)
+    for body in model.leaders:
+        mine, S = body.places[1], body.joint.axes
+        c[mine] = -S @ (ad(dq[mine] @ S).T @ ((model.armature * dq)[mine] @ S))
+    return c
+
+
+def _block_diagonal(V: Array) -> Array:
+    big = np.zeros((len(V), len(V)))
+    for k in range(0, len(V), 6):
+        big[k : k + 6, k : k + 6] = ad(V[k : k + 6]).matrix
+    return big

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..lie import se3
 from ..lie.adjoint import Ad, ad
-from ..lie.quaternion import LARGEST_HALF_TURN
+from ..lie.series import LARGEST_HALF_TURN
 from ..model.model import BASE, Body, Model
 from ..typing import Array
 from .recursion import ancestors, base_poses, joint_poses, zeros

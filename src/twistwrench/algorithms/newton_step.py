@@ -173,7 +173,8 @@ class NewtonStep:
             free = free * (1.0 - _leaving(rest, *bounds))
             if number == self.rounds - 1:
                 dq = np.array([either(some, a, b) for a, b in zip(rest, dq, strict=True)])
-        return _shortened(dq, _LONGEST_WAY if self.posture else _LONGEST_STEP), 1.0 - free, some
+        longest = _LONGEST_WAY if self.posture else _LONGEST_STEP
+        return dq * (longest / largest(dq, longest)), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
         """1 for each joint at its lower limit, and for each at its upper one."""
@@ -200,11 +201,6 @@ def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
     if z is None:
         return np.asarray(F.T @ solved(*factors, V))  # (2)
     return np.asarray(z + F.T @ solved(*factors, V - F @ z))  # (4)
-
-
-def _shortened(dq: Array, most: float) -> Array:
-    """dq with no entry larger than ``most``."""
-    return dq * (most / largest(dq, most))
 
 
 def _leaving(dq: Array, low: Array, high: Array) -> Array:

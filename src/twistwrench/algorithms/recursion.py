@@ -120,7 +120,8 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
 
 def spring_energy(model: Model, q: Array) -> Any:
     """½ Σ k x², with x the stretch of each spring; J."""
-    return sum((0.5 * spring.stiffness * _square(_stretch(model, spring, q)) for spring in model.springs), start=0.0)
+    stretched = [(spring.stiffness, _stretch(model, spring, q)) for spring in model.springs]
+    return sum((0.5 * stiffness * (x * x) for stiffness, x in stretched), start=0.0)
 
 
 def spring_forces(model: Model, q: Array) -> Array:
@@ -150,7 +151,3 @@ def _stretch(model: Model, spring: Spring, q: Array) -> Any:
 def _ends(model: Model, spring: Spring) -> Iterator[tuple[Body, float]]:
     by_name = {body.joint.name: body for body in model.leaders}
     return ((by_name[joint], weight) for joint, weight in spring.terms)
-
-
-def _square(x: Any) -> Any:
-    return x * x

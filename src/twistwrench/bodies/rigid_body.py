@@ -14,8 +14,7 @@ from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..errors import FrameError, InertiaError, SingularMassMatrixError
 from ..lie import so3
-from ..lie.pose import Pose
-from ..lie.twist_wrench import Twist, Wrench
+from ..lie.twist_wrench import Pose, Twist, Wrench
 from ..typing import Array
 from .inertia import SpatialInertia
 

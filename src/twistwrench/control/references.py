@@ -16,7 +16,7 @@ from ..core import arguments
 from ..core.numbers import printed
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie import se3, so3
-from ..lie.pose import Pose
+from ..lie.twist_wrench import Pose
 from ..model.model import BASE
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot

@@ -71,6 +71,10 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
     "lie": {
         "R": "(..., 3, 3) array_like, rotation matrix",
         "V": "(..., 6) array_like, exponential coordinates (omega, v) [rad, m]",
+        "direction": "(..., 3) array_like, of any length but zero; it is normalised",
+        "frame": "str, the frame that it is expressed in",
+        "pitch": "(...) array_like, h [m/rad]; infinite for a pure translation",
+        "point": "(..., 3) array_like, q [m]",
         "w": "(..., 3) array_like, exponential coordinates [rad]",
     },
     "model": {"model": "Model", "where": "str, where it was described, for messages"},
@@ -152,13 +156,20 @@ ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
 """Errors that go with a parameter whose general wording is used."""
 
 RETURNS: Mapping[str, str] = {
+    "Axis": "axis : Axis",
     "IKResult": "found : IKResult",
     "JointPath": "path : JointPath",
+    "JointTorques": "tau : (..., n) array [N m, sliding joints: N]",
     "Motion": "motion : Motion",
     "Path": "path : Path of the file written",
+    "Poses": "T : (..., 4, 4) array",
     "ReadingLog": "log : ReadingLog",
     "Robot": "robot : Robot",
+    "Rotations": "R : (..., 3, 3) array",
     "SpatialInertia": "G : SpatialInertia",
+    "Twist": "V : Twist",
+    "Twists": "V : (..., 6) array, (omega, v)",
+    "Wrench": "F : Wrench",
     "bool": "answer : bool",
     "str": "text : str",
 }

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import ModelError
 from ..lie import quaternion, se3, so3
-from ..lie.quaternion import cotangent_quotient, half_angle, half_turn, short_way
+from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
 from ..lie.se3 import slide
 from ..typing import Array
 from .joint import (

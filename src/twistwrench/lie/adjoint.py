@@ -78,6 +78,8 @@ class _Operator(ABC):
 class Ad(_Operator):
     """Adjoint of a pose, an operator on twists and wrenches: ``Ad(T_ab) @ V_b = V_a``, ``Ad(T_ab).T @ F_a = F_b``.
 
+    MR eq. 3.83, 3.98.
+
     Parameters
     ----------
     T : (..., 4, 4) array_like or Pose, T_ab
@@ -86,10 +88,6 @@ class Ad(_Operator):
     ------
     ValueRangeError
         ``T`` is not a pose; the message gives the gap.
-
-    Notes
-    -----
-    MR eq. 3.83, 3.98.
 
     Examples
     --------
@@ -131,13 +129,11 @@ class Ad(_Operator):
 class ad(_Operator):
     """Lie bracket with a twist (small adjoint): ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches.
 
+    MR section 8.2.2.
+
     Parameters
     ----------
     V : (..., 6) array_like or Twist, (omega, v)
-
-    Notes
-    -----
-    MR section 8.2.2.
 
     Examples
     --------

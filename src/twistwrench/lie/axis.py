@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..typing import Array
 from .so3 import cross
@@ -32,21 +33,11 @@ class Axis(NamedTuple):
 
 
 def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
-    """Screw axis S = (ŝ, q × ŝ + h ŝ) along a direction through a point.
-
-    Parameters
-    ----------
-    direction : (..., 3) array_like, of any length but zero; it is normalised
-    point : (..., 3) array_like, q [m]
-    pitch : (...) array_like, h [m/rad]; infinite for a pure translation
+    """Screw axis S = (ŝ, q × ŝ + h ŝ) along a direction through a point (MR section 3.3.2.2).
 
     Returns
     -------
     S : (..., 6) array; (0, ŝ) at infinite pitch
-
-    Notes
-    -----
-    MR section 3.3.2.2.
 
     Examples
     --------
@@ -64,20 +55,14 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
 
 
 def axis_of(S: ArrayLike) -> Axis:
-    """Screw axis of a twist: ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|².
+    """Screw axis of a twist: ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|² (MR section 3.3.2.2).
+
+    With ω = 0 the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
+    axis_of(S).magnitude`` is S again.
 
     Parameters
     ----------
     S : (..., 6) array_like, twist or screw axis (omega, v)
-
-    Returns
-    -------
-    axis : Axis
-
-    Notes
-    -----
-    MR section 3.3.2.2. With ω = 0 the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
-    axis_of(S).magnitude`` is S again.
 
     Examples
     --------
@@ -90,19 +75,13 @@ def axis_of(S: ArrayLike) -> Axis:
 
 
 def line_of_action(F: ArrayLike) -> Axis:
-    """Line of action of a wrench, its axis: f̂, q = f × m / |f|², h = m·f / |f|².
+    """Line of action of a wrench, its axis: f̂, q = f × m / |f|², h = m·f / |f|² (MR section 3.4).
+
+    A pure couple (f = 0) has infinite pitch and the direction of m.
 
     Parameters
     ----------
     F : (..., 6) array_like, wrench (m, f) [N m, N]
-
-    Returns
-    -------
-    axis : Axis
-
-    Notes
-    -----
-    MR section 3.4. A pure couple (f = 0) has infinite pitch and the direction of m.
 
     Examples
     --------
@@ -117,19 +96,11 @@ def line_of_action(F: ArrayLike) -> Axis:
 def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
     """Unit wrench along a line with a pitch, (q × f̂ + h f̂, f̂): 1 N, or 1 N m at infinite pitch.
 
-    Parameters
-    ----------
-    direction : (..., 3) array_like, of any length but zero; it is normalised
-    point : (..., 3) array_like, q [m]
-    pitch : (...) array_like, h [m/rad]; infinite for a pure translation
+    The same as :func:`screw_axis` with its halves exchanged. ``wrench_along(f, r) * |f|`` is the force f at r.
 
     Returns
     -------
     F : (..., 6) array, (m, f) [N m, N]
-
-    Notes
-    -----
-    The same as :func:`screw_axis` with its halves exchanged. ``wrench_along(f, r) * |f|`` is the force f at r.
 
     Examples
     --------
@@ -143,6 +114,8 @@ def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch
 def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
     """Reciprocal product ω₁·v₂ + v₁·ω₂: the power that a wrench along the second screw has on a motion about the first.
 
+    Zero when the two are reciprocal: two lines (pitch 0) are so exactly when they meet or are parallel.
+
     Parameters
     ----------
     S1, S2 : (..., 6) array_like, screw axes (omega, v)
@@ -150,10 +123,6 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
     Returns
     -------
     power : (...) array
-
-    Notes
-    -----
-    Zero when the two are reciprocal: two lines (pitch 0) are so exactly when they meet or are parallel.
 
     Examples
     --------
@@ -167,6 +136,8 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
 def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
     """Kind of a screw by its two halves: one of four names, as a text, or an array of texts.
 
+    Zero pitch is judged to 16 eps.
+
     Parameters
     ----------
     first : (..., 3) array, gives the direction
@@ -176,10 +147,6 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
     Returns
     -------
     kind : str, or array of str for a batch
-
-    Notes
-    -----
-    Zero pitch is judged to 16 eps.
 
     Examples
     --------
@@ -223,3 +190,6 @@ def _axis(first: Array, second: Array, what: str) -> Axis:
         pitch=np.where(free, np.inf, np.sum(u * b, axis=-1)),
         magnitude=np.where(free, other, size),
     )
+
+
+complete(globals())

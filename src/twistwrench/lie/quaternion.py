@@ -1,9 +1,8 @@
-"""Unit quaternions (w, x, y, z), scalar first, with any leading batch shape, and angles of rotations without a branch."""
+"""Unit quaternions (w, x, y, z), scalar first, with any leading batch shape."""
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from ..core import arguments
 from ..errors import ValueRangeError
 from ..typing import Array
 from . import series
-from .series import cot_coefficients, within_reach
+from .series import within_reach
 
 
 def rotation(quat: ArrayLike) -> Array:
@@ -118,85 +117,3 @@ def from_matrix(R: ArrayLike) -> Array:
     quat = np.take_along_axis(K, best[..., None, None], axis=-2)[..., 0, :]
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     return np.where(quat[..., :1] < 0, -quat, quat)
-
-
-# ── Rotation angles of exp and log, on numbers and on symbols, without a branch
-
-# Quotients such as sin(x)/x are power series in x² up to 1 rad and closed forms beyond; both are computed, each at its own side
-# of 1 rad, and one of them counts. So values and derivatives of any order are right at every angle, 0 included.
-
-LARGEST_HALF_TURN = 2.0**14
-"""Half the angle [rad] that a step may turn, so that sines are defined without a test; steps of real motions are shorter."""
-
-
-class HalfAngle(NamedTuple):
-    """Functions of an angle by its square."""
-
-    half: Any
-    """sin(angle/2) / angle."""
-    cosine: Any
-    """cos(angle/2)."""
-    third: Any
-    """(angle - sin(angle)) / angle³."""
-
-
-_HALF = [(-1.0) ** k / (2.0 ** (2 * k + 1) * math.factorial(2 * k + 1)) for k in range(9)]
-_COSINE = [(-1.0) ** k / (4.0**k * math.factorial(2 * k)) for k in range(9)]
-_THIRD = [(-1.0) ** k / math.factorial(2 * k + 3) for k in range(9)]
-_ARCTANGENT = [(-1.0) ** k / (2 * k + 1) for k in range(13)]
-"""Coefficients of atan(t)/t in t²; the first term left out is below 1e-19 at t = tan(π/16)."""
-_COTANGENT = list(cot_coefficients(28))
-"""Coefficients of (1 - (x/2) cot(x/2)) / x² in x²; the terms fall by 4 each at x = π."""
-
-
-def half_angle(square: Any) -> HalfAngle:
-    """Half-angle terms from the square of an angle. Angles are clipped at twice :data:`LARGEST_HALF_TURN`."""
-    near, far = _least(square, 1.0), _largest(square, 1.0)
-    angle = np.sqrt(far)
-    x = _least(0.5 * angle, LARGEST_HALF_TURN)
-    sine, cosine = np.sin(x), np.cos(x)
-    beyond = 0.5 + 0.5 * _sign(square - 1.0)
-    closed = (sine / angle, cosine, (1.0 - 2.0 * sine * cosine / angle) / far)
-    series = (_polynomial(c, near) for c in (_HALF, _COSINE, _THIRD))
-    return HalfAngle(*(beyond * a + (1.0 - beyond) * b for a, b in zip(closed, series, strict=True)))
-
-
-def half_turn(cosine: Any, sine_square: Any) -> Any:
-    """x / sin(x) of the angle 0 ≤ x ≤ π/2 whose cosine, and the square of whose sine, these are.
-
-    The tangent is halved three times, tan(x/2) = tan(x) / (1 + √(1 + tan²(x))), and only its quotients by the sine occur.
-    """
-    quotient = 1.0 / (1.0 + cosine)  # tan(x/2) / sin(x)
-    for _ in range(2):
-        quotient = quotient / (1.0 + np.sqrt(1.0 + quotient * quotient * sine_square))
-    return 8.0 * quotient * _polynomial(_ARCTANGENT, quotient * quotient * sine_square)
-
-
-def cotangent_quotient(square: Any) -> Any:
-    """(1 - (x/2) cot(x/2)) / x² of the square of an angle up to π."""
-    return _polynomial(_COTANGENT, square)
-
-
-def short_way(cosine: Any) -> Any:
-    """-1 if a rotation by (cosine, …) of half the angle exceeds π, so that its opposite is shorter, else 1."""
-    sign = _sign(cosine)
-    return sign + (1.0 - sign * sign)
-
-
-def _polynomial(coefficients: list[float], x: Any) -> Any:
-    total: Any = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        total = c + x * total
-    return total
-
-
-def _sign(x: Any) -> Any:
-    return x.sign() if hasattr(x, "sign") else np.sign(x)
-
-
-def _least(x: Any, most: float) -> Any:
-    return x.clip(-np.inf, most) if hasattr(x, "sign") else min(x, most)
-
-
-def _largest(x: Any, least: float) -> Any:
-    return x.clip(least, np.inf) if hasattr(x, "sign") else max(x, least)

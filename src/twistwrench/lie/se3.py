@@ -17,44 +17,28 @@ from ..core import arguments
 from ..core.arguments import gaps
 from ..core.glossary import complete
 from ..errors import MissingExtraError
-from ..typing import Array
-from . import compiled, series, so3
+from ..typing import Array, Poses, Twists
+from . import series, so3
 from .adjoint import Ad, ad
-from .quaternion import cotangent_quotient, half_angle, half_turn, short_way
-from .series import angle, quadratic, slope, within_reach
+from .series import angle, cotangent_quotient, half_angle, half_turn, quadratic, short_way, slope, within_reach
 from .so3 import cross
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
 __all__ = [
-    "Ad",
-    "ad",
-    "as_scipy",
-    "exp",
-    "from_scipy",
-    "hat",
-    "inverse",
-    "left_jacobian",
-    "left_jacobian_inverse",
-    "log",
-    "pose",
-    "project",
-    "vee",
-]
+    "Ad", "ad", "as_scipy", "exp", "from_scipy", "hat", "inverse", "left_jacobian", "left_jacobian_inverse", "log", "pose",
+    "project", "vee",
+]  # fmt: skip
 
 
-def pose(R: ArrayLike, p: ArrayLike) -> Array:
+def pose(R: ArrayLike, p: ArrayLike) -> Poses:
     """Homogeneous transform, 4×4, of a rotation and a position.
 
     Parameters
     ----------
     R : (..., 3, 3) array_like, rotation; symbols go, too
     p : (..., 3) array_like, position [m]
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -70,15 +54,11 @@ def pose(R: ArrayLike, p: ArrayLike) -> Array:
 
 
 def hat(V: ArrayLike) -> Array:
-    """Matrix [V] of se(3), 4×4, of a twist.
+    """Matrix [V] of se(3), 4×4, of a twist (MR eq. 3.71).
 
     Returns
     -------
     X : (..., 4, 4) array
-
-    Notes
-    -----
-    MR eq. 3.71.
 
     Examples
     --------
@@ -94,16 +74,12 @@ def hat(V: ArrayLike) -> Array:
     return X
 
 
-def vee(X: ArrayLike) -> Array:
+def vee(X: ArrayLike) -> Twists:
     """Twist of a 4×4 matrix [V], the inverse of :func:`hat`.
 
     Parameters
     ----------
     X : (..., 4, 4) array_like
-
-    Returns
-    -------
-    V : (..., 6) array, (omega, v)
 
     Examples
     --------
@@ -116,20 +92,12 @@ def vee(X: ArrayLike) -> Array:
     return np.concatenate([so3.vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
 
 
-def inverse(T: ArrayLike) -> Array:
-    """Inverse of a pose: T_ba from T_ab, by transposing the rotation.
+def inverse(T: ArrayLike) -> Poses:
+    """Inverse of a pose: T_ba from T_ab, by transposing the rotation (MR eq. 3.64).
 
     Parameters
     ----------
     T : (..., 4, 4) array_like, T_ab; symbols go, too
-
-    Returns
-    -------
-    T : (..., 4, 4) array, T_ba
-
-    Notes
-    -----
-    MR eq. 3.64.
 
     Examples
     --------
@@ -141,12 +109,8 @@ def inverse(T: ArrayLike) -> Array:
     return pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
 
 
-def exp(V: ArrayLike) -> Array:
+def exp(V: ArrayLike) -> Poses:
     """Matrix exponential of se(3): the pose reached by following the twist V for unit time.
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Notes
     -----
@@ -157,7 +121,7 @@ def exp(V: ArrayLike) -> Array:
     >>> exp([0, 0, 0, 1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    return compiled.exponential("pose_exp", arguments.real(V, "se3.exp: V", 6), _exp)
+    return series.exponential("pose_exp", arguments.real(V, "se3.exp: V", 6), _exp)
 
 
 def _exp(V: Array) -> Array:
@@ -171,12 +135,8 @@ def _exp(V: Array) -> Array:
     return T
 
 
-def log(T: ArrayLike) -> Array:
+def log(T: ArrayLike) -> Twists:
     """Matrix logarithm of SE(3): the twist, with |omega| ≤ π, that leads from the identity to T in unit time.
-
-    Returns
-    -------
-    V : (..., 6) array, (omega, v) [rad, m]
 
     Notes
     -----
@@ -187,11 +147,8 @@ def log(T: ArrayLike) -> Array:
     >>> log(exp([0.1, 0.2, 0.3, 4, 5, 6])).round(12).tolist()
     [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
     """
-    return compiled.logarithm("pose_log", arguments.real(T, "se3.log: T", 4, 4), _pose, _log)
-
-
-def _pose(T: Array) -> Array:
-    return arguments.pose(T, "se3.log: T")
+    T = arguments.real(T, "se3.log: T", 4, 4)
+    return series.logarithm("pose_log", T, lambda T: arguments.pose(T, "se3.log: T"), _log)
 
 
 def _log(T: Array) -> Array:
@@ -202,15 +159,13 @@ def _log(T: Array) -> Array:
 def left_jacobian(V: ArrayLike) -> Array:
     """Left Jacobian of SE(3): J with exp(V + dV) = exp(J dV) exp(V) to first order, [[J, 0], [Q, J]].
 
-    Returns
-    -------
-    J : (..., 6, 6) array
-
-    Notes
-    -----
     Q is the derivative of the SO(3) Jacobian along v, because ad(omega, v) is [omega + ε v] with ε² = 0. At every
     angle. Source: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014, for
     Q.
+
+    Returns
+    -------
+    J : (..., 6, 6) array
 
     Examples
     --------
@@ -227,13 +182,11 @@ def left_jacobian(V: ArrayLike) -> Array:
 def left_jacobian_inverse(V: ArrayLike) -> Array:
     """Inverse of the left Jacobian of SE(3); see :func:`left_jacobian`.
 
+    Grows without bound as |omega| nears 2π, 4π, … Lengths of omega beyond 1e77 overflow.
+
     Returns
     -------
     J : (..., 6, 6) array
-
-    Notes
-    -----
-    Grows without bound as |omega| nears 2π, 4π, … Lengths of omega beyond 1e77 overflow.
 
     Examples
     --------
@@ -248,7 +201,7 @@ def left_jacobian_inverse(V: ArrayLike) -> Array:
     return _dual(quadratic(w, b, c), slope(w, v, b, c, np.zeros_like(theta), series.cot_slope(theta)))
 
 
-def project(M: ArrayLike, within: float = 0.1) -> Array:
+def project(M: ArrayLike, within: float = 0.1) -> Poses:
     """Nearest pose to a matrix that is nearly one.
 
     Its rotation by :func:`twistwrench.so3.project`, its position as it is, its last row exact.
@@ -257,10 +210,6 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     ----------
     M : (..., 4, 4) array_like
     within : float, the most that an entry of the rotation or of the last row may be off
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -300,16 +249,12 @@ def as_scipy(T: ArrayLike) -> RigidTransform:
     return RigidTransform.from_matrix(T)
 
 
-def from_scipy(transform: RigidTransform) -> Array:
+def from_scipy(transform: RigidTransform) -> Poses:
     """Pose of SciPy's ``RigidTransform``.
 
     Parameters
     ----------
     transform : scipy.spatial.transform.RigidTransform
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -334,7 +279,7 @@ def _dual(J: Array, Q: Array) -> Array:
 # ── exp and log of one rotation or rigid motion without a branch: source of the compiled forms
 
 # Each comes with a number that says whether it counts: the square of the angle, or how far a matrix is from a rotation or a
-# pose, in squares; ``lie/compiled.py`` looks at it. Modern Robotics sections 3.2.3 and 3.3.3.
+# pose, in squares; ``lie/series.py`` looks at it. Modern Robotics sections 3.2.3 and 3.3.3.
 
 
 def rotation_exp(w: Array) -> tuple[Array, Any]:

@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.arguments import TOLERANCE
 from ..typing import Array
 
 Coefficients = tuple[float, ...]
@@ -152,3 +154,125 @@ def slope(w: Array, v: Array, a: Array, b: Array, da: Array, db: Array) -> Array
     diagonal = np.einsum("...ii->...i", out)
     diagonal -= (2.0 * b * s)[..., None]
     return out
+
+
+# ── Rotation angles of exp and log, on numbers and on symbols, without a branch
+
+# Quotients such as sin(x)/x are power series in x² up to 1 rad and closed forms beyond; both are computed, each at its own side
+# of 1 rad, and one of them counts. So values and derivatives of any order are right at every angle, 0 included.
+
+LARGEST_HALF_TURN = 2.0**14
+"""Half the angle [rad] that a step may turn, so that sines are defined without a test; steps of real motions are shorter."""
+
+
+class HalfAngle(NamedTuple):
+    """Functions of an angle by its square."""
+
+    half: Any
+    """sin(angle/2) / angle."""
+    cosine: Any
+    """cos(angle/2)."""
+    third: Any
+    """(angle - sin(angle)) / angle³."""
+
+
+_HALF = [(-1.0) ** k / (2.0 ** (2 * k + 1) * math.factorial(2 * k + 1)) for k in range(9)]
+_COSINE = [(-1.0) ** k / (4.0**k * math.factorial(2 * k)) for k in range(9)]
+_THIRD = [(-1.0) ** k / math.factorial(2 * k + 3) for k in range(9)]
+_ARCTANGENT = [(-1.0) ** k / (2 * k + 1) for k in range(13)]
+"""Coefficients of atan(t)/t in t²; the first term left out is below 1e-19 at t = tan(π/16)."""
+_COTANGENT = list(cot_coefficients(28))
+"""Coefficients of (1 - (x/2) cot(x/2)) / x² in x²; the terms fall by 4 each at x = π."""
+
+
+def half_angle(square: Any) -> HalfAngle:
+    """Half-angle terms from the square of an angle. Angles are clipped at twice :data:`LARGEST_HALF_TURN`."""
+    near, far = _least(square, 1.0), _largest(square, 1.0)
+    angle = np.sqrt(far)
+    x = _least(0.5 * angle, LARGEST_HALF_TURN)
+    sine, cosine = np.sin(x), np.cos(x)
+    beyond = 0.5 + 0.5 * _sign(square - 1.0)
+    closed = (sine / angle, cosine, (1.0 - 2.0 * sine * cosine / angle) / far)
+    series = (_polynomial(c, near) for c in (_HALF, _COSINE, _THIRD))
+    return HalfAngle(*(beyond * a + (1.0 - beyond) * b for a, b in zip(closed, series, strict=True)))
+
+
+def half_turn(cosine: Any, sine_square: Any) -> Any:
+    """x / sin(x) of the angle 0 ≤ x ≤ π/2 whose cosine, and the square of whose sine, these are.
+
+    The tangent is halved three times, tan(x/2) = tan(x) / (1 + √(1 + tan²(x))), and only its quotients by the sine occur.
+    """
+    quotient = 1.0 / (1.0 + cosine)  # tan(x/2) / sin(x)
+    for _ in range(2):
+        quotient = quotient / (1.0 + np.sqrt(1.0 + quotient * quotient * sine_square))
+    return 8.0 * quotient * _polynomial(_ARCTANGENT, quotient * quotient * sine_square)
+
+
+def cotangent_quotient(square: Any) -> Any:
+    """(1 - (x/2) cot(x/2)) / x² of the square of an angle up to π."""
+    return _polynomial(_COTANGENT, square)
+
+
+def short_way(cosine: Any) -> Any:
+    """-1 if a rotation by (cosine, …) of half the angle exceeds π, so that its opposite is shorter, else 1."""
+    sign = _sign(cosine)
+    return sign + (1.0 - sign * sign)
+
+
+def _polynomial(coefficients: list[float], x: Any) -> Any:
+    total: Any = coefficients[-1]
+    for c in coefficients[-2::-1]:
+        total = c + x * total
+    return total
+
+
+def _sign(x: Any) -> Any:
+    return x.sign() if hasattr(x, "sign") else np.sign(x)
+
+
+def _least(x: Any, most: float) -> Any:
+    return x.clip(-np.inf, most) if hasattr(x, "sign") else min(x, most)
+
+
+def _largest(x: Any, least: float) -> Any:
+    return x.clip(least, np.inf) if hasattr(x, "sign") else max(x, least)
+
+
+# ── Compiled forms of exp and log, put in place by ``robot``
+
+Kernel = Callable[[Array], tuple[Array, Any]]
+
+REACH = LARGEST_HALF_TURN**2
+"""The square of the largest angle [rad] that compiled forms take: half angles are clipped at twice as much."""
+
+_SURE = (0.2 * TOLERANCE) ** 2
+"""Largest sum of squared gaps of a rotation or a pose that passes without a closer check."""
+
+
+compiler: Callable[[str], Kernel | None] | None = None
+"""Returns the kernel of a function of ``lie/se3.py`` by its name, or None."""
+
+
+def exponential(name: str, x: Array, formulas: Callable[[Array], Array]) -> Array:
+    """exp of x (..., n); by the formulas for NumPy where it is not compiled, and for rows that turn too far."""
+    kernel = compiler(name) if compiler else None
+    if kernel is None:
+        return formulas(x)
+    found, square = kernel(x)
+    if x.ndim == 1:
+        return formulas(x) if square > REACH else found
+    far = square > REACH
+    if far.any():
+        found[far] = formulas(x[far])
+    return found
+
+
+def logarithm(name: str, x: Array, checked: Callable[[Array], Array], formulas: Callable[[Array], Array]) -> Array:
+    """log of matrices x (..., n, n), which ``checked`` returns, or refuses if they are not rotations or poses."""
+    kernel = compiler(name) if compiler else None
+    if kernel is None:
+        return formulas(checked(x))
+    found, off = kernel(x)
+    if not (off <= _SURE if x.ndim == 2 else (off <= _SURE).all()):
+        checked(x)
+    return found

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.glossary import complete
 from ..errors import ShapeError
-from ..typing import Array
-from . import compiled, quaternion, series
+from ..typing import Array, Rotations
+from . import quaternion, series
 from .series import angle, quadratic, within_reach
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ __all__ = [
 
 
 def hat(w: ArrayLike) -> Array:
-    """Skew-symmetric matrix [w] of a vector, with ``[w] x = w × x``.
+    """Skew-symmetric matrix [w] of a vector, with ``[w] x = w × x`` (MR eq. 3.30).
 
     Parameters
     ----------
@@ -49,10 +49,6 @@ def hat(w: ArrayLike) -> Array:
     Returns
     -------
     W : (..., 3, 3) array
-
-    Notes
-    -----
-    MR eq. 3.30.
 
     Examples
     --------
@@ -119,12 +115,8 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
         raise
 
 
-def exp(w: ArrayLike) -> Array:
+def exp(w: ArrayLike) -> Rotations:
     """Matrix exponential of so(3): the rotation matrix of exponential coordinates w = ω̂θ.
-
-    Returns
-    -------
-    R : (..., 3, 3) array
 
     Notes
     -----
@@ -137,7 +129,7 @@ def exp(w: ArrayLike) -> Array:
     >>> np.allclose(exp([0, 0, np.pi / 2]) @ [1, 0, 0], [0, 1, 0])
     True
     """
-    return compiled.exponential("rotation_exp", arguments.real(w, "so3.exp: w", 3), _exp)
+    return series.exponential("rotation_exp", arguments.real(w, "so3.exp: w", 3), _exp)
 
 
 def _exp(w: Array) -> Array:
@@ -148,25 +140,20 @@ def _exp(w: Array) -> Array:
 def log(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): exponential coordinates of a rotation matrix, 0 ≤ |w| ≤ π.
 
+    Through the quaternion, so right at every angle, π and its neighbours included; at π itself w and -w are the same
+    rotation, and one of them is returned. MR section 3.2.3.3.
+
     Returns
     -------
     w : (..., 3) array [rad]
-
-    Notes
-    -----
-    Through the quaternion, so right at every angle, π and its neighbours included; at π itself w and -w are the same
-    rotation, and one of them is returned. MR section 3.2.3.3.
 
     Examples
     --------
     >>> log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(12).tolist()
     [0.0, 0.0, 1.570796326795]
     """
-    return compiled.logarithm("rotation_log", arguments.real(R, "so3.log: R", 3, 3), _rotation, _log)
-
-
-def _rotation(R: Array) -> Array:
-    return arguments.rotation(R, "so3.log: R")
+    R = arguments.real(R, "so3.log: R", 3, 3)
+    return series.logarithm("rotation_log", R, lambda R: arguments.rotation(R, "so3.log: R"), _log)
 
 
 def _log(R: Array) -> Array:
@@ -176,13 +163,11 @@ def _log(R: Array) -> Array:
 def left_jacobian(w: ArrayLike) -> Array:
     """Left Jacobian of SO(3): J with exp(w + dw) = exp(J dw) exp(w) to first order.
 
+    It turns rates of the coordinates into the angular velocity in {s}: ω_s = J(w) dw/dt.
+
     Returns
     -------
     J : (..., 3, 3) array
-
-    Notes
-    -----
-    It turns rates of the coordinates into the angular velocity in {s}: ω_s = J(w) dw/dt.
 
     Examples
     --------
@@ -196,13 +181,11 @@ def left_jacobian(w: ArrayLike) -> Array:
 def left_jacobian_inverse(w: ArrayLike) -> Array:
     """Inverse of the left Jacobian of SO(3); see :func:`left_jacobian`.
 
+    Grows without bound as |w| nears 2π, 4π, … Lengths beyond 1e77 overflow.
+
     Returns
     -------
     J : (..., 3, 3) array
-
-    Notes
-    -----
-    Grows without bound as |w| nears 2π, 4π, … Lengths beyond 1e77 overflow.
 
     Examples
     --------
@@ -215,21 +198,15 @@ def left_jacobian_inverse(w: ArrayLike) -> Array:
     return quadratic(w, np.full_like(theta, -0.5), series.cot_term(theta))
 
 
-def project(M: ArrayLike, within: float = 0.1) -> Array:
+def project(M: ArrayLike, within: float = 0.1) -> Rotations:
     """Nearest rotation to a matrix (in the Frobenius norm), by its singular values.
+
+    A reflection is always at least 2/3 away.
 
     Parameters
     ----------
     M : (..., 3, 3) array_like
     within : float, the most that an entry may be off
-
-    Returns
-    -------
-    R : (..., 3, 3) array
-
-    Notes
-    -----
-    A reflection is always at least 2/3 away.
 
     Examples
     --------
@@ -279,16 +256,12 @@ def as_scipy(R: ArrayLike) -> Rotation:
         ) from None
 
 
-def from_scipy(rotation: Rotation) -> Array:
+def from_scipy(rotation: Rotation) -> Rotations:
     """Rotation matrix of SciPy's ``Rotation``.
 
     Parameters
     ----------
     rotation : scipy.spatial.transform.Rotation
-
-    Returns
-    -------
-    R : (..., 3, 3) array
 
     Examples
     --------

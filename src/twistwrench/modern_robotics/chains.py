@@ -6,22 +6,21 @@ the robot applies, in the end-effector's frame {n+1}; ``Mlist`` (n + 1, 4, 4); `
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..core import arguments
 from ..core.glossary import complete
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3
 from ..lie.adjoint import Ad
 from ..robot import Robot, from_screws
-from ..typing import Array
-from . import matrix_arguments
-from .matrices import log6
+from ..typing import Array, Poses
+from .matrices import log6, pose_argument
 
 STEPS = 20
 """The most Newton steps of inverse kinematics, as in the book's package."""
@@ -61,7 +60,7 @@ class Chain:
 
     def joints(self, x: ArrayLike, name: str) -> Array:
         """Vector with one number for each joint, or a batch of such vectors."""
-        found = matrix_arguments.array(x, name)
+        found = arguments.real(x, name)
         if found.ndim == 0 or found.shape[-1] != self.n:
             raise ShapeError(f"{name} has shape {found.shape}, but the lists describe {self.n} joints.")
         return found
@@ -81,7 +80,7 @@ def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
     Raises ShapeError for lists that do not fit together, ModelError and InertiaError if they do not describe a robot.
     """
     steps, inertias, screws = (
-        np.ascontiguousarray(matrix_arguments.array(x, name), float)
+        np.ascontiguousarray(arguments.real(x, name), float)
         for x, name in ((Mlist, "Mlist"), (Glist, "Glist"), (Slist, "Slist"))
     )
     return _built(steps.tobytes(), inertias.tobytes(), screws.tobytes(), (steps.shape, inertias.shape, screws.shape))
@@ -89,7 +88,7 @@ def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
 
 def screws_of(screws: ArrayLike, name: str) -> Chain:
     """Chain of screws alone: every link frame is {s} at zero, so space screws and body screws are the same numbers."""
-    S = np.ascontiguousarray(matrix_arguments.array(screws, name), float)
+    S = np.ascontiguousarray(arguments.real(screws, name), float)
     if S.ndim != 2 or S.shape[0] != 6 or S.shape[1] == 0:
         raise ShapeError(f"{name} has shape {S.shape}, expected (6, n): a screw axis (omega, v) in each column.")
     n = S.shape[1]
@@ -105,19 +104,15 @@ def _built(steps: bytes, inertias: bytes, screws: bytes, shapes: tuple[Shape, Sh
     raw = zip((steps, inertias, screws), shapes, strict=True)
     Mlist, Glist, Slist = (np.frombuffer(data).reshape(shape) for data, shape in raw)
     if Mlist.ndim == 3 and Mlist.shape[1:] == (4, 4):
-        Mlist = np.array([matrix_arguments.pose(T, f"Mlist[{i}]") for i, T in enumerate(Mlist)])
+        Mlist = np.array([pose_argument(T, f"Mlist[{i}]") for i, T in enumerate(Mlist)])
     return Chain(from_screws(None, Slist, Mlist, Glist, name="lists", non_unit_screws=True, inertia="accept"))
 
 
 # ── Forward kinematics, Jacobians, inverse kinematics
 
 
-def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
+def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Poses:
     """Forward kinematics by body screws: M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose (MR eq. 4.16).
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -130,12 +125,8 @@ def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
     return arguments.one(M, "M", 4, 4) @ chain.run("pose", thetalist=chain.joints(thetalist, "thetalist"))
 
 
-def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
+def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Poses:
     """Forward kinematics by space screws: exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose (MR eq. 4.14).
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -187,18 +178,12 @@ def IKinBody(
 ) -> tuple[Array, bool]:
     """Numerical inverse kinematics by body screws: joint angles that reach a pose; one pose at a time (MR section 6.2.2).
 
-    Parameters
-    ----------
-    T : (4, 4) array_like, wanted pose of the end-effector
+    Newton–Raphson with the pseudoinverse, 20 steps at most.
 
     Returns
     -------
     thetalist : (n,) array
     success : bool, whether they reach it
-
-    Notes
-    -----
-    Newton–Raphson with the pseudoinverse, 20 steps at most.
 
     Examples
     --------
@@ -209,14 +194,7 @@ def IKinBody(
     >>> theta.round(6).tolist(), success
     ([1.570738, 2.999667, 3.141539], True)
     """
-    chain, M, T = screws_of(Blist, "Blist"), _pose(M, "IKinBody: M"), _pose(T, "IKinBody: T")
-
-    pose = chain.kernel("pose")
-
-    def left(theta: Array) -> Array:
-        return log6(se3.inverse(M @ pose(theta)) @ T)
-
-    return _newton("IKinBody", chain.n, thetalist0, left, chain.kernel("body_jacobian"), eomg, ev)
+    return _newton("IKinBody", Blist, M, T, thetalist0, eomg, ev)
 
 
 def IKinSpace(
@@ -224,14 +202,12 @@ def IKinSpace(
 ) -> tuple[Array, bool]:
     """Numerical inverse kinematics by space screws; the twist that is left is seen from the space frame (MR section 6.2.2).
 
+    As :func:`IKinBody` otherwise.
+
     Returns
     -------
     thetalist : (n,) array
     success : bool, whether they reach it
-
-    Notes
-    -----
-    As :func:`IKinBody` otherwise.
 
     Examples
     --------
@@ -242,40 +218,24 @@ def IKinSpace(
     >>> theta.round(6).tolist(), success
     ([1.570738, 2.999664, 3.141534], True)
     """
-    chain, M, T = screws_of(Slist, "Slist"), _pose(M, "IKinSpace: M"), _pose(T, "IKinSpace: T")
-
-    pose = chain.kernel("pose")
-
-    def left(theta: Array) -> Array:
-        T_sb = pose(theta) @ M
-        return Ad(T_sb) @ log6(se3.inverse(T_sb) @ T)
-
-    return _newton("IKinSpace", chain.n, thetalist0, left, chain.kernel("space_jacobian"), eomg, ev)
-
-
-def _pose(T: ArrayLike, name: str) -> Array:
-    return matrix_arguments.pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
-
-
-def _bound(x: float, name: str) -> float:
-    if not (bound := arguments.number(x, name)) >= 0:
-        raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
-    return bound
+    return _newton("IKinSpace", Slist, M, T, thetalist0, eomg, ev)
 
 
 def _newton(
-    caller: str,
-    n: int,
-    thetalist0: ArrayLike,
-    left: Callable[[Array], Array],
-    jacobian: Callable[[Array], Array],
-    eomg: float,
-    ev: float,
+    caller: str, screws: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
-    """theta := theta + J⁺ V until the twist V that is left is small."""
-    guess = f"{caller}: thetalist0"
-    theta = arguments.finite(arguments.one(thetalist0, guess, n), guess, n)
+    """theta := theta + J⁺ V until the twist V that is left, in the frame of the screws, is small."""
+    space, guess = caller == "IKinSpace", f"{caller}: thetalist0"
+    chain = screws_of(screws, "Slist" if space else "Blist")
+    jacobian, pose = chain.kernel("space_jacobian" if space else "body_jacobian"), chain.kernel("pose")
+    M, T = _pose(M, f"{caller}: M"), _pose(T, f"{caller}: T")
+    theta = arguments.finite(arguments.one(thetalist0, guess, chain.n), guess, chain.n)
     eomg, ev = _bound(eomg, f"{caller}: eomg"), _bound(ev, f"{caller}: ev")
+
+    def left(theta: Array) -> Array:
+        T_sb = pose(theta) @ M if space else M @ pose(theta)
+        V_b = log6(se3.inverse(T_sb) @ T)
+        return Ad(T_sb) @ V_b if space else V_b
 
     def there(V: Array) -> bool:
         return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
@@ -287,6 +247,131 @@ def _newton(
         theta = theta + np.linalg.pinv(jacobian(theta)) @ V
         V = left(theta)
     return theta, there(V)
+
+
+def _pose(T: ArrayLike, name: str) -> Array:
+    return pose_argument(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
+
+
+def _bound(x: float, name: str) -> float:
+    if not (bound := arguments.number(x, name)) >= 0:
+        raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
+    return bound
+
+
+# ── Chapter 9: time scalings, and motions from point to point in joint space and in SE(3)
+
+
+def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
+    """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest (MR eq. 9.10).
+
+    Returns
+    -------
+    s : (...) array
+
+    Examples
+    --------
+    >>> round(float(CubicTimeScaling(2, 0.6)), 12)
+    0.216
+    """
+    return cubic_share(_fraction(Tf, t))
+
+
+def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
+    """Quintic time scaling s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too (MR section 9.2.1).
+
+    Returns
+    -------
+    s : (...) array
+
+    Examples
+    --------
+    >>> round(float(QuinticTimeScaling(2, 0.6)), 12)
+    0.16308
+    """
+    return quintic_share(_fraction(Tf, t))
+
+
+def _fraction(Tf: Any, t: Any) -> Any:
+    if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy takes ten times as long for one number
+        return t / Tf
+    duration, instants = arguments.together(Tf=arguments.real(Tf, "Tf"), t=arguments.real(t, "t"))
+    if not np.all(duration > 0):
+        raise ValueRangeError(f"Tf is {Tf!r}: a motion takes more than no time.")
+    return (instants / duration)[()]
+
+
+def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: float, method: int) -> Array:
+    """Joint trajectory: points on the straight line between two joint vectors, equally spaced in time (MR section 9.2).
+
+    Returns
+    -------
+    trajectory : (N, n) array
+
+    Examples
+    --------
+    >>> JointTrajectory([1, 0], [2, 4], 4, 3, 3).tolist()
+    [[1.0, 0.0], [1.5, 2.0], [2.0, 4.0]]
+    """
+    start, end = arguments.real(thetastart, "thetastart"), arguments.real(thetaend, "thetaend")
+    if start.ndim != 1 or start.shape != end.shape:
+        raise ShapeError(f"thetastart {start.shape}, thetaend {end.shape}: expected two vectors of the same length.")
+    s = _scaling(Tf, N, method)[:, None]
+    return np.asarray(s * end + (1.0 - s) * start)
+
+
+def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
+    """Screw trajectory: poses along the constant screw from one pose to another (MR eq. 9.23).
+
+    Returns
+    -------
+    poses : list of N (4, 4) arrays
+
+    Examples
+    --------
+    >>> X = se3.exp([0, 0, np.pi / 2, 1, 0, 0])
+    >>> len(ScrewTrajectory(np.eye(4), X, 5, 4, 3))
+    4
+    """
+    X, end = _ends(Xstart, Xend)
+    V = log6(se3.inverse(X) @ end)
+    return list(PosePath(X, end, straight=False, twist=V)(_scaling(Tf, N, method)))
+
+
+def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
+    """Cartesian trajectory: origin on a straight line, rotation about a constant axis (MR eq. 9.24, 9.25).
+
+    Returns
+    -------
+    poses : list of N (4, 4) arrays
+
+    Examples
+    --------
+    >>> X = se3.exp([0, 0, np.pi / 2, 1, 0, 0])
+    >>> CartesianTrajectory(np.eye(4), X, 5, 3, 5)[1][:3, 3].round(9).tolist()
+    [0.318309886, 0.318309886, 0.0]
+    """
+    X, end = _ends(Xstart, Xend)
+    still = se3.pose(np.swapaxes(X[:3, :3], -1, -2) @ end[:3, :3], np.zeros(3))
+    twist = np.concatenate([log6(still)[:3], end[:3, 3] - X[:3, 3]])
+    return list(PosePath(X, end, straight=True, twist=twist)(_scaling(Tf, N, method)))
+
+
+def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
+    X, end = pose_argument(Xstart, "Xstart"), pose_argument(Xend, "Xend")
+    if X.shape != (4, 4) or end.shape != (4, 4):
+        raise ShapeError(f"Xstart has shape {X.shape}, Xend {end.shape}: expected two poses, (4, 4).")
+    return X, end
+
+
+def _scaling(Tf: float, N: float, method: int) -> Array:
+    """s at N instants from 0 to Tf, both ends exact."""
+    n = arguments.whole(N, "N", 2)
+    scalings = {3: CubicTimeScaling, 5: QuinticTimeScaling}
+    if method not in tuple(scalings):
+        raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
+    _fraction(arguments.number(Tf, "Tf"), 0.0)
+    return np.asarray(scalings[method](1.0, np.arange(n) / (n - 1.0)))
 
 
 complete(globals())

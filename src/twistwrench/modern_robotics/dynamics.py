@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.glossary import complete
 from ..errors import MissingExtraError, ShapeError
-from ..typing import Array
-from . import matrix_arguments
+from ..typing import Array, JointTorques
 from .chains import Chain, chain_of
 
 # ── Chapter 8: dynamics
@@ -23,25 +22,15 @@ def _on_lists(quantity: str, lists: tuple[ArrayLike, ArrayLike, ArrayLike], **gi
     chain, sizes = chain_of(*lists), {"Ftip": 6, "g": 3}
     return chain.run(
         quantity,
-        **{n: matrix_arguments.array(x, n, sizes[n]) if n in sizes else chain.joints(x, n) for n, x in given.items()},
+        **{n: arguments.real(x, n, sizes[n]) if n in sizes else chain.joints(x, n) for n, x in given.items()},
     )
 
 
 def InverseDynamics(
-    thetalist: ArrayLike,
-    dthetalist: ArrayLike,
-    ddthetalist: ArrayLike,
-    g: ArrayLike,
-    Ftip: ArrayLike,
-    Mlist: ArrayLike,
-    Glist: ArrayLike,
-    Slist: ArrayLike,
-) -> Array:
+    thetalist: ArrayLike, dthetalist: ArrayLike, ddthetalist: ArrayLike, g: ArrayLike, Ftip: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+) -> JointTorques:  # fmt: skip
     """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip (MR eq. 8.50 to 8.54).
-
-    Returns
-    -------
-    tau : (..., n) array [N m, sliding joints: N]
 
     Examples
     --------
@@ -76,12 +65,8 @@ def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: 
 
 def VelQuadraticForces(
     thetalist: ArrayLike, dthetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
-) -> Array:
+) -> JointTorques:
     """Coriolis and centripetal forces c(theta, dtheta) (MR eq. 8.9, 8.10).
-
-    Returns
-    -------
-    c : (..., n) array [N m, sliding joints: N]
 
     Examples
     --------
@@ -93,12 +78,10 @@ def VelQuadraticForces(
     return _on_lists("coriolis_forces", (Mlist, Glist, Slist), thetalist=thetalist, dthetalist=dthetalist)
 
 
-def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
+def GravityForces(
+    thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
+) -> JointTorques:
     """Gravity forces g(theta), the torques that hold the chain against gravity (MR section 8.3).
-
-    Returns
-    -------
-    g : (..., n) array [N m, sliding joints: N]
 
     Examples
     --------
@@ -112,12 +95,8 @@ def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: A
 
 def EndEffectorForces(
     thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
-) -> Array:
+) -> JointTorques:
     """Joint torques J_b' F_tip of a wrench that the end-effector applies, and nothing else (MR eq. 5.26).
-
-    Returns
-    -------
-    tau : (..., n) array [N m, sliding joints: N]
 
     Examples
     --------
@@ -130,15 +109,9 @@ def EndEffectorForces(
 
 
 def ForwardDynamics(
-    thetalist: ArrayLike,
-    dthetalist: ArrayLike,
-    taulist: ArrayLike,
-    g: ArrayLike,
-    Ftip: ArrayLike,
-    Mlist: ArrayLike,
-    Glist: ArrayLike,
-    Slist: ArrayLike,
-) -> Array:
+    thetalist: ArrayLike, dthetalist: ArrayLike, taulist: ArrayLike, g: ArrayLike, Ftip: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+) -> Array:  # fmt: skip
     """Forward dynamics: ddtheta that solves M ddtheta = τ - c - g(theta) - J' F_tip, M factored (MR section 8.5).
 
     Returns
@@ -178,8 +151,8 @@ def EulerStep(
     >>> [x.round(12).tolist() for x in EulerStep([0.1, 0.1, 0.1], [0.1, 0.2, 0.3], [2, 1.5, 1], 0.1)]
     [[0.11, 0.12, 0.13], [0.3, 0.35, 0.4]]
     """
-    q, dq = matrix_arguments.array(thetalist, "thetalist"), matrix_arguments.array(dthetalist, "dthetalist")
-    ddq, step = matrix_arguments.array(ddthetalist, "ddthetalist"), matrix_arguments.array(dt, "dt")
+    q, dq = arguments.real(thetalist, "thetalist"), arguments.real(dthetalist, "dthetalist")
+    ddq, step = arguments.real(ddthetalist, "ddthetalist"), arguments.real(dt, "dt")
     step = step[..., None] if step.ndim else step
     try:
         return q + step * dq, dq + step * ddq
@@ -188,15 +161,9 @@ def EulerStep(
 
 
 def InverseDynamicsTrajectory(
-    thetamat: ArrayLike,
-    dthetamat: ArrayLike,
-    ddthetamat: ArrayLike,
-    g: ArrayLike,
-    Ftipmat: ArrayLike,
-    Mlist: ArrayLike,
-    Glist: ArrayLike,
-    Slist: ArrayLike,
-) -> Array:
+    thetamat: ArrayLike, dthetamat: ArrayLike, ddthetamat: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+) -> Array:  # fmt: skip
     """Inverse dynamics along a motion, all rows in one call: the torques of :func:`InverseDynamics`.
 
     Returns
@@ -213,30 +180,20 @@ def InverseDynamicsTrajectory(
     """
     chain = chain_of(Mlist, Glist, Slist)
     motion = _motion(chain, thetamat=thetamat, dthetamat=dthetamat, ddthetamat=ddthetamat)
-    F, gravity = _tip_wrenches(Ftipmat, len(motion["thetamat"])), matrix_arguments.array(g, "g", 3)
+    F, gravity = _tip_wrenches(Ftipmat, len(motion["thetamat"])), arguments.real(g, "g", 3)
     return chain.run("inverse_dynamics", **motion, Ftipmat=F, g=gravity)
 
 
 def ForwardDynamicsTrajectory(
-    thetalist: ArrayLike,
-    dthetalist: ArrayLike,
-    taumat: ArrayLike,
-    g: ArrayLike,
-    Ftipmat: ArrayLike,
-    Mlist: ArrayLike,
-    Glist: ArrayLike,
-    Slist: ArrayLike,
-    dt: float,
-    intRes: int,
-) -> tuple[Array, Array]:
+    thetalist: ArrayLike, dthetalist: ArrayLike, taumat: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+    dt: float, intRes: int,
+) -> tuple[Array, Array]:  # fmt: skip
     """Forward dynamics along rows of torques, each held for ``dt``: the motion by Euler steps, one at a time (MR section 8.5).
 
     Parameters
     ----------
-    thetalist : (n,) array_like, joint angles at the start
-    dthetalist : (n,) array_like, joint rates at the start
     taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row moves nothing
-    dt : float, how long each row is held [s]
 
     Returns
     -------
@@ -308,7 +265,7 @@ def _motion(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
 
 def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
     """The wrench of each row, (N, 6); zeros where a plain 0 was given, as the book's package promises."""
-    F = matrix_arguments.array(Ftipmat, "Ftipmat")
+    F = arguments.real(Ftipmat, "Ftipmat")
     if F.ndim == 0 and F == 0:
         return np.zeros((N, 6))
     if F.shape != (N, 6):
@@ -322,25 +279,11 @@ def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
 
 
 def ComputedTorque(
-    thetalist: ArrayLike,
-    dthetalist: ArrayLike,
-    eint: ArrayLike,
-    g: ArrayLike,
-    Mlist: ArrayLike,
-    Glist: ArrayLike,
-    Slist: ArrayLike,
-    thetalistd: ArrayLike,
-    dthetalistd: ArrayLike,
-    ddthetalistd: ArrayLike,
-    Kp: ArrayLike,
-    Ki: ArrayLike,
-    Kd: ArrayLike,
-) -> Array:
+    thetalist: ArrayLike, dthetalist: ArrayLike, eint: ArrayLike, g: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+    thetalistd: ArrayLike, dthetalistd: ArrayLike, ddthetalistd: ArrayLike, Kp: ArrayLike, Ki: ArrayLike, Kd: ArrayLike,
+) -> JointTorques:  # fmt: skip
     """Computed-torque control (feedback linearization): τ = M (ddtheta_d + Kp e + Ki (eint + e) + Kd de) + h (MR eq. 11.35).
-
-    Returns
-    -------
-    tau : (..., n) array, joint torques [N m, sliding joints: N]
 
     Notes
     -----
@@ -362,7 +305,7 @@ def ComputedTorque(
     }  # fmt: skip
     states = arguments.together(**{name: chain.joints(x, name) for name, x in given.items()})
     gains = _gains(chain, Kp=Kp, Ki=Ki, Kd=Kd)
-    return _torque(chain, matrix_arguments.array(g, "g", 3), *states, *gains)
+    return _torque(chain, arguments.real(g, "g", 3), *states, *gains)
 
 
 def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
@@ -380,33 +323,16 @@ def _torque(
 
 
 def SimulateControl(
-    thetalist: ArrayLike,
-    dthetalist: ArrayLike,
-    g: ArrayLike,
-    Ftipmat: ArrayLike,
-    Mlist: ArrayLike,
-    Glist: ArrayLike,
-    Slist: ArrayLike,
-    thetamatd: ArrayLike,
-    dthetamatd: ArrayLike,
-    ddthetamatd: ArrayLike,
-    gtilde: ArrayLike,
-    Mtildelist: ArrayLike,
-    Gtildelist: ArrayLike,
-    Kp: ArrayLike,
-    Ki: ArrayLike,
-    Kd: ArrayLike,
-    dt: float,
-    intRes: int,
-    *,
-    plot: bool = False,
-) -> tuple[Array, Array]:
-    """Simulation of :func:`ComputedTorque` following a motion with a model of its own (MR section 11.4).
+    thetalist: ArrayLike, dthetalist: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
+    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
+    thetamatd: ArrayLike, dthetamatd: ArrayLike, ddthetamatd: ArrayLike, gtilde: ArrayLike,
+    Mtildelist: ArrayLike, Gtildelist: ArrayLike,
+    Kp: ArrayLike, Ki: ArrayLike, Kd: ArrayLike, dt: float, intRes: int,
+    *, plot: bool = False,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Simulation of :func:`ComputedTorque` following a motion from one state, with a model of its own (MR section 11.4).
 
-    Parameters
-    ----------
-    thetalist : (n,) array_like, joint angles at the start
-    dthetalist : (n,) array_like, joint rates at the start
+    Torques are held for ``dt``, integrated by ``intRes`` Euler steps.
 
     Returns
     -------
@@ -417,10 +343,6 @@ def SimulateControl(
     ------
     MissingExtraError
         ``plot=True`` without matplotlib.
-
-    Notes
-    -----
-    Torques are held for ``dt``, integrated by ``intRes`` Euler steps.
 
     Examples
     --------

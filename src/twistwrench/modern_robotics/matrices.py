@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,25 +13,20 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..lie import se3, so3
-from ..typing import Array
-from . import matrix_arguments
+from ..typing import Array, Poses, Rotations, Twists
 
 # ── Rotations ──
 
 
-def RotInv(R: ArrayLike) -> Array:
+def RotInv(R: ArrayLike) -> Rotations:
     """Inverse of a rotation, its transpose R' (MR section 3.2.1).
-
-    Returns
-    -------
-    inverse : (..., 3, 3) array
 
     Examples
     --------
     >>> RotInv([[0, 0, 1], [1, 0, 0], [0, 1, 0]]).tolist()
     [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
     """
-    return np.swapaxes(matrix_arguments.array(R, "R", 3, 3), -1, -2).copy()
+    return np.swapaxes(arguments.real(R, "R", 3, 3), -1, -2).copy()
 
 
 def VecToso3(omg: ArrayLike) -> Array:
@@ -45,7 +41,7 @@ def VecToso3(omg: ArrayLike) -> Array:
     >>> VecToso3([1, 2, 3]).tolist()
     [[0.0, -3.0, 2.0], [3.0, 0.0, -1.0], [-2.0, 1.0, 0.0]]
     """
-    return so3.hat(matrix_arguments.array(omg, "omg", 3))
+    return so3.hat(arguments.real(omg, "omg", 3))
 
 
 def so3ToVec(so3mat: ArrayLike) -> Array:
@@ -60,21 +56,18 @@ def so3ToVec(so3mat: ArrayLike) -> Array:
     >>> so3ToVec([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).tolist()
     [1.0, 2.0, 3.0]
     """
-    return so3.vee(matrix_arguments.skew(so3mat, "so3ToVec: so3mat"))
+    return so3.vee(skew_argument(so3mat, "so3ToVec: so3mat"))
 
 
 def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
     """Axis and angle of exponential coordinates of a rotation (MR section 3.2.3.3).
 
+    No rotation has no axis: zero gives a zero axis and a zero angle, so that axis times angle is always ``expc3``.
+
     Returns
     -------
     omghat : (..., 3) array, unit axis
     theta : (...) array, angle [rad]
-
-    Notes
-    -----
-    No rotation has no axis: zero gives a zero axis and a zero angle, so that axis times angle is
-    always ``expc3``.
 
     Examples
     --------
@@ -82,48 +75,39 @@ def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
     >>> omghat.round(8).tolist(), round(float(theta), 13)
     ([0.26726124, 0.53452248, 0.80178373], 3.7416573867739)
     """
-    w = matrix_arguments.array(expc3, "expc3", 3)
+    w = arguments.real(expc3, "expc3", 3)
     theta = _length(w)
     return _over(w, theta), theta
 
 
-def MatrixExp3(so3mat: ArrayLike) -> Array:
+def MatrixExp3(so3mat: ArrayLike) -> Rotations:
     """Matrix exponential of so(3): the rotation exp([omg] theta), at every angle (MR eq. 3.51).
-
-    Returns
-    -------
-    R : (..., 3, 3) array
 
     Examples
     --------
     >>> MatrixExp3([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).round(8)[0].tolist()
     [-0.69492056, 0.71352099, 0.08929286]
     """
-    return so3.exp(so3.vee(matrix_arguments.skew(so3mat, "MatrixExp3: so3mat")))
+    return so3.exp(so3.vee(skew_argument(so3mat, "MatrixExp3: so3mat")))
 
 
 def MatrixLog3(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π whose exponential is R, at every angle (MR eq. 3.53, 3.54).
 
+    A matrix typed with few digits is read as the nearest rotation. At exactly π, where two logarithms are right, the
+    sign is the one the book's package chooses.
+
     Returns
     -------
     so3mat : (..., 3, 3) array [rad]
-
-    Notes
-    -----
-    A matrix typed with few digits is read as the nearest rotation. At exactly π, where two
-    logarithms are right, the sign is the one the book's package chooses.
 
     Examples
     --------
     >>> MatrixLog3([[0, 0, 1], [1, 0, 0], [0, 1, 0]]).round(8)[0].tolist()
     [0.0, -1.20919958, 1.20919958]
     """
-    return so3.hat(_log3(matrix_arguments.rotation(R, "MatrixLog3: R")))
-
-
-def _log3(R: Array) -> Array:
-    return _signed(R, so3.log(R))
+    R = rotation_argument(R, "MatrixLog3: R")
+    return so3.hat(_signed(R, so3.log(R)))
 
 
 def _signed(R: Array, w: Array) -> Array:
@@ -140,20 +124,15 @@ def _signed(R: Array, w: Array) -> Array:
 # ── Rigid motions ──
 
 
-def RpToTrans(R: ArrayLike, p: ArrayLike) -> Array:
+def RpToTrans(R: ArrayLike, p: ArrayLike) -> Poses:
     """Homogeneous matrix of a rotation and a position.
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
     >>> RpToTrans([[1, 0, 0], [0, 0, -1], [0, 1, 0]], [1, 2, 5])[2].tolist()
     [0.0, 1.0, 0.0, 5.0]
     """
-    R, p = matrix_arguments.array(R, "R", 3, 3), matrix_arguments.array(p, "p", 3)
-    return se3.pose(R, p)
+    return se3.pose(arguments.real(R, "R", 3, 3), arguments.real(p, "p", 3))
 
 
 def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
@@ -169,16 +148,12 @@ def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
     >>> TransToRp([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]])[1].tolist()
     [0.0, 0.0, 3.0]
     """
-    T = matrix_arguments.array(T, "T", 4, 4)
+    T = arguments.real(T, "T", 4, 4)
     return T[..., :3, :3].copy(), T[..., :3, 3].copy()
 
 
-def TransInv(T: ArrayLike) -> Array:
+def TransInv(T: ArrayLike) -> Poses:
     """Inverse of a pose, by transposing the rotation (MR eq. 3.64).
-
-    Returns
-    -------
-    inverse : (..., 4, 4) array
 
     Notes
     -----
@@ -189,12 +164,9 @@ def TransInv(T: ArrayLike) -> Array:
     >>> TransInv([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]])[1].tolist()
     [0.0, 0.0, 1.0, -3.0]
     """
-    T = matrix_arguments.pose(T, "TransInv: T")
+    T = pose_argument(T, "TransInv: T")
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
-    inverse = np.empty_like(T)
-    inverse[..., :3, :3], inverse[..., :3, 3] = Rt, -(Rt @ T[..., :3, 3, None])[..., 0]
-    inverse[..., 3, :] = 0.0, 0.0, 0.0, 1.0
-    return inverse
+    return se3.pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
 
 
 def VecTose3(V: ArrayLike) -> Array:
@@ -209,22 +181,18 @@ def VecTose3(V: ArrayLike) -> Array:
     >>> VecTose3([1, 2, 3, 4, 5, 6])[0].tolist()
     [0.0, -3.0, 2.0, 4.0]
     """
-    return se3.hat(matrix_arguments.array(V, "V", 6))
+    return se3.hat(arguments.real(V, "V", 6))
 
 
-def se3ToVec(se3mat: ArrayLike) -> Array:
+def se3ToVec(se3mat: ArrayLike) -> Twists:
     """Twist (omega, v) of a matrix [V].
-
-    Returns
-    -------
-    V : (..., 6) array
 
     Examples
     --------
     >>> se3ToVec([[0, -3, 2, 4], [3, 0, -1, 5], [-2, 1, 0, 6], [0, 0, 0, 0]]).tolist()
     [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     """
-    return se3.vee(matrix_arguments.twist_matrix(se3mat, "se3ToVec: se3mat"))
+    return se3.vee(twist_argument(se3mat, "se3ToVec: se3mat"))
 
 
 def Adjoint(T: ArrayLike) -> Array:
@@ -239,7 +207,7 @@ def Adjoint(T: ArrayLike) -> Array:
     >>> Adjoint([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]])[4].tolist()
     [3.0, 0.0, 0.0, 0.0, 0.0, -1.0]
     """
-    T = matrix_arguments.array(T, "T", 4, 4)
+    T = arguments.real(T, "T", 4, 4)
     R = T[..., :3, :3]
     return _lower(R, so3.hat(T[..., :3, 3]) @ R)
 
@@ -256,7 +224,7 @@ def ad(V: ArrayLike) -> Array:
     >>> ad([1, 2, 3, 4, 5, 6])[3].tolist()
     [0.0, -6.0, 5.0, 0.0, -3.0, 2.0]
     """
-    V = matrix_arguments.array(V, "V", 6)
+    V = arguments.real(V, "V", 6)
     return _lower(so3.hat(V[..., :3]), so3.hat(V[..., 3:]))
 
 
@@ -267,8 +235,10 @@ def _lower(diagonal: Array, below: Array) -> Array:
     return out
 
 
-def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
+def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Twists:
     """Screw axis (s, q × s + h s) through a point along a unit vector with a pitch (MR section 3.3.2.2).
+
+    s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis` normalises it.
 
     Parameters
     ----------
@@ -276,21 +246,12 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
     s : (..., 3) array_like, unit vector along it
     h : (...) array_like, pitch [m/rad]
 
-    Returns
-    -------
-    S : (..., 6) array
-
-    Notes
-    -----
-    s is taken as it is, as in the book's package; ``screw_axis`` of :mod:`twistwrench.lie.axis`
-    normalises it.
-
     Examples
     --------
     >>> ScrewToAxis([3, 0, 0], [0, 0, 1], 2).tolist()
     [0.0, 0.0, 1.0, 0.0, -3.0, 2.0]
     """
-    q, s, h = matrix_arguments.array(q, "q", 3), matrix_arguments.array(s, "s", 3), matrix_arguments.array(h, "h")
+    q, s, h = arguments.real(q, "q", 3), arguments.real(s, "s", 3), arguments.real(h, "h")
     if h.ndim or q.shape != s.shape:
         q, s, h = arguments.together(q=q, s=s, h=h[..., None])
     return np.concatenate([s, so3.cross(q, s) + h * s], axis=-1)
@@ -299,15 +260,13 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
 def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
     """Screw axis and distance along it of exponential coordinates S theta (MR eq. 3.87).
 
+    The turning part of S is of unit length however small it was in ``expc6``; where it is zero, the sliding part is.
+    Zero gives a zero axis and a zero distance.
+
     Returns
     -------
     S : (..., 6) array, screw axis
     theta : (...) array, distance along it [rad, or m where S slides only]
-
-    Notes
-    -----
-    The turning part of S is of unit length however small it was in ``expc6``; where it is zero, the
-    sliding part is. Zero gives a zero axis and a zero distance.
 
     Examples
     --------
@@ -315,18 +274,14 @@ def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
     >>> S.tolist(), float(theta)
     ([1.0, 0.0, 0.0, 1.0, 2.0, 3.0], 1.0)
     """
-    V = matrix_arguments.array(expc6, "expc6", 6)
+    V = arguments.real(expc6, "expc6", 6)
     turn = _length(V[..., :3])
     theta = np.where(turn > 0, turn, _length(V[..., 3:]))[()]
     return _over(V, theta), theta
 
 
-def MatrixExp6(se3mat: ArrayLike) -> Array:
+def MatrixExp6(se3mat: ArrayLike) -> Poses:
     """Matrix exponential of se(3): the pose exp([S] theta), at every angle (MR eq. 3.88).
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -334,26 +289,24 @@ def MatrixExp6(se3mat: ArrayLike) -> Array:
     >>> MatrixExp6(se3mat).round(7)[2].tolist()
     [0.0, 1.0, 0.0, 3.0]
     """
-    return se3.exp(se3.vee(matrix_arguments.twist_matrix(se3mat, "MatrixExp6: se3mat")))
+    return se3.exp(se3.vee(twist_argument(se3mat, "MatrixExp6: se3mat")))
 
 
 def MatrixLog6(T: ArrayLike) -> Array:
     """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π whose exponential is T, at every angle (MR eq. 3.91, 3.92).
 
+    Rounded rotations and exactly π are treated as in :func:`MatrixLog3`.
+
     Returns
     -------
     se3mat : (..., 4, 4) array
-
-    Notes
-    -----
-    Rounded rotations and exactly π are treated as in :func:`MatrixLog3`.
 
     Examples
     --------
     >>> (MatrixLog6([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]]).round(8)[2] + 0.0).tolist()
     [0.0, 1.57079633, 0.0, 2.35619449]
     """
-    return se3.hat(log6(matrix_arguments.pose(T, "MatrixLog6: T")))
+    return se3.hat(log6(pose_argument(T, "MatrixLog6: T")))
 
 
 def log6(T: Array) -> Array:
@@ -387,6 +340,8 @@ FAR = 1e9
 def NearZero(z: ArrayLike) -> Any:
     """True if a number is near zero: |z| < 1e-6.
 
+    Nothing in this package decides by it.
+
     Parameters
     ----------
     z : (...) array_like
@@ -395,16 +350,12 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
 
-    Notes
-    -----
-    Nothing in this package decides by it.
-
     Examples
     --------
     >>> bool(NearZero(-1e-7))
     True
     """
-    return abs(z) < 1e-6 if type(z) is float else np.abs(matrix_arguments.array(z, "z")) < 1e-6
+    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6
 
 
 def Normalize(V: ArrayLike) -> Array:
@@ -423,7 +374,7 @@ def Normalize(V: ArrayLike) -> Array:
     >>> Normalize([1, 2, 3]).round(8).tolist()
     [0.26726124, 0.53452248, 0.80178373]
     """
-    V = np.atleast_1d(matrix_arguments.array(V, "V"))
+    V = np.atleast_1d(arguments.real(V, "V"))
     if V.ndim == 1 and 0.0 < (length := math.hypot(*V.tolist())) < math.inf:
         return V / V.dtype.type(length)
     largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
@@ -433,12 +384,8 @@ def Normalize(V: ArrayLike) -> Array:
     return np.asarray(V / np.linalg.norm(V, axis=-1, keepdims=True))
 
 
-def ProjectToSO3(mat: ArrayLike) -> Array:
+def ProjectToSO3(mat: ArrayLike) -> Rotations:
     """Nearest rotation to a matrix in the Frobenius norm, however far that is.
-
-    Returns
-    -------
-    R : (..., 3, 3) array
 
     Notes
     -----
@@ -449,15 +396,11 @@ def ProjectToSO3(mat: ArrayLike) -> Array:
     >>> ProjectToSO3([[0.675, 0.150, 0.720], [0.370, 0.771, -0.511], [-0.630, 0.619, 0.472]]).round(8)[0].tolist()
     [0.67901136, 0.14894516, 0.71885945]
     """
-    return so3.project(matrix_arguments.array(mat, "mat", 3, 3), np.inf)
+    return so3.project(arguments.real(mat, "mat", 3, 3), np.inf)
 
 
-def ProjectToSE3(mat: ArrayLike) -> Array:
+def ProjectToSE3(mat: ArrayLike) -> Poses:
     """Nearest pose to a matrix: the nearest rotation, the position as it is, the last row replaced.
-
-    Returns
-    -------
-    T : (..., 4, 4) array
 
     Examples
     --------
@@ -465,7 +408,7 @@ def ProjectToSE3(mat: ArrayLike) -> Array:
     >>> ProjectToSE3(mat).round(8)[0].tolist()
     [0.67901136, 0.14894516, 0.71885945, 1.2]
     """
-    mat = matrix_arguments.array(mat, "mat", 4, 4)
+    mat = arguments.real(mat, "mat", 4, 4)
     return se3.pose(so3.project(mat[..., :3, :3], np.inf), mat[..., :3, 3])
 
 
@@ -481,7 +424,7 @@ def DistanceToSO3(mat: ArrayLike) -> Any:
     >>> round(float(DistanceToSO3([[1.0, 0.0, 0.0], [0.0, 0.1, -0.95], [0.0, 1.0, 0.1]])), 5)
     0.08835
     """
-    return _distance(matrix_arguments.array(mat, "mat", 3, 3), None)
+    return _distance(arguments.real(mat, "mat", 3, 3), None)
 
 
 def DistanceToSE3(mat: ArrayLike) -> Any:
@@ -497,7 +440,7 @@ def DistanceToSE3(mat: ArrayLike) -> Any:
     >>> round(float(DistanceToSE3(mat)), 6)
     0.134931
     """
-    mat = matrix_arguments.array(mat, "mat", 4, 4)
+    mat = arguments.real(mat, "mat", 4, 4)
     return _distance(mat[..., :3, :3], mat[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0]))
 
 
@@ -535,6 +478,65 @@ def TestIfSE3(mat: ArrayLike) -> Any:
     True
     """
     return DistanceToSE3(mat) < 1e-3
+
+
+# ── Arguments: matrices of the expected kind, or an error that names the argument
+
+ROUNDED = 0.01
+"""Largest distance of an entry from the nearest rotation's: matrices typed with two digits are taken for rotations."""
+
+
+def rotation_argument(R: ArrayLike, name: str) -> Array:
+    """R (..., 3, 3) as it is where it is a rotation to 1e-6, and the nearest one where it was rounded more than that."""
+    return _nearest(arguments.real(R, name, 3, 3), name, arguments.rotation, so3.project)
+
+
+def pose_argument(T: ArrayLike, name: str) -> Array:
+    """T (..., 4, 4), its rotation as :func:`rotation_argument` takes it."""
+    return _nearest(arguments.real(T, name, 4, 4), name, arguments.pose, se3.project)
+
+
+def _nearest(
+    X: Array, name: str, judged: Callable[[Array, str], Array], project: Callable[[Array, float], Array]
+) -> Array:
+    try:
+        return judged(X, name)
+    except ValueRangeError:
+        try:
+            return project(X, ROUNDED)
+        except ValueRangeError as problem:
+            reason = str(problem).partition(".project: ")[2] or str(problem)
+            raise ValueRangeError(f"{name}: {reason} mr.ProjectToSO3 and mr.ProjectToSE3 take any.") from None
+
+
+def skew_argument(W: ArrayLike, name: str) -> Array:
+    """W (..., 3, 3), when W + W' is zero but for rounding, in a hundredth of its largest entry."""
+    W = arguments.real(W, name, 3, 3)
+    if W.ndim == 2:
+        (a, b, c), (d, e, f), (g, h, i) = W.tolist()
+        if a == e == i == b + d == c + g == f + h == 0.0:
+            return W
+    with np.errstate(all="ignore"):
+        off = np.abs(W + np.swapaxes(W, -1, -2))
+        largest = np.maximum(arguments.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
+    arguments.refuse(
+        off / largest,
+        ROUNDED,
+        f"{name} is not skew-symmetric: with its transpose added it is {{gap}} of its largest entry, allowed "
+        "{allowed}; mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations "
+        "and poses",
+    )
+    return W
+
+
+def twist_argument(X: ArrayLike, name: str) -> Array:
+    """X (..., 4, 4) of a twist: :func:`skew_argument` above on the left, and a last row of zeros."""
+    X = arguments.real(X, name, 4, 4)
+    skew_argument(X[..., :3, :3], name)
+    if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:
+        complaint = f"{name} has no last row of zeros: an entry is {{gap}} off, allowed {{allowed}}"
+        arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, complaint)
+    return X
 
 
 complete(globals())

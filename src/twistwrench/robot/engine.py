@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core import arguments, third_party
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
-from ..lie import compiled as lie
+from ..lie import series
 from ..runtime import batch_threads
 from ..runtime.interpreter import compiles
 from ..typing import Array
@@ -424,4 +424,4 @@ def kernel(name: str) -> ExponentialKernel | None:
 
 def install() -> None:
     """Install compiled kernels for exp and log of :mod:`~twistwrench.lie`."""
-    lie.compiler = kernel
+    series.compiler = kernel

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..algorithms import forward_dynamics
-from ..algorithms.derivatives import accelerations, torque_derivatives_and_factors
-from ..algorithms.forward_dynamics import relations
+from ..algorithms.forward_dynamics import accelerations, relations, torque_derivatives_and_factors
 from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnSolve, Product, Products
 from ..ir.program import Program
 from ..ir.tracer import trace

@@ -8,7 +8,6 @@ from typing import Any
 
 from ..algorithms import (
     constraints,
-    derivatives,
     forward_dynamics,
     friction,
     inverse_dynamics,
@@ -162,7 +161,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         book="section 8.5", pinocchio="aba", mujoco="mj_forward",
     ),
     "forward_dynamics_derivatives": row(
-        derivatives.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
+        forward_dynamics.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
         "derivatives of ddq by q (along the joint twists), dq and tau",
         options="wrenches", felt=True, needs_inverse=True, pinocchio="computeABADerivatives",
         unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)",
@@ -205,7 +204,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         mujoco="mj_inverse",
     ),
     "inverse_dynamics_derivatives": row(
-        derivatives.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
+        forward_dynamics.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
         "derivatives of tau by q (along the joint twists) and dq",
         options="wrenches", felt=True, pinocchio="computeRNEADerivatives",
         unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)",

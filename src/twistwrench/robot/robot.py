@@ -21,7 +21,7 @@ from .shared_methods import IKMethods, Method, SimulationMethods
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
-    from ..algorithms.closed_form import ClosedForm
+    from ..algorithms.inverse_dynamics import ClosedForm
     from ..model.model import Model
     from ..runtime.dispatch import CallSignature
     from ..simulation import SimulationBatch, SimulationResult
@@ -251,7 +251,7 @@ class OpenRobotMethods(RobotBase, IKMethods, SimulationMethods[Method, "Simulati
         wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
             raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
-        from ..algorithms.closed_form import closed_form
+        from ..algorithms.inverse_dynamics import closed_form
 
         return closed_form(self.model, q, dq, wrenches)
 

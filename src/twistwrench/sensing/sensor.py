@@ -17,8 +17,7 @@ from ..core.numbers import printed
 from ..errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
 from ..lie import quaternion, so3
 from ..lie.labelled import frame_name
-from ..lie.pose import Pose
-from ..lie.twist_wrench import Twist, Wrench
+from ..lie.twist_wrench import Pose, Twist, Wrench
 from ..typing import Array
 
 _KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
