@@ -50,19 +50,15 @@ def squares_of(part: Information, x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of some rows, (nv, r, r), (nv, r), (nv,), and how many rows of each joint; they add up.
+    """Normal equations of some rows, and how many rows of each joint; they add up.
 
-    Attributes
-    ----------
-    N : (nv, r, r) array
-    c : (nv, r) array
-    y : (nv,) array
-    rows : float
+    Packed, they are the lower triangles of [N c; c' y] of each joint one after another, without the columns that are zero in
+    its rows: ``felt`` (nv, r) marks the others.
     """
 
-    N: Array
-    c: Array
-    y: Array
+    N: Array  # (nv, r, r)
+    c: Array  # (nv, r)
+    y: Array  # (nv,)
     rows: float
 
     @classmethod
@@ -87,6 +83,29 @@ class NormalEquations:
             N[j][np.ix_(which, which)] = A.T @ A
             c[j, which] = A.T @ tau[:, j]
         return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
+
+    @classmethod
+    def unpacked(cls, packed: Array, felt: Array, rows: float) -> NormalEquations:
+        """From packed numbers (f,)."""
+        nv, r = felt.shape
+        N, c, y, begin = np.zeros((nv, r, r)), np.zeros((nv, r)), np.zeros(nv), 0
+        for j, mine in enumerate(felt):
+            width = int(mine.sum()) + 1
+            G, corner = np.zeros((width, width)), np.tril_indices(width)
+            G[corner] = packed[begin : begin + len(corner[0])]
+            begin += len(corner[0])
+            G = G + np.tril(G, -1).T
+            N[j][np.ix_(mine, mine)], c[j, mine], y[j] = G[:-1, :-1], G[-1, :-1], G[-1, -1]
+        return cls(N, c, y, rows)
+
+    def packed(self, felt: Array) -> Array:
+        """Packed numbers (f,)."""
+        found = list[Array]()
+        for N, c, y, mine in zip(self.N, self.c, self.y, felt, strict=True):
+            G = np.zeros((len(c[mine]) + 1,) * 2)
+            G[:-1, :-1], G[-1, :-1], G[-1, -1] = N[np.ix_(mine, mine)], c[mine], y
+            found.append(G[np.tril_indices(len(G))])
+        return np.concatenate(found)
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
@@ -120,72 +139,28 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class FeltEquations:
-    """Normal equations without zero entries: for each joint those of the columns that affect it.
-
-    Attributes
-    ----------
-    N : tuple of (k, k) arrays, by joint
-    c : tuple of (k,) arrays
-    y : (nv,) array
-    rows : float
-    felt : (nv, r) bool array
-    """
-
-    N: tuple[Array, ...]
-    c: tuple[Array, ...]
-    y: Array
-    rows: float
-    felt: Array
-
-    @classmethod
-    def from_equations(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
-        """Compressed equations, from those whose other entries are zero."""
-        N = tuple(A[np.ix_(mine, mine)] for A, mine in zip(equations.N, felt, strict=True))
-        c = tuple(b[mine] for b, mine in zip(equations.c, felt, strict=True))
-        return cls(N, c, equations.y, equations.rows, felt)
-
-    @property
-    def nbytes(self) -> int:
-        """Size in memory [bytes]."""
-        return sum(x.nbytes for x in (*self.N, *self.c, self.y))
-
-    def whole(self) -> NormalEquations:
-        """With the entries that are zero."""
-        nv, r = self.felt.shape
-        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
-        for j, mine in enumerate(self.felt):
-            N[j][np.ix_(mine, mine)], c[j, mine] = self.N[j], self.c[j]
-        return NormalEquations(N, c, self.y, self.rows)
-
-
-@dataclass(frozen=True, eq=False)
 class Prior:
-    """Weak prior: values of groups that the rows do not determine, and their largest plausible size.
-
-    Attributes
-    ----------
-    mean : (r,) array
-    size : (r,) array, above 0
-    """
+    """Weak prior: values (r,) of groups that the rows do not determine, and their largest plausible sizes (r,), above 0."""
 
     mean: Array
     size: Array
 
     def solve(self, A: Array, b: Array) -> Array:
         """x of (A + size⁻²) x = b + size⁻² mean, in units in which sizes are 1."""
-        import scipy.linalg
-
         S = self.size
         scaled = A * S[:, None] * S[None, :]
         scaled[np.diag_indices_from(scaled)] += 1.0
         scaled[np.diag_indices_from(scaled)] *= 1.0 + _ROUNDING
-        diagonal = np.sqrt(scaled.diagonal())
-        factor = scipy.linalg.cho_factor(scaled / diagonal[:, None] / diagonal[None, :], check_finite=False)
-        right = S * (b - A @ self.mean)
-        return np.asarray(
-            self.mean + S * scipy.linalg.cho_solve(factor, right / diagonal, check_finite=False) / diagonal
-        )
+        return np.asarray(self.mean + solve_positive(scaled, S * (b - A @ self.mean), S))
+
+
+def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
+    """``units`` times x of A x = b for positive definite A, by Cholesky's factors in units in which its diagonal is 1."""
+    import scipy.linalg
+
+    size = np.sqrt(A.diagonal())
+    factor = scipy.linalg.cho_factor(A / size[:, None] / size[None, :], check_finite=False)
+    return np.asarray(units * scipy.linalg.cho_solve(factor, b / size, check_finite=False) / size)
 
 
 # ── Weighted least squares of rows with Huber's loss
@@ -193,9 +168,15 @@ class Prior:
 # Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
 
-HUBER, _MAD = 1.345, 1.4826
+HUBER, MAD = 1.345, 1.4826
+"""k; and the standard deviation of normal noise, in units of its median absolute deviation."""
 _REWEIGHTINGS = 12
 Method = Literal["irls", "wls", "ols"]
+
+
+def huber_weights(distance: Array, k: float = HUBER) -> Array:
+    """Weights of residuals whose sizes, in units of their deviation, are ``distance``."""
+    return np.asarray(np.minimum(1.0, k / np.maximum(distance, 1e-300)))
 
 
 def weighted_fit(
@@ -217,8 +198,8 @@ def weighted_fit(
         return x, sigma, weights
     for _ in range(_REWEIGHTINGS):
         left = tau - W @ x
-        sigma = np.maximum(_MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
-        weights = np.minimum(1.0, HUBER / np.maximum(np.abs(left / sigma), 1e-300))
+        sigma = np.maximum(MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
+        weights = huber_weights(np.abs(left / sigma))
         root = np.sqrt(weights) / sigma
         equations = NormalEquations.from_rows(W, tau, felt, root, mine)
         new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))

@@ -21,10 +21,22 @@ from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..typing import Array
 from .hyperparameters import FitSettings
-from .parameters import BaseParameters
+from .parameters import BaseParameters, speed_owner
 from .payload import MotorSide
 from .rows import BaseColumns, of_springs
-from .zero_phase import FEWEST, GAP, PAUSE, ROW_RATE, STATE_RATE, Filtered, border_of, low_pass, states_below_of
+from .zero_phase import (
+    FEWEST,
+    GAP,
+    PAUSE,
+    ROW_RATE,
+    STATE_RATE,
+    STEADY,
+    Filtered,
+    border_of,
+    low_pass,
+    resampled,
+    states_below_of,
+)
 
 CHUNK = 1 << 20
 """Rows of one unit of work: seventeen minutes at 1 kHz."""
@@ -32,19 +44,14 @@ CHUNK = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class LogClock:
-    """Clock of a log: its step, and its stretches without a pause.
-
-    Attributes
-    ----------
-    rows : int
-    step : float, mean step within stretches [s]
-    begins, ends : (s,) arrays, first and last stamp of each stretch [s]
-    """
+    """Clock of a log: its step, and its stretches without a pause."""
 
     rows: int
     step: float
+    """Mean step within stretches [s]."""
     begins: Array
     ends: Array
+    """(s,) first and last stamps of the stretches [s]."""
 
     @classmethod
     def from_times(cls, time: Array, where: str) -> LogClock:
@@ -95,15 +102,7 @@ def gap_notes(lengths: Array) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class LogSource:
-    """A log, by its file and how it is read, or by its motion in memory.
-
-    Attributes
-    ----------
-    robot : Robot
-    path : str
-    columns, rate, degrees, side : as :func:`read_motion` takes them
-    motion : Motion, optional, the log itself
-    """
+    """A log, by its file and how it is read (as :func:`read_motion` does), or by its motion in memory."""
 
     robot: Robot
     path: str
@@ -181,35 +180,24 @@ _MOST_OPENED = 2
 
 # ── Windows on a steady clock, which overlap by the reach of the filters
 
-_STEADY = 1e-3
-"""Share of the step that stamps may be off without being moved to the steady clock."""
-
 
 @dataclass(frozen=True, eq=False)
 class SteadyWindow:
-    """Samples first, first + 1, … of one stretch of a log, and those that are this window's own.
-
-    Attributes
-    ----------
-    stretch : int
-    count : int, samples of the whole stretch
-    begin : float, time of the stretch's first sample [s]
-    step : float [s]
-    first : int, number of the first sample here
-    q, tau : (n, nv) arrays
-    own : (a, b), numbers of the stretch's samples, from the first to the one after the last
-    cut : bool, whether there are other stretches
-    """
+    """Samples first, first + 1, … of one stretch of a log, q and tau (n, nv), and those that are this window's own."""
 
     stretch: int
     count: int
+    """Samples of the whole stretch."""
     begin: float
+    """Time of the stretch's first sample [s]."""
     step: float
     first: int
     q: Array
     tau: Array
     own: tuple[int, int]
-    cut: bool = False
+    """Numbers of the stretch's samples, from the first to the one after the last."""
+    cut: bool
+    """True if there are other stretches."""
 
 
 def steady_windows(
@@ -253,18 +241,14 @@ def _steady(
     time: Array, q: Array, tau: Array, begin: float, step: float, count: int
 ) -> tuple[int, Array, Array] | None:
     """Number of the first sample, and positions and torques at the samples that lie between the rows."""
-    first = max(0, math.ceil((time[0] - begin) / step - _STEADY))
-    last = min(count - 1, math.floor((time[-1] - begin) / step + _STEADY))
+    first = max(0, math.ceil((time[0] - begin) / step - STEADY))
+    last = min(count - 1, math.floor((time[-1] - begin) / step + STEADY))
     if last - first + 1 < 2:
         return None
     at = begin + step * np.arange(first, last + 1)
-    if len(time) == len(at) and np.abs(time - at).max() <= _STEADY * step:
+    if len(time) == len(at) and np.abs(time - at).max() <= STEADY * step:
         return first, q, tau
-    from scipy.interpolate import CubicSpline
-
-    local = time - time[0]
-    inside = np.clip(at - time[0], 0.0, local[-1])
-    return first, CubicSpline(local, q)(inside), np.stack([np.interp(inside, local, x) for x in tau.T], axis=1)
+    return first, *resampled(time, q, tau, at)
 
 
 # ── Rows of equations of one chunk
@@ -283,27 +267,22 @@ FASTER = 0.1
 
 @dataclass(frozen=True, eq=False)
 class RowFrame:
-    """Common settings of the rows of all logs, so that they add up.
-
-    Attributes
-    ----------
-    base : BaseParameters
-    settings : FitSettings
-    x : (r,) array, groups that an excerpt gave: where derivatives are taken
-    sigma : (nv,) array, sizes of the residuals
-    dead : (nv,) bool array, joints without a torque
-    free_shift, free_speed : bool, whether the clock's offset and the speeds of friction were chosen
-    robust : bool, whether large residuals count less
-    """
+    """Common settings of the rows of all logs, so that they add up."""
 
     base: BaseParameters
     settings: FitSettings
     x: Array
+    """(r,) groups that an excerpt gave: where derivatives are taken."""
     sigma: Array
+    """(nv,) sizes of the residuals."""
     dead: Array
+    """(nv,) bool, joints without a torque."""
     free_shift: bool
+    """True if the clock's offset was chosen."""
     free_speed: bool
+    """True if the speeds of friction were chosen."""
     robust: bool
+    """True if large residuals count less."""
 
     @cached_property
     def columns(self) -> BaseColumns:
@@ -311,44 +290,49 @@ class RowFrame:
         return BaseColumns.from_parameters(self.base)
 
     @cached_property
-    def speeds(self) -> list[tuple[int, Array]]:
-        """Column of each chosen friction speed, and the joints that it is in."""
-        found = self.base.unknown.coulomb_columns(self.base.kept) if self.free_speed else []
-        return list({int(np.flatnonzero(joints)[-1]): (c, joints) for c, joints in reversed(found)}.values())[::-1]
+    def speeds(self) -> dict[int, list[tuple[int, Array]]]:
+        """Columns of dry friction and the joints they are in, by the joint whose chosen speed they depend on."""
+        found: dict[int, list[tuple[int, Array]]] = {}
+        for column, joints in self.base.unknown.coulomb_columns(self.base.kept) if self.free_speed else []:
+            owner = speed_owner(joints)
+            found[owner] = [*found.pop(owner, []), (column, joints)]
+        return found
 
     @property
-    def extra(self) -> int:
-        """Number of columns of settings."""
-        return int(self.free_shift) + len(self.speeds)
+    def first_speed(self) -> int:
+        """Number of the first column of a friction speed; that of the clock's offset stands before it."""
+        return self.base.count + int(self.free_shift)
+
+    @property
+    def width(self) -> int:
+        """Number of columns of groups and of settings."""
+        return self.first_speed + len(self.speeds)
 
     @cached_property
-    def felt(self) -> tuple[Array, ...]:
-        """Columns of each joint, of groups and then of settings, in which its rows have entries."""
-        r, found = self.base.count, list[Array]()
-        for j, groups in enumerate(self.columns.groups):
-            mine = [r] if self.free_shift else []
-            mine += [r + int(self.free_shift) + k for k, (_, joints) in enumerate(self.speeds) if joints[j]]
-            found.append(np.concatenate([groups, np.array(mine, int)]))
-        return tuple(found)
+    def felt(self) -> Array:
+        """(nv, width) bool, the columns of groups and then of settings that are not zero in the rows of each joint."""
+        of_speeds = [columns[0][1] for columns in self.speeds.values()]
+        offset = np.full((len(self.sigma), int(self.free_shift)), True)
+        return np.concatenate([self.base.felt, offset, np.reshape(of_speeds, (-1, len(self.sigma))).T > 0], axis=1)
 
     def margin(self, rate: float) -> int:
         """Samples on each side that a chunk needs besides its own."""
         return math.ceil((2 * PERIODS / self.settings.cutoff + abs(self.settings.shift)) * rate) + 16
 
 
-@dataclass(frozen=True, eq=False)
-class JointRows:
-    """Rows of one portion: times (n,) [s], and of each joint the entries (n, r_j + 1), torques in the last column."""
+def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, list[Array]]]:
+    """The rows that are the chunk's own, in portions of states that stay in the processor's cache.
 
-    time: Array
-    entries: tuple[Array, ...]
+    Each has times (n,) [s], and of each joint the entries (n, r_j + 1), torques in the last column.
+    """
+    from scipy.interpolate import CubicSpline
 
-
-def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[JointRows]:
-    """The rows that are the chunk's own, in portions of states that stay in the processor's cache."""
     cutoff, rate = frame.settings.cutoff, 1.0 / chunk.step
     every = max(1, math.floor(rate / (STATE_RATE * cutoff)))
-    states, number = _states(chunk, cutoff, every)
+    number = -(-chunk.first // every)  # of the first state, on the stretch's own grid
+    time = chunk.begin + chunk.step * (chunk.first + np.arange(len(chunk.q)))
+    grid = slice(number * every - chunk.first, None, every)
+    states = states_below_of(time, chunk.q, chunk.tau, chunk.step, cutoff, grid)
     total = -(-chunk.count // every)
     apart = max(1, math.floor(states.rate / (ROW_RATE * cutoff)))
     border = border_of(states.rate, cutoff, total, cut=chunk.cut)
@@ -358,68 +342,47 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[JointRows]:
     wanted = wanted[(wanted >= 0) & (wanted < len(states.time))]
     if not wanted.size:
         return
-    torques = _Torques(frame, states)
+    torques = CubicSpline(
+        states.time, low_pass(states.tau, cutoff, states.rate)
+    )  # low-passed once more, as the columns
     margin = int(PERIODS * states.rate / cutoff) + 1
     for begin in range(int(wanted[0]), int(wanted[-1]) + 1, _STATES):
         mine = wanted[(wanted >= begin) & (wanted < begin + _STATES)]
         if mine.size:
             span = slice(max(0, begin - margin), min(len(states.time), begin + _STATES + margin))
-            yield _portion(frame, states, torques, span, mine)
+            yield states.time[mine], _entries(frame, states, torques, span, mine)
 
 
-def _states(chunk: SteadyWindow, cutoff: float, every: int) -> tuple[Filtered, int]:
-    """States on the stretch's own grid of every so many samples, and the number of the first."""
-    number = -(-chunk.first // every)
-    time = chunk.begin + chunk.step * (chunk.first + np.arange(len(chunk.q)))
-    return states_below_of(
-        time, chunk.q, chunk.tau, chunk.step, cutoff, slice(number * every - chunk.first, None, every)
-    ), number
-
-
-class _Torques:
-    """Torques of a chunk's states, low-passed once more as the columns are, and their slope."""
-
-    def __init__(self, frame: RowFrame, s: Filtered) -> None:
-        from scipy.interpolate import CubicSpline
-
-        self._spline = CubicSpline(s.time, low_pass(s.tau, frame.settings.cutoff, s.rate))
-        self._span, self._shift = (float(s.time[0]), float(s.time[-1])), frame.settings.shift
-
-    def at(self, time: Array) -> tuple[Array, Array]:
-        """(n, nv) both, at times of positions."""
-        there = np.clip(time + self._shift, *self._span)
-        return self._spline(there), self._spline(there, 1)
-
-
-def _portion(frame: RowFrame, s: Filtered, torques: _Torques, span: slice, wanted: Array) -> JointRows:
-    base, settings, columns = frame.base, frame.settings, frame.columns
+def _entries(frame: RowFrame, s: Filtered, torques: Any, span: slice, wanted: Array) -> list[Array]:
+    """Entries (n, r_j + 1) of each joint in some of the states, which ``span`` has with what filters reach."""
+    base, settings = frame.base, frame.settings
     q, dq, ddq = s.q[span], s.dq[span], s.ddq[span]
     at = wanted - span.start
-    entries = low_pass(columns.rows(q, dq, ddq, settings.friction_speed), settings.cutoff, s.rate)[at]
-    tau, slope = torques.at(s.time[wanted])
+    entries = low_pass(frame.columns.rows(q, dq, ddq, settings.friction_speed), settings.cutoff, s.rate)[at]
+    there = np.clip(s.time[wanted] + settings.shift, s.time[0], s.time[-1])
+    tau, slope = torques(there), torques(there, 1)
     if base.unknown.model.springs:
         tau = tau - low_pass(of_springs(base, q, dq, ddq), settings.cutoff, s.rate)[at]
-    changes = [_slower(frame, s, span, joints)[at] for _, joints in frame.speeds]
+    beside = [slope] if frame.free_shift else []
+    beside += [_slower(frame, s, span, owner)[at] for owner in frame.speeds]
     found = []
-    for j, place in enumerate(columns.slices):
-        beside = [slope[:, j]] if frame.free_shift else []
-        beside += [change[:, j] for change, (_, joints) in zip(changes, frame.speeds, strict=True) if joints[j]]
-        whole = np.column_stack([entries[:, place], *beside, tau[:, j]])
+    for j, place in enumerate(frame.columns.slices):
+        here = frame.felt[j, base.count :]
+        mine = [column[:, j] for column, there in zip(beside, here, strict=True) if there]
+        whole = np.column_stack([entries[:, place], *mine, tau[:, j]])
         found.append(np.zeros_like(whole) if frame.dead[j] else whole)
-    return JointRows(s.time[wanted], tuple(found))
+    return found
 
 
-def _slower(frame: RowFrame, s: Filtered, span: slice, joints: Array) -> Array:
-    """(n, nv) what W x_0 changes by when the friction speed of the last of these joints grows by a tenth of itself."""
-    unknown, owner = frame.base.unknown, int(np.flatnonzero(joints)[-1])
+def _slower(frame: RowFrame, s: Filtered, span: slice, owner: int) -> Array:
+    """(n, nv) what W x_0 changes by when the friction speed of a joint grows by a tenth of itself."""
+    unknown, kept = frame.base.unknown, frame.base.kept
     speed = frame.settings.friction_speed
     faster = np.where(np.arange(len(speed)) == owner, 1.0 + FASTER, 1.0) * speed
     states = s.q[span], s.dq[span], s.ddq[span]
     found = np.zeros(states[1].shape)
-    for column, mine in unknown.coulomb_columns(frame.base.kept):
-        if int(np.flatnonzero(mine)[-1]) != owner:
-            continue
-        kept = frame.base.kept[column : column + 1]
-        change = unknown.columns(kept, *states, faster)[..., 0] - unknown.columns(kept, *states, speed)[..., 0]
+    for column, mine in frame.speeds[owner]:
+        which = kept[column : column + 1]
+        change = unknown.columns(which, *states, faster)[..., 0] - unknown.columns(which, *states, speed)[..., 0]
         found[:, mine] += low_pass(change[:, mine], frame.settings.cutoff, s.rate) * frame.x[column]
     return found

@@ -23,7 +23,7 @@ from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number
 from ..core.text import listed
-from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
+from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, solve_positive, squares_of, sum_of
 from ..model.actuation import with_friction
 from ..robot import Robot
 from ..typing import Array
@@ -225,7 +225,7 @@ class PositiveProblem:
             diagonal = np.full(len(gradient), strength)
             diagonal[n + len(self._drives) :] = 1.0
             hessian[np.diag_indices_from(hessian)] += diagonal
-            direction = -_solved(hessian, gradient)
+            direction = -solve_positive(hessian, gradient)
             fall = -float(gradient @ direction)
             if fall <= _DONE * max(abs(cost), strength, 1e-300):
                 return J, x, cost, step, fall / 2
@@ -261,14 +261,6 @@ class PositiveProblem:
         x[self._drives] *= 1.0 + step[n : n + len(self._drives)]
         x[self._free] += self._size[self._free] * step[n + len(self._drives) :]
         return 0.5 * (J + J.transpose(0, 2, 1)), x
-
-
-def _solved(hessian: Array, gradient: Array) -> Array:
-    import scipy.linalg
-
-    size = np.sqrt(hessian.diagonal())
-    factor = scipy.linalg.cho_factor(hessian / size[:, None] / size[None, :], check_finite=False)
-    return np.asarray(scipy.linalg.cho_solve(factor, gradient / size, check_finite=False) / size)
 
 
 # ── A robot of bodies that can exist, near the file's, as the logs have it

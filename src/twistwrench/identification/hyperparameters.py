@@ -11,9 +11,9 @@ import numpy as np
 
 from ..core.numbers import number
 from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import FeltEquations, Information, NormalEquations, Prior, left_out, squares_of, sum_of
+from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
 from ..typing import Array
-from .parameters import BaseParameters
+from .parameters import BaseParameters, speed_owner
 from .rows import MOST_ROWS, FilteredRows, JudgedStates
 from .zero_phase import SteadySamples, cutoffs, torques_below
 
@@ -58,7 +58,7 @@ class Trial:
         self.settings, self._asked = settings, source.asked
         self._source, self.felt = source, source.base.felt
         self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
-        self._blocks = list(source.kept_blocks(settings, self._made))
+        self._blocks = source.kept_blocks(settings, self._made)
 
     @cached_property
     def _rows(self) -> FilteredRows:
@@ -107,7 +107,7 @@ class Trial:
         if self._asked.friction_speed is None:
             for j in range(self._W.shape[1]):
                 speed = np.where(np.arange(self._W.shape[1]) == j, 1.1, 1.0) * settings.friction_speed
-                mine = [(c, joints) for c, joints in self.coulomb if np.flatnonzero(joints)[-1] == j]
+                mine = [(c, joints) for c, joints in self.coulomb if speed_owner(joints) == j]
                 change = np.zeros(self._tau.shape)
                 for c, joints in mine:
                     change += (self._rows.coulomb(c, joints, speed) - self._W[:, :, c]) * x[c]
@@ -150,7 +150,7 @@ class Trial:
         if self._W is self._rows.W:
             self._W = self._W.copy()
         for c, joints in self.coulomb:
-            if not changed[int(np.flatnonzero(joints)[-1])]:
+            if not changed[speed_owner(joints)]:
                 continue
             self._W[:, :, c] = self._rows.coulomb(c, joints, friction_speed)
             for k, p in enumerate(self._places):
@@ -340,7 +340,9 @@ class SettingRows:
         self._most = most_rows
         self._rows = BoundedMemory[FilteredRows](_BYTES, lambda rows: rows.nbytes)
         self._judged = BoundedMemory[JudgedStates](_BYTES // 3, lambda states: states.W.nbytes)
-        self._blocks = BoundedMemory[tuple[FeltEquations, ...]](_BYTES // 2, lambda made: sum(x.nbytes for x in made))
+        self._blocks = BoundedMemory[list[tuple[Array, float]]](
+            _BYTES // 2, lambda made: sum(x.nbytes for x, _ in made)
+        )
 
     def rows(self, cutoff: float) -> FilteredRows:
         """At that cut-off, with the usual speed of friction."""
@@ -365,13 +367,11 @@ class SettingRows:
         at = begins[log] + (time - starts[log])
         return np.minimum((FOLDS * at / begins[-1]).astype(int), FOLDS - 1)
 
-    def kept_blocks(
-        self, settings: FitSettings, make: Callable[[], list[NormalEquations]]
-    ) -> tuple[NormalEquations, ...]:
-        """Normal equations of the blocks at settings, made once; nothing changes them in place."""
+    def kept_blocks(self, settings: FitSettings, make: Callable[[], list[NormalEquations]]) -> list[NormalEquations]:
+        """Normal equations of the blocks at settings, made once."""
         key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
-        kept = self._blocks.of(key, lambda: tuple(FeltEquations.from_equations(one, self.base.felt) for one in make()))
-        return tuple(one.whole() for one in kept)
+        packed = self._blocks.of(key, lambda: [(one.packed(self.base.felt), one.rows) for one in make()])
+        return [NormalEquations.unpacked(numbers, self.base.felt, rows) for numbers, rows in packed]
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""

@@ -8,10 +8,12 @@ rows together R_j with R_j' R_j = Σ A_j' w A_j by orthogonal transformations (T
 from __future__ import annotations
 
 import json
+import operator
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -23,17 +25,15 @@ from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
 from ..estimation.covariance import GroupCovariance, by_moments
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
-from ..estimation.least_squares import HUBER, Method, NormalEquations, Prior
-from ..log_checks.fit_doubts import Doubt
+from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
+from ..log_checks.fit_doubts import Doubt, left_unexplained
 from ..robot import Robot
 from ..typing import Array
-from .chunks import FASTER, JointRows, RowFrame
+from .chunks import FASTER, RowFrame
 from .hyperparameters import FitSettings
 from .parameters import STRIBECK_SPEED, BaseParameters, UnknownParameters
 from .payload import MotorSide
-
-if TYPE_CHECKING:
-    from .result import IdentifiedRobot
+from .result import IdentifiedRobot
 
 MOST_BLOCKS = 60
 """Most blocks of time; beyond, the two neighbours with fewest rows are merged."""
@@ -41,35 +41,31 @@ MOST_BLOCKS = 60
 
 @dataclass(frozen=True, eq=False)
 class JointBlocks:
-    """Sums over some rows.
-
-    Attributes
-    ----------
-    sums : (b, 2, f) array, of each block the plain and the weighted sums
-    counts : (b, 3) array, rows; weights, and rows of whole weight, of all live joints
-    factors : tuple of (r_j + 1, r_j + 1) arrays, R_j
-    """
+    """Sums over some rows."""
 
     sums: Array
+    """(b, 2, f), of each block the plain and the weighted sums, packed as :class:`NormalEquations` does."""
     counts: Array
+    """(b, 3) rows; weights, and rows of whole weight, of all live joints."""
     factors: tuple[Array, ...]
+    """R_j (r_j + 1, r_j + 1)."""
 
     @classmethod
     def none(cls, frame: RowFrame, blocks: int) -> JointBlocks:
         """Blocks without rows."""
-        widths = [len(felt) + 1 for felt in frame.felt]
+        widths = (frame.felt.sum(axis=1) + 1).tolist()
         size = sum(w * (w + 1) // 2 for w in widths)
         return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), tuple(np.zeros((w, w)) for w in widths))
 
-    def added(self, frame: RowFrame, rows: JointRows, block: Array) -> JointBlocks:
+    def added(self, frame: RowFrame, entries: Sequence[Array], block: Array) -> JointBlocks:
         """With the rows of one portion, each in its ``block`` (n,); sums and counts are changed in place."""
-        factors, at = [], 0
-        for j, A in enumerate(rows.entries):
+        factors, begin = [], 0
+        for j, A in enumerate(entries):
             weights = _weights(frame, j, A)
             root = np.sqrt(weights)[:, None]
             corner = np.tril_indices(A.shape[1])
-            place = slice(at, at + len(corner[0]))
-            at = place.stop
+            place = slice(begin, begin + len(corner[0]))
+            begin = place.stop
             for b in np.unique(block).tolist():
                 mine = A[block == b]
                 heavy = mine * root[block == b]
@@ -96,17 +92,8 @@ class JointBlocks:
 
     def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
         """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
-        nv, width = len(frame.felt), frame.base.count + frame.extra
-        sums, rows = self.sums[blocks, which].sum(axis=0), self.counts[blocks, 0].sum()
-        N, c, y, at = np.zeros((nv, width, width)), np.zeros((nv, width)), np.zeros(nv), 0
-        for j, felt in enumerate(frame.felt):
-            w = len(felt) + 1
-            G, corner = np.zeros((w, w)), np.tril_indices(w)
-            G[corner] = sums[at : at + len(corner[0])]
-            at += len(corner[0])
-            G = np.tril(G) + np.tril(G, -1).T
-            N[j][np.ix_(felt, felt)], c[j, felt], y[j] = G[:-1, :-1], G[:-1, -1], G[-1, -1]
-        return NormalEquations(N, c, y, float(rows))
+        rows = float(self.counts[blocks, 0].sum())
+        return NormalEquations.unpacked(self.sums[blocks, which].sum(axis=0), frame.felt, rows)
 
 
 def _weights(frame: RowFrame, j: int, A: Array) -> Array:
@@ -114,254 +101,12 @@ def _weights(frame: RowFrame, j: int, A: Array) -> Array:
     if not frame.robust or frame.dead[j]:
         return np.ones(len(A))
     groups = frame.columns.groups[j]
-    left = np.abs(A[:, -1] - A[:, : len(groups)] @ frame.x[groups]) / frame.sigma[j]
-    return np.asarray(np.minimum(1.0, HUBER / np.maximum(left, 1e-300)))
+    return huber_weights(np.abs(A[:, -1] - A[:, : len(groups)] @ frame.x[groups]) / frame.sigma[j])
 
 
 def _factor(above: Array, below: Array) -> Array:
     """R of both one above the other."""
     return np.asarray(np.linalg.qr(np.concatenate([above, below]), mode="r"))
-
-
-# ── Normal equations files: arrays and their description in an archive of NumPy
-
-if TYPE_CHECKING:
-    pass
-
-_MARK = "twistwrench information 1"
-SHOWN = ("time", "log", "measured", "predicted")
-"""Fields of the rows that pictures show."""
-
-
-def write_information(i: NormalEquationBlocks, path: str | Path) -> Path:
-    """Write it, whole or not at all; raises ValueRangeError."""
-    from .. import __version__
-
-    frame, unknown, shown = i.frame, i.frame.base.unknown, i.shown
-    said = {
-        "format": _MARK,
-        "version": __version__,
-        "robot": i.robot.name,
-        "groups": list(frame.base.names),
-        "motor_inertia": unknown.motor_inertia,
-        "friction": list(unknown.friction),
-        "known": dict(unknown.known),
-        "stribeck_speed": unknown.stribeck_speed,
-        "payload": i.payload_frame,
-        "cutoff": frame.settings.cutoff,
-        "shift": frame.settings.shift,
-        "chosen": [frame.free_shift, frame.free_speed],
-        "robust": frame.robust,
-        "method": i.method,
-        "seconds": i.seconds,
-        "samples": i.samples,
-        "autocorrelation_length": i.autocorrelation_length,
-        "logs": list(i.logs),
-        "doubts": [asdict(d) for d in i.doubts],
-        "notes": list(i.notes),
-    }
-    side = unknown.motor_side
-    arrays: dict[str, Any] = {
-        "said": np.array(json.dumps(said)),
-        "friction_speed": frame.settings.friction_speed,
-        "x": frame.x,
-        "sigma": frame.sigma,
-        "dead": frame.dead,
-        "mean": i.weak.mean,
-        "size": i.weak.size,
-        "sizes": i.sizes,
-        "sums": i.moments.sums,
-        "counts": i.moments.counts,
-        **{f"factor{j}": R for j, R in enumerate(i.moments.factors)},
-        **({} if side is None else {"ratios": side.ratios, "zero": side.zero, "gain": side.gain}),
-        **({} if shown is None else {f"shown_{k}": getattr(shown, k) for k in SHOWN}),
-    }
-    target = as_path(path)
-    with replacing(target) as scratch, scratch.open("wb") as file:
-        np.savez(file, **arrays)
-    return target
-
-
-def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
-    """Arguments of the blocks in a file; raises NotFoundError, ShapeError, ValueRangeError."""
-    path = as_path(path)
-    if not path.is_file():
-        raise NotFoundError(f"no information {str(path)!r}. Give a file that --information wrote.")
-    advice = "Give a file that --information wrote, whole."
-    with third_party_errors(lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")):
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        said = json.loads(str(arrays["said"]))
-        if said["format"] != _MARK:
-            raise ValueError(f"its format is {said['format']!r}")
-    side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
-    speed = said.get("stribeck_speed", STRIBECK_SPEED)
-    base = BaseParameters.from_unknowns(
-        UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)
-    )
-    if list(base.names) != said["groups"]:
-        raise ValueRangeError(
-            f"{path}: is of {said['robot']!r} with {len(said['groups'])} groups of parameters, and {robot.name!r} has "
-            f"others ({base.count}). Give the robot file that it was made with."
-        )
-    settings = FitSettings(said["cutoff"], arrays["friction_speed"], said["shift"])
-    chosen = bool(said["chosen"][0]), bool(said["chosen"][1])
-    frame = RowFrame(base, settings, arrays["x"], arrays["sigma"], arrays["dead"], *chosen, said["robust"])
-    factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.felt)))
-    return {
-        "robot": robot,
-        "frame": frame,
-        "moments": JointBlocks(arrays["sums"], arrays["counts"], factors),
-        "weak": Prior(arrays["mean"], arrays["size"]),
-        "sizes": arrays["sizes"],
-        **{name: said[name] for name in ("method", "seconds", "samples", "autocorrelation_length")},
-        "logs": tuple(said["logs"]),
-        "doubts": tuple(Doubt(d["kind"], d["sentence"], tuple(d["joints"]), d["refuses"]) for d in said["doubts"]),
-        "payload_frame": said["payload"],
-        "notes": tuple(said.get("notes", ())),
-        "shown": HeldOutRows(*(arrays[f"shown_{k}"] for k in SHOWN)) if "shown_time" in arrays else None,
-    }
-
-
-# ── The fit of all rows: groups, covariance, cross-validation over fifths of the time
-
-if TYPE_CHECKING:
-    pass
-
-_SPEED_SIZE = 3.0
-"""Largest error of a friction speed, in units of its step."""
-
-
-@dataclass(frozen=True, eq=False)
-class BlockFit:
-    """Least squares of all rows of some moments.
-
-    Parameters
-    ----------
-    frame : RowFrame
-    moments : JointBlocks
-    weak : Prior, of the groups
-    method : str
-    autocorrelation_length : float, rows that residuals hang together over
-    """
-
-    frame: RowFrame
-    moments: JointBlocks
-    weak: Prior
-    method: Method
-    autocorrelation_length: float = 1.0
-
-    @property
-    def prior(self) -> Prior:
-        """Weak, of the groups and of what the settings were off."""
-        shift = [0.1 / self.frame.settings.cutoff] if self.frame.free_shift else []
-        size = np.array([*shift, *(_SPEED_SIZE for _ in self.frame.speeds)])
-        return Prior(np.concatenate([self.weak.mean, np.zeros(len(size))]), np.concatenate([self.weak.size, size]))
-
-    def solved(self, blocks: Array) -> tuple[Array, Array]:
-        """Unknowns, and sizes of residuals (nv,), of some blocks of time."""
-        found = self.moments.equations(self.frame, 1, blocks)
-        if self.method == "wls":
-            return found.solve(self.prior)
-        if self.method == "ols":
-            x = self.prior.solve(found.N.sum(axis=0), found.c.sum(axis=0))
-            return x, np.sqrt(found.squares(x) / max(1.0, found.rows))
-        return self.prior.solve(*_whitened(found, self.frame.sigma)), self.frame.sigma
-
-    def folds(self) -> list[Array]:
-        """Blocks of each fifth of the rows."""
-        rows = self.moments.counts[:, 0]
-        middle = (np.cumsum(rows) - 0.5 * rows) / max(rows.sum(), 1.0)
-        label = np.minimum((FOLDS * middle).astype(int), FOLDS - 1)
-        return [found for b in range(FOLDS) if (found := np.flatnonzero(label == b)).size]
-
-    def held_out(self) -> HeldOut:
-        """Each fifth of the rows predicted from the others."""
-        folds = self.folds()
-        if len(folds) < 2:
-            raise TrajectoryError("the logs are too short to hold a part of them out. Give more seconds.")
-        names, found = self.frame.base.unknown.model.velocity_names, list[HeldOut]()
-        for mine in folds:
-            x, _ = self.solved(np.setdiff1d(np.concatenate(folds), mine))
-            plain = self.moments.equations(self.frame, 0, mine)
-            found.append(HeldOut("five-fold", plain.squares(x), plain.y, names))
-        whole = found[0]
-        for one in found[1:]:
-            whole = whole + one
-        return whole
-
-    def predicted(self, x: Array, kind: str) -> HeldOut:
-        """All rows predicted by given unknowns."""
-        plain = self.moments.equations(self.frame, 0, slice(None))
-        return HeldOut(kind, plain.squares(x), plain.y, self.frame.base.unknown.model.velocity_names)
-
-    def covariance(self, x: Array, sigma: Array, seconds: float) -> GroupCovariance:
-        """By the sandwich over the blocks, as :func:`group_covariance` has it of rows; ``seconds`` is what a block lasts."""
-        r, prior = self.frame.base.count, self.prior
-        parts = [_whitened(self.moments.equations(self.frame, 1, [b]), sigma) for b in range(len(self.moments.counts))]
-        N, total = np.stack([n for n, _ in parts]), sum((n for n, _ in parts), np.zeros((len(x), len(x))))
-        scores = np.stack([c - n @ x for n, c in parts])
-        scaled = total * prior.size[:, None] * prior.size
-        values, U = np.linalg.eigh(scaled + np.eye(len(x)))
-        half = prior.size[:, None] * (U / np.sqrt(values))
-        left = self.moments.equations(self.frame, 1, slice(None)).squares(x) / sigma**2
-        freedom = max(1.0, float(self.moments.counts[:, 0].sum()) * len(sigma) - len(x))
-        own = np.einsum("ij,ij->i", half, half)
-        textbook = np.sqrt(own * float(left.sum()) / freedom)[:r]
-        found = by_moments(half.T @ N @ half, scores @ half, half)
-        if found is None:
-            return GroupCovariance(
-                (half @ half.T * self.autocorrelation_length)[:r, :r], np.full(r, 1e9), textbook, 0.0
-            )
-        _, weight, whole = self.moments.counts.sum(axis=0)
-        huber = (weight / whole) ** 2 if self.frame.robust and whole else 1.0
-        return GroupCovariance(found[0][:r, :r] * huber, found[1][:r], textbook, seconds)
-
-    def settings(self, x: Array) -> FitSettings:
-        """Settings of the excerpt with the corrections of all rows."""
-        settings, r = self.frame.settings, self.frame.base.count
-        speed, shift = settings.friction_speed.copy(), settings.shift
-        if self.frame.free_shift:
-            shift -= float(x[r])
-        for k, (_, joints) in enumerate(self.frame.speeds):
-            owner = int(np.flatnonzero(joints)[-1])
-            speed[owner] *= max(1.0 + FASTER * float(x[r + int(self.frame.free_shift) + k]), 0.1)
-        return replace(settings, shift=shift, friction_speed=speed)
-
-    def folded(self, x: Array, sigma: Array) -> list[NormalEquations]:
-        """Normal equations of the groups in each fifth, whitened, with corrections of settings taken off the torques."""
-        r, off, found = self.frame.base.count, x[self.frame.base.count :], list[NormalEquations]()
-        for mine in self.folds():
-            one = self.moments.equations(self.frame, 1, mine)
-            N, c, y = one.N / sigma[:, None, None] ** 2, one.c / sigma[:, None] ** 2, one.y / sigma**2
-            rest = y - 2.0 * c[:, r:] @ off + np.einsum("jkl,k,l->j", N[:, r:, r:], off, off)
-            found.append(NormalEquations(N[:, :r, :r], c[:, :r] - N[:, :r, r:] @ off, rest, one.rows))
-        return found
-
-    def by_factors(self) -> Array:
-        """The unknowns by the triangular factors in place of the normal equations: digits that these lose, it keeps."""
-        prior = self.prior
-        x, sigma = self.solved(np.arange(len(self.moments.counts)))
-        sigma = np.ones_like(sigma) if self.method == "ols" else sigma
-        rows, right = [np.diag(1.0 / prior.size)], [prior.mean / prior.size]
-        for felt, R, size in zip(self.frame.felt, self.moments.factors, sigma, strict=True):
-            row = np.zeros((len(R), len(x)))
-            row[:, felt] = R[:, :-1] / size
-            rows.append(row)
-            right.append(R[:, -1] / size)
-        A, b = np.concatenate(rows) * prior.size, np.concatenate(right)
-        return np.asarray(scipy.linalg.lstsq(A, b)[0] * prior.size)
-
-
-def block_fit(information: NormalEquationBlocks) -> BlockFit:
-    """Least squares of all rows of an information."""
-    i = information
-    return BlockFit(i.frame, i.moments, i.weak, i.method, i.autocorrelation_length)
-
-
-def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
-    """N and c of all joints together."""
-    return np.einsum("jkl,j->kl", equations.N, sigma**-2), (equations.c / sigma[:, None] ** 2).sum(axis=0)
 
 
 # ── Normal equations of one or several logs
@@ -443,7 +188,7 @@ class NormalEquationBlocks:
     @property
     def values(self) -> Array:
         """(r,) values of the groups."""
-        return block_fit(self).solved(np.arange(len(self.moments.counts)))[0][: self.frame.base.count]
+        return block_solution(self)[0][: self.frame.base.count]
 
     def identified(self, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
         """Robot identified from all rows together.
@@ -470,9 +215,32 @@ class NormalEquationBlocks:
         >>> tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=()).identified().base.count
         3
         """
-        from .streaming import streaming_fit
-
-        return streaming_fit(self, test)
+        base, (x, sigma) = self.frame.base, block_solution(self)
+        among = held_out = _five_fold(self)
+        if test is not None:
+            _ = self + test  # raises where they are not alike
+            held_out = block_residuals(test, x)
+        if self.shown is not None:
+            held_out = replace(held_out, rows=(self.shown,))
+        folds = tuple(_of_groups(self.moments.equations(self.frame, 1, b), base.count, x, sigma) for b in _folds(self))
+        return IdentifiedRobot(
+            original=self.robot,
+            base=base,
+            values=x[: base.count],
+            covariance=_block_covariance(self, x, sigma),
+            sigma=sigma,
+            settings=_corrected_settings(self.frame, x),
+            held_out=held_out,
+            trained=among,
+            doubts=_doubts(self, held_out, among, x),
+            prior=self.weak,
+            method=self.method,
+            sizes=self.sizes,
+            information=sum_of([fold.together() for fold in folds]),
+            folds=folds,
+            payload_frame=self.payload_frame,
+            notes=self.notes,
+        )
 
     def check(self) -> float:
         """The largest difference of a group by orthogonal factors (TSQR), in units of its standard deviation.
@@ -491,11 +259,10 @@ class NormalEquationBlocks:
         >>> information.check() < 1e-6
         True
         """
-        fit = block_fit(self)
-        x, sigma = fit.solved(np.arange(len(self.moments.counts)))
-        deviations = fit.covariance(x, sigma, 0.0).deviations
-        r = self.frame.base.count
-        return float((np.abs(fit.by_factors() - x)[:r] / np.maximum(deviations, 1e-300)).max(initial=0.0))
+        (x, sigma), r = block_solution(self), self.frame.base.count
+        deviations = _block_covariance(self, x, sigma).deviations
+        off = np.abs(_by_factors(self, np.ones_like(sigma) if self.method == "ols" else sigma) - x)[:r]
+        return float((off / np.maximum(deviations, 1e-300)).max(initial=0.0))
 
     def save(self, path: str | Path) -> Path:
         """Save as a small file, whole or not at all.
@@ -517,7 +284,9 @@ class NormalEquationBlocks:
         >>> bool((again.values == information.values).all())
         True
         """
-        return write_information(self, path)
+        with replacing(target := as_path(path)) as scratch, scratch.open("wb") as file:
+            np.savez(file, **_arrays(self))
+        return target
 
     @classmethod
     def load(cls, path: str | Path, robot: Robot) -> NormalEquationBlocks:
@@ -543,7 +312,234 @@ class NormalEquationBlocks:
         Traceback (most recent call last):
         twistwrench.errors.NotFoundError: no information 'none.npz'. Give a file that --information wrote.
         """
-        return cls(**information_arguments(path, robot))
+        path = as_path(path)
+        if not path.is_file():
+            raise NotFoundError(f"no information {str(path)!r}. Give a file that --information wrote.")
+        advice = "Give a file that --information wrote, whole."
+        with third_party_errors(
+            lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")
+        ):
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            said = json.loads(str(arrays["said"]))
+            if said["format"] != _MARK:
+                raise ValueError(f"its format is {said['format']!r}")
+        return _from_file(path, robot, said, arrays)
+
+
+# ── The fit of all rows: groups, covariance, cross-validation over fifths of the time
+
+_SPEED_SIZE = 3.0
+"""Largest error of a friction speed, in units of its step."""
+_OFF = 0.5
+"""Share of a step within which corrections of the settings are linear."""
+
+
+def _prior(i: NormalEquationBlocks) -> Prior:
+    """Weak, of the groups and of what the settings were off."""
+    shift = [0.1 / i.frame.settings.cutoff] if i.frame.free_shift else []
+    size = np.array([*shift, *(_SPEED_SIZE for _ in i.frame.speeds)])
+    return Prior(np.concatenate([i.weak.mean, np.zeros(len(size))]), np.concatenate([i.weak.size, size]))
+
+
+def block_solution(i: NormalEquationBlocks, blocks: slice | Array = slice(None)) -> tuple[Array, Array]:
+    """Least squares of some blocks of time: unknowns, those of the settings last, and sizes of residuals (nv,)."""
+    found, prior = i.moments.equations(i.frame, 1, blocks), _prior(i)
+    if i.method == "wls":
+        return found.solve(prior)
+    if i.method == "ols":
+        x = prior.solve(found.N.sum(axis=0), found.c.sum(axis=0))
+        return x, np.sqrt(found.squares(x) / max(1.0, found.rows))
+    return prior.solve(*_whitened(found, i.frame.sigma)), i.frame.sigma
+
+
+def block_residuals(
+    i: NormalEquationBlocks, x: Array, blocks: slice | Array = slice(None), kind: str = "test"
+) -> HeldOut:
+    """Residuals of some blocks of time at given unknowns."""
+    plain = i.moments.equations(i.frame, 0, blocks)
+    return HeldOut(kind, plain.squares(x), plain.y, i.frame.base.unknown.model.velocity_names)
+
+
+def _folds(i: NormalEquationBlocks) -> list[Array]:
+    """Blocks of each fifth of the rows."""
+    rows = i.moments.counts[:, 0]
+    middle = (np.cumsum(rows) - 0.5 * rows) / max(rows.sum(), 1.0)
+    label = np.minimum((FOLDS * middle).astype(int), FOLDS - 1)
+    return [found for b in range(FOLDS) if (found := np.flatnonzero(label == b)).size]
+
+
+def _five_fold(i: NormalEquationBlocks) -> HeldOut:
+    """Each fifth of the rows predicted from the others."""
+    folds = _folds(i)
+    if len(folds) < 2:
+        raise TrajectoryError("the logs are too short to hold a part of them out. Give more seconds.")
+    others = (np.setdiff1d(np.concatenate(folds), mine) for mine in folds)
+    parts = zip(folds, others, strict=True)
+    return reduce(operator.add, (block_residuals(i, block_solution(i, rest)[0], b, "five-fold") for b, rest in parts))
+
+
+def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupCovariance:
+    """By the sandwich over the blocks, as :func:`group_covariance` has it of rows."""
+    r, prior, counts = i.frame.base.count, _prior(i), i.moments.counts
+    parts = [_whitened(i.moments.equations(i.frame, 1, [b]), sigma) for b in range(len(counts))]
+    N, total = np.stack([n for n, _ in parts]), sum((n for n, _ in parts), np.zeros((len(x), len(x))))
+    scores = np.stack([c - n @ x for n, c in parts])
+    scaled = total * prior.size[:, None] * prior.size
+    values, U = np.linalg.eigh(scaled + np.eye(len(x)))
+    half = prior.size[:, None] * (U / np.sqrt(values))
+    left = i.moments.equations(i.frame, 1, slice(None)).squares(x) / sigma**2
+    freedom = max(1.0, float(counts[:, 0].sum()) * len(sigma) - len(x))
+    own = np.einsum("ij,ij->i", half, half)
+    textbook = np.sqrt(own * float(left.sum()) / freedom)[:r]
+    found = by_moments(half.T @ N @ half, scores @ half, half)
+    if found is None:
+        inflated = half @ half.T * i.autocorrelation_length
+        return GroupCovariance(inflated[:r, :r], np.full(r, 1e9), textbook, 0.0)
+    _, weight, whole = counts.sum(axis=0)
+    huber = (weight / whole) ** 2 if i.frame.robust and whole else 1.0
+    return GroupCovariance(found[0][:r, :r] * huber, found[1][:r], textbook, i.seconds / max(1, len(counts)))
+
+
+def _corrected_settings(frame: RowFrame, x: Array) -> FitSettings:
+    """Settings of the excerpt with the corrections of all rows."""
+    speed, shift = frame.settings.friction_speed.copy(), frame.settings.shift
+    if frame.free_shift:
+        shift -= float(x[frame.base.count])
+    for owner, off in zip(frame.speeds, x[frame.first_speed :].tolist(), strict=True):
+        speed[owner] *= max(1.0 + FASTER * off, 0.1)
+    return replace(frame.settings, shift=shift, friction_speed=speed)
+
+
+def _of_groups(one: NormalEquations, r: int, x: Array, sigma: Array) -> NormalEquations:
+    """Normal equations of the groups, whitened, with corrections of settings taken off the torques."""
+    off = x[r:]
+    N, c, y = one.N / sigma[:, None, None] ** 2, one.c / sigma[:, None] ** 2, one.y / sigma**2
+    rest = y - 2.0 * c[:, r:] @ off + np.einsum("jkl,k,l->j", N[:, r:, r:], off, off)
+    return NormalEquations(N[:, :r, :r], c[:, :r] - N[:, :r, r:] @ off, rest, one.rows)
+
+
+def _by_factors(i: NormalEquationBlocks, sigma: Array) -> Array:
+    """The unknowns by the triangular factors in place of the normal equations: digits that these lose, it keeps."""
+    prior = _prior(i)
+    rows, right = [np.diag(1.0 / prior.size)], [prior.mean / prior.size]
+    for felt, R, size in zip(i.frame.felt, i.moments.factors, sigma, strict=True):
+        row = np.zeros((len(R), len(felt)))
+        row[:, felt] = R[:, :-1] / size
+        rows.append(row)
+        right.append(R[:, -1] / size)
+    A, b = np.concatenate(rows) * prior.size, np.concatenate(right)
+    return np.asarray(scipy.linalg.lstsq(A, b)[0] * prior.size)
+
+
+def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:
+    """N and c of all joints together."""
+    return np.einsum("jkl,j->kl", equations.N, sigma**-2), (equations.c / sigma[:, None] ** 2).sum(axis=0)
+
+
+def _doubts(i: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: Array) -> tuple[Doubt, ...]:
+    """Doubts of the excerpts and of all rows."""
+    kinds = {d.kind for d in i.doubts}
+    found = [*i.doubts, *(doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds)]
+    if far := _settings_off(i.frame, x):
+        found.append(
+            Doubt(
+                "other-settings",
+                f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify "
+                "parts of the logs apart.",
+            )
+        )
+    return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
+
+
+def _settings_off(frame: RowFrame, x: Array) -> str:
+    """Settings that are off by more than the linear correction is valid for."""
+    if frame.free_shift and abs(x[frame.base.count]) > _OFF * 0.1 / frame.settings.cutoff:
+        return "offset of the clock"
+    names, steps = frame.base.unknown.model.velocity_names, np.abs(x[frame.first_speed :])
+    owners = [names[owner] for owner, off in zip(frame.speeds, steps, strict=True) if off > _OFF * 10]
+    return f"friction speed of {', '.join(owners)}" if owners else ""
+
+
+# ── Their file: arrays and their description in an archive of NumPy
+
+_MARK = "twistwrench information 1"
+_SHOWN = ("time", "log", "measured", "predicted")
+_PLAIN = ("method", "seconds", "samples", "autocorrelation_length")
+
+
+def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
+    from .. import __version__
+
+    frame, unknown, shown = i.frame, i.frame.base.unknown, i.shown
+    said = {
+        "format": _MARK,
+        "version": __version__,
+        "robot": i.robot.name,
+        "groups": list(frame.base.names),
+        "motor_inertia": unknown.motor_inertia,
+        "friction": list(unknown.friction),
+        "known": dict(unknown.known),
+        "stribeck_speed": unknown.stribeck_speed,
+        "payload": i.payload_frame,
+        "cutoff": frame.settings.cutoff,
+        "shift": frame.settings.shift,
+        "chosen": [frame.free_shift, frame.free_speed],
+        "robust": frame.robust,
+        **{name: getattr(i, name) for name in _PLAIN},
+        "logs": list(i.logs),
+        "doubts": [asdict(d) for d in i.doubts],
+        "notes": list(i.notes),
+    }
+    side = unknown.motor_side
+    return {
+        "said": np.array(json.dumps(said)),
+        "friction_speed": frame.settings.friction_speed,
+        "x": frame.x,
+        "sigma": frame.sigma,
+        "dead": frame.dead,
+        "mean": i.weak.mean,
+        "size": i.weak.size,
+        "sizes": i.sizes,
+        "sums": i.moments.sums,
+        "counts": i.moments.counts,
+        **{f"factor{j}": R for j, R in enumerate(i.moments.factors)},
+        **({} if side is None else {"ratios": side.ratios, "zero": side.zero, "gain": side.gain}),
+        **({} if shown is None else {f"shown_{k}": getattr(shown, k) for k in _SHOWN}),
+    }
+
+
+def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str, Array]) -> NormalEquationBlocks:
+    """Raises ValueRangeError where the robot has other groups than the file."""
+    side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
+    speed = said.get("stribeck_speed", STRIBECK_SPEED)
+    base = BaseParameters.from_unknowns(
+        UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)
+    )
+    if list(base.names) != said["groups"]:
+        raise ValueRangeError(
+            f"{path}: is of {said['robot']!r} with {len(said['groups'])} groups of parameters, and {robot.name!r} has "
+            f"others ({base.count}). Give the robot file that it was made with."
+        )
+    settings = FitSettings(said["cutoff"], arrays["friction_speed"], said["shift"])
+    free_shift, free_speed = said["chosen"]
+    frame = RowFrame(
+        base, settings, arrays["x"], arrays["sigma"], arrays["dead"], free_shift, free_speed, said["robust"]
+    )
+    factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.felt)))
+    return NormalEquationBlocks(
+        robot,
+        frame,
+        JointBlocks(arrays["sums"], arrays["counts"], factors),
+        Prior(arrays["mean"], arrays["size"]),
+        arrays["sizes"],
+        **{name: said[name] for name in _PLAIN},
+        logs=tuple(said["logs"]),
+        doubts=tuple(Doubt(**{**d, "joints": tuple(d["joints"])}) for d in said["doubts"]),
+        payload_frame=said["payload"],
+        notes=tuple(said.get("notes", ())),
+        shown=HeldOutRows(*(arrays[f"shown_{k}"] for k in _SHOWN)) if "shown_time" in arrays else None,
+    )
 
 
 complete(globals())

@@ -308,9 +308,14 @@ class UnknownParameters:
             return dq @ s, s
         if plain in _DRY:
             rate = dq @ s
-            eased = np.tanh(rate / friction_speed[int(np.flatnonzero(s)[-1])])
+            eased = np.tanh(rate / friction_speed[speed_owner(s)])
             return (eased if plain == "coulomb" else eased * np.exp(-((rate / self.stribeck_speed) ** 2))), s
         return np.ones(len(dq)), s
+
+
+def speed_owner(joints: Array) -> int:
+    """The joint whose speed dry friction turns at, of those (nv,) that its column is in: the last."""
+    return int(np.flatnonzero(joints)[-1])
 
 
 def check_speed(value: float) -> float:

@@ -18,7 +18,7 @@ from ..algorithms.inverse_dynamics import regressor
 from ..ir.tracer import trace
 from ..robot.engine import compiled
 from ..typing import Array
-from .parameters import BaseParameters
+from .parameters import BaseParameters, speed_owner
 from .zero_phase import Filtered, SteadySamples, kept_rows, low_pass, states_below
 
 
@@ -207,7 +207,7 @@ class FilteredRows:
 
     def coulomb(self, column: int, joints: Array, friction_speed: Array) -> Array:
         """(m, nv) the column of Coulomb friction for other speeds of friction."""
-        key = (column, float(friction_speed[int(np.flatnonzero(joints)[-1])]))
+        key = (column, float(friction_speed[speed_owner(joints)]))
         if key not in self._coulomb:
             self._coulomb[key] = self._coulomb_column(column, joints, friction_speed)
         return self._coulomb[key]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from dataclasses import astuple, dataclass, replace
+from functools import partial, reduce
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,88 +16,17 @@ from ..core.cluster import Failure, Workers
 from ..core.numbers import percent
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..estimation.cross_validation import HeldOut, HeldOutRows
-from ..estimation.least_squares import Method, sum_of
-from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction, left_unexplained
+from ..estimation.least_squares import Method
+from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..typing import Array
 from .chunks import CHUNK, LogClock, LogSource, RowFrame, rows_of, steady_windows
 from .identify import METHODS, checked_motions, fit_options, identified
-from .normal_equation_blocks import MOST_BLOCKS, SHOWN, JointBlocks, NormalEquationBlocks, block_fit
+from .normal_equation_blocks import MOST_BLOCKS, JointBlocks, NormalEquationBlocks, block_residuals, block_solution
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
 from .payload import MotorSide, unknown_of
-from .result import IdentifiedRobot
 from .zero_phase import STATE_RATE
-
-if TYPE_CHECKING:
-    from .normal_equation_blocks import NormalEquationBlocks
-
-_OFF = 0.5
-"""Share of a step within which corrections of the settings are linear."""
-
-
-def streaming_fit(information: NormalEquationBlocks, test: NormalEquationBlocks | None = None) -> IdentifiedRobot:
-    """Robot identified from all rows; ``test`` is only predicted."""
-    fit, frame = block_fit(information), information.frame
-    blocks = len(information.moments.counts)
-    x, sigma = fit.solved(np.arange(blocks))
-    r = frame.base.count
-    among = fit.held_out()
-    held_out = among
-    if test is not None:
-        _ = information + test  # raises where they are not alike
-        held_out = block_fit(test).predicted(x, "test")
-    if information.shown is not None:
-        held_out = replace(held_out, rows=(information.shown,))
-    folds = fit.folded(x, sigma)
-    return IdentifiedRobot(
-        original=information.robot,
-        base=frame.base,
-        values=x[:r],
-        covariance=fit.covariance(x, sigma, information.seconds / max(1, blocks)),
-        sigma=sigma,
-        settings=fit.settings(x),
-        held_out=held_out,
-        trained=among,
-        doubts=_doubts(information, held_out, among, x),
-        prior=information.weak,
-        method=information.method,
-        sizes=information.sizes,
-        information=sum_of([fold.together() for fold in folds]),
-        folds=tuple(folds),
-        payload_frame=information.payload_frame,
-        notes=information.notes,
-    )
-
-
-def _doubts(information: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: np.ndarray) -> tuple[Doubt, ...]:
-    """Doubts of the excerpts and of all rows."""
-    found = list(information.doubts)
-    kinds = {d.kind for d in found}
-    found += [doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds]
-    if far := _settings_off(information, x):
-        found.append(
-            Doubt(
-                "other-settings",
-                f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify "
-                "parts of the logs apart.",
-            )
-        )
-    return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
-
-
-def _settings_off(information: NormalEquationBlocks, x: np.ndarray) -> str:
-    """Settings that are off by more than the linear correction is valid for."""
-    frame, r = information.frame, information.frame.base.count
-    if frame.free_shift and abs(x[r]) > _OFF * 0.1 / frame.settings.cutoff:
-        return "offset of the clock"
-    at = r + int(frame.free_shift)
-    names = frame.base.unknown.model.velocity_names
-    far = [k for k in range(len(frame.speeds)) if abs(x[at + k]) > _OFF * 10]
-    owners = [names[int(np.flatnonzero(frame.speeds[k][1])[-1])] for k in far]
-    return f"friction speed of {', '.join(owners)}" if owners else ""
-
 
 # ── Chunks of a log as units of work
 
@@ -128,8 +57,8 @@ class Chunk:
         edges = np.linspace(ends[0].time[0], ends[1].time[0], self.blocks + 1)[1:-1]
         found = JointBlocks.none(frame, self.blocks)
         for window in steady_windows(self.source, clock, core, margin, self.begin, self.end):
-            for rows in rows_of(frame, window):
-                found = found.added(frame, rows, np.searchsorted(edges, rows.time, side="right"))
+            for time, entries in rows_of(frame, window):
+                found = found.added(frame, entries, np.searchsorted(edges, time, side="right"))
         return found, self.source.contradictions() if self.end == clock.rows else ()
 
 
@@ -227,23 +156,25 @@ def accumulate(
     checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
     team, tell = Workers.on(client), progress or (lambda _share: None)
     failed: dict[str, str] = {}
-    clocks = dict(_kept(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed))
+    clocks = _succeeded(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed)
     if like is None:
         asked = fit_options(cutoff, friction_speed, shift)
         sought: dict[str, Any] = {"motor_inertia": motor_inertia, "friction": friction, "motor_side": motor_side}
         sought |= {"known": known, "stribeck_speed": stribeck_speed}
         unknown = unknown_of(robot, **sought, payload_only=payload_only)
-        start = _from_excerpt(unknown, robot, [sources[k] for k in clocks], asked, method, failed, payload_only)
+        start = _from_excerpt(unknown, robot, [s for s, _ in clocks], asked, method, failed, payload_only)
     else:
         start = replace(like, moments=JointBlocks.none(like.frame, 0), doubts=(), logs=())
     tell(0.2)
-    work = _chunks(start.frame, sources, clocks)
-    made = team.results(Chunk.moments, [chunk for _, chunk in work], lambda s: tell(0.2 + 0.8 * s))
-    x = _reference(start, like)
-    whole: NormalEquationBlocks | None = None
+    work = _chunks(start.frame, clocks)
+    made = team.results(Chunk.moments, work, lambda s: tell(0.2 + 0.8 * s))
+    # Logs are compared at the unknowns of the logs before, or of the excerpt.
+    frame = start.frame
+    x = np.pad(frame.x, (0, frame.width - len(frame.x))) if like is None else block_solution(like)[0]
     left, said = dict[str, HeldOut](), dict[str, str]()
-    for part, sentences in _parts(start, sources, clocks, work, made, failed):
-        left[part.logs[0]] = block_fit(part).predicted(x, "test")
+    whole: NormalEquationBlocks | None = None
+    for part, sentences in _parts(start, work, made, failed):
+        left[part.logs[0]] = block_residuals(part, x)
         whole = part if whole is None else whole + part
         if sentences:
             said[part.logs[0]] = sentences[0]
@@ -253,45 +184,37 @@ def accumulate(
         )
     doubts = [Doubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
     doubts += [contradiction(sentence, path) for path, sentence in said.items()]
-    usual = [block_fit(like).predicted(x, "test")] if like is not None else list(left.values())
+    usual = [block_residuals(like, x)] if like is not None else list(left.values())
     return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
 
 
 def _parts(
     start: NormalEquationBlocks,
-    sources: Sequence[LogSource],
-    clocks: Mapping[int, LogClock],
-    work: Sequence[tuple[int, Chunk]],
+    work: Sequence[Chunk],
     made: Iterable[tuple[JointBlocks, tuple[str, ...]] | Failure],
     failed: dict[str, str],
 ) -> Iterator[tuple[NormalEquationBlocks, list[str]]]:
     """Normal equations of each log, with its contradictions; reasons of logs without any go into ``failed``."""
-    for k, of_log in groupby(zip(work, made, strict=True), lambda pair: pair[0][0]):
-        path, results = sources[k].path, [result for _, result in of_log]
+    for source, of_log in groupby(zip(work, made, strict=True), lambda pair: pair[0].source):
+        chunks, results = zip(*of_log, strict=True)
         if broken := [result.reason for result in results if isinstance(result, Failure)]:
-            failed[path] = broken[0]
+            failed[source.path] = broken[0]
             continue
-        fine = [result for result in results if not isinstance(result, Failure)]
-        moments = reduce(operator.add, (one for one, _ in fine))
+        moments = reduce(operator.add, (one for one, _ in results))
         if not moments.counts.any():
-            failed[path] = "it is too short for its cut-off"
+            failed[source.path] = "it is too short for its cut-off"
             continue
-        notes = (*sources[k].notes(), *clocks[k].notes)
-        about: dict[str, Any] = {
-            "seconds": clocks[k].seconds,
-            "samples": clocks[k].rows,
-            "logs": (path,),
-            "notes": notes,
-        }
-        part = replace(start, moments=moments, doubts=(), **about)
-        yield part, [sentence for _, sentences in fine for sentence in sentences]
-
-
-def _reference(start: NormalEquationBlocks, like: NormalEquationBlocks | None) -> Array:
-    """Unknowns that logs are compared by: of the logs before, or of the excerpt."""
-    if like is not None:
-        return block_fit(like).solved(np.arange(len(like.moments.counts)))[0]
-    return np.concatenate([start.frame.x, np.zeros(start.frame.extra)])
+        clock = chunks[0].clock
+        part = replace(
+            start,
+            moments=moments,
+            doubts=(),
+            seconds=clock.seconds,
+            samples=clock.rows,
+            logs=(source.path,),
+            notes=(*source.notes(), *clock.notes),
+        )
+        yield part, [sentence for _, sentences in results for sentence in sentences]
 
 
 def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[Doubt]:
@@ -317,28 +240,29 @@ def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[Doubt
     return found
 
 
-def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) -> list[tuple[int, Any]]:
-    """Results without a failure, with the number of their source."""
-    found = []
-    for k, (source, result) in enumerate(zip(sources, results, strict=True)):
-        if isinstance(result, Failure):
-            failed[source.path] = result.reason
-        else:
-            found.append((k, result))
+Result = TypeVar("Result")
+
+
+def _succeeded(
+    sources: Sequence[LogSource], results: Iterable[Result | Failure], failed: dict[str, str]
+) -> list[tuple[LogSource, Result]]:
+    """Sources and their results; reasons of those that failed go into ``failed``."""
+    pairs = list(zip(sources, results, strict=True))
+    failed |= {source.path: result.reason for source, result in pairs if isinstance(result, Failure)}
+    found = [(source, result) for source, result in pairs if not isinstance(result, Failure)]
     if not found:
         raise TrajectoryError(next(iter(failed.values())))
     return found
 
 
-def _chunks(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Chunk]]:
-    """Chunks of all logs, with the number of the log; they do not depend on the workers."""
-    cuts = [(k, a, min(a + CHUNK, clock.rows)) for k, clock in clocks.items() for a in range(0, clock.rows, CHUNK)]
+def _chunks(frame: RowFrame, clocks: Sequence[tuple[LogSource, LogClock]]) -> list[Chunk]:
+    """Chunks of all logs; they do not depend on the workers."""
+    cuts = [(*one, k, min(k + CHUNK, one[1].rows)) for one in clocks for k in range(0, one[1].rows, CHUNK)]
     found = []
-    for k, begin, end in cuts:
-        clock = clocks[k]
+    for source, clock, begin, end in cuts:
         seconds = clock.seconds * (end - begin) / clock.rows
         blocks = int(np.clip(min(MOST_BLOCKS // len(cuts), seconds / _BLOCK), 1, MOST_BLOCKS))
-        found.append((k, Chunk(frame, sources[k], clock, begin, end, blocks)))
+        found.append(Chunk(frame, source, clock, begin, end, blocks))
     return found
 
 
@@ -357,12 +281,8 @@ def _from_excerpt(
 ) -> NormalEquationBlocks:
     """Empty blocks with the settings of an excerpt of the logs."""
     some = [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, _WINDOWS).astype(int))]
-    windows: list[Motion] = []
-    for source, result in zip(some, Workers().results(_Windows(-(-_WINDOWS // len(some))).of, some), strict=True):
-        if isinstance(result, Failure):
-            failed[source.path] = result.reason
-        else:
-            windows += result
+    excerpts = partial(LogSource.excerpts, count=-(-_WINDOWS // len(some)), rows=WINDOW)
+    windows = [w for _, of_log in _succeeded(some, Workers().results(excerpts, some), failed) for w in of_log]
     if not windows:
         raise TrajectoryError(next(iter(failed.values())))
     moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
@@ -372,27 +292,10 @@ def _from_excerpt(
     )  # fmt: skip
     found = seen.robot
     free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
-    frame = RowFrame(
-        found.base,
-        found.settings,
-        found.values,
-        np.where(seen.dead, 1.0, found.sigma),
-        seen.dead,
-        *free,
-        method == "irls",
-    )
-    shown = found.held_out.rows
-    rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
+    sigma = np.where(seen.dead, 1.0, found.sigma)
+    frame = RowFrame(found.base, found.settings, found.values, sigma, seen.dead, *free, method == "irls")
+    shown = (np.concatenate(columns) for columns in zip(*map(astuple, found.held_out.rows), strict=True))
     return NormalEquationBlocks(
         robot, frame, JointBlocks.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.autocorrelation_length, (),
-        found.doubts, rows, payload_only,
+        found.doubts, HeldOutRows(*shown) if found.held_out.rows else None, payload_only,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Windows:
-    count: int
-
-    def of(self, source: LogSource) -> list[Motion]:
-        """Runs of rows of one log, at most ``count``."""
-        return source.excerpts(self.count, WINDOW)

@@ -21,7 +21,7 @@ ORDER = 4
 """Order of the filter; twice that, forward and backward."""
 STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
-_STEADY = 1e-3
+STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to a steady clock."""
 GAP, PAUSE = 5.0, 0.05
 """Times the usual step, and s, beyond which a step is a pause that a log is split at: what is between is never filled."""
@@ -78,15 +78,10 @@ class SteadySamples:
         step = float(steps[steps <= GAP * mean].mean())  # of a log with gaps the clock's own
         count = round((time[-1] - time[0]) / step) + 1
         steady = time[0] + step * np.arange(count)
-        if len(time) == count and np.abs(time - steady).max() <= _STEADY * step:
+        if len(time) == count and np.abs(time - steady).max() <= STEADY * step:
             return cls(float(time[0]), 1.0 / step, q, tau)
-        from scipy.interpolate import CubicSpline
-
-        local = time - time[0]
-        at = np.clip(steady - time[0], 0.0, local[-1])
-        torques = np.stack([np.interp(at, local, x) for x in tau.T], axis=1)
         moved = float(np.mean(np.abs(steps - step) > 0.1 * step))
-        return cls(float(time[0]), 1.0 / step, CubicSpline(local, q)(at), torques, moved)
+        return cls(float(time[0]), 1.0 / step, *resampled(time, q, tau, steady), moved)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -95,6 +90,15 @@ class SteadySamples:
     def seconds(self) -> float:
         """Duration [s]."""
         return (len(self) - 1) / self.rate
+
+
+def resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
+    """Positions by a cubic spline and torques linearly between their stamps, at times that are kept within those."""
+    from scipy.interpolate import CubicSpline
+
+    local = time - time[0]
+    at = np.clip(at - time[0], 0.0, local[-1])
+    return CubicSpline(local, q)(at), np.stack([np.interp(at, local, x) for x in tau.T], axis=1)
 
 
 def pauses(time: Array) -> Array:
