@@ -21,8 +21,7 @@ from twistwrench import ValueRangeError
 from twistwrench.cli.payload import write_payload
 from twistwrench.core import files
 from twistwrench.core.files import check_outputs, picture_path, replacing
-from twistwrench.core.tables import CsvWriter, harmless_text, unescape_cell
-from twistwrench.motion.array_files import TableFile
+from twistwrench.core.tables import CsvWriter, csv_table, harmless_text, unescape_cell
 from twistwrench.motion.motion_log import MotionLog
 
 
@@ -328,8 +327,8 @@ def test_every_csv_file_quotes_names_and_makes_them_harmless(tmp_path):
     back = tw.simulation.SimulationResult.load(path)
     assert back.coordinate_names == tuple(NAMES)
     np.testing.assert_array_equal(back.q, result.q)
-    with TableFile.writing(tmp_path / "table.csv", ["time", *(f"{n}.torque" for n in NAMES)]) as table:
-        table.write(np.ones((2, 4)))
+    with csv_table(tmp_path / "table.csv", ["time", *(f"{n}.torque" for n in NAMES)]) as table:
+        table.numbers(np.ones((2, 4)))
     assert rows_of(tmp_path / "table.csv")[0] == ["time", *(f"{n}.torque" for n in NAMES)]
     found = tw.statics.largest_payload(robot, np.zeros(3), frame="l3")
     write_payload(robot, found, np.zeros(3), tmp_path / "payload.csv")

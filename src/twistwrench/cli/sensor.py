@@ -16,12 +16,12 @@ from rich.text import Text
 from ..core.files import check_outputs
 from ..core.gravity import STRENGTH
 from ..core.numbers import estimate, number, percent, quantity, seconds
+from ..core.tables import csv_table
 from ..core.verdict import ExitCode
 from ..errors import ModelWarning, ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..lie import quaternion, so3
 from ..lie.labelled import WRENCH
-from ..motion.array_files import TableFile
 from ..sensing.compensation import Compensation, compensation, left_over
 from ..sensing.files import read_log, read_sensor_file, write_sensor
 from ..sensing.log import ReadingLog
@@ -78,9 +78,8 @@ def write_readings(log: ReadingLog, compensated: Any, path: str) -> None:
 
     head = [] if log.time is None else ["time"]
     rows = compensated if log.time is None else np.column_stack([log.time, compensated])
-    with TableFile.writing(path, [*head, *WRENCH]) as file:
-        if file is not None:
-            file.write(rows)
+    with csv_table(path, [*head, *WRENCH]) as table:
+        table.numbers(rows)
 
 
 def parse_noise(text: str) -> tuple[float, float]:
@@ -266,9 +265,9 @@ def poses_command(given: Given) -> ExitCode:
     untold = cannot_show_written(proposal, given.mass, None if given.within >= 90 else given.within)
     show(proposal_view(proposal, quat, given.mass, untold))
     unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
-    with TableFile.writing(given.csv_path, ["qw", "qx", "qy", "qz", "gx", "gy", "gz"]) as file:
-        if file is not None:
-            file.write(np.concatenate([quat, unit], axis=1))
+    if given.csv_path is not None:
+        with csv_table(given.csv_path, ["qw", "qx", "qy", "qz", "gx", "gy", "gz"]) as table:
+            table.numbers(np.concatenate([quat, unit], axis=1))
     show_written(given.csv_path)
     return ExitCode.NO if untold else ExitCode.FINE
 

@@ -11,12 +11,14 @@ import csv
 import io
 import json
 import re
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..typing import Array
+from .files import replacing
 from .numbers import number
 
 _PORTION = 4096
@@ -81,6 +83,15 @@ class CsvWriter:
         for k in range(0, len(rows), _PORTION):  # a number takes ten times its memory while it is text
             lines = [",".join(map(repr, row)) for row in rows[k : k + _PORTION].tolist()]
             self.file.write(("\n".join(lines) + "\n").encode("ascii"))
+
+
+@contextmanager
+def csv_table(path: str | Path, header: Iterable[str]) -> Iterator[CsvWriter]:
+    """Writer of a CSV file that begins with that header, and replaces what is there once it is complete."""
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        writer = CsvWriter(file)
+        writer.row(header)
+        yield writer
 
 
 # ── Tables for notebooks: ``_repr_html_`` of robots and reports

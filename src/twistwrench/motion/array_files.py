@@ -1,121 +1,341 @@
-"""Motions in files of arrays and tables (npz, npy, MAT, HDF5, parquet, feather), and the writer of CSV files.
+"""Motions in files of arrays and tables (npz, npy, MAT, HDF5, parquet, feather) and in archives of simulations.
 
 An array (n,) is a column called by its name; of one (n, k) the columns are numbered, ``q1`` to ``qk``. Other
-arrays, and columns of another length than most, are ignored.
+arrays, and columns of another length than most, are ignored. Rows are decoded in portions, but for formats that can only be
+read whole.
 """
 
 from __future__ import annotations
 
-import contextlib
+import json
 import math
 import struct
+import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from ..core.files import replacing
-from ..core.tables import CsvWriter
+from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
-from .array_stream import (
-    ArrayFile,
-    array_header,
-    check_archive,
-    check_unpacked,
-    is_archive,
-    is_simulation,
-    lists_left_out,
-)
+from . import log_table
+from .column_names import SUFFIX, time_column
+from .log_table import slices, table_of
 
-_HDF5 = b"\x89HDF"
+MOST_UNPACKED = 1 << 30
+"""Bytes that what is read whole may unpack to."""
+
+
+# ── Columns of a file whose header has been read
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayFile:
+    """File of columns whose header has been read."""
+
+    path: Path
+    header: tuple[str, ...]
+    size: int
+    """Bytes."""
+    read: Callable[[Sequence[int]], Iterator[Array]]
+    """Portions (n, k) of the rows of some columns."""
+    notes: tuple[str, ...] = ()
+    """A sentence for each thing in the file that is not read."""
+    advice: str = "remove the row"
+    """Remedy of numbers that are not finite."""
+
+    @classmethod
+    def from_table(cls, path: Path, header: Sequence[str], table: Array, size: int) -> ArrayFile:
+        """File whose columns (n, k) are in memory."""
+        return cls(path, tuple(header), size, lambda used: iter([table[:, list(used)]]))
+
+    def table(self, used: Sequence[int]) -> Array:
+        """Table (n, len(used)) of those columns; raises TrajectoryError for numbers that are not finite."""
+        return table_of(self._portions(used), len(used), self.path)
+
+    def first(self, column: int) -> Array:
+        """First numbers of a column, as many as a portion has."""
+        return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
+
+    def place(self, row: int) -> str:
+        """Place of a row, ``row 3``."""
+        return f"row {row + 1}"
+
+    def _portions(self, used: Sequence[int]) -> Iterator[Array]:
+        row, portions = 0, self.read(used)
+        while True:
+            reason = f"{self.path}: cannot be read from row {row + 1} on"
+            with third_party_errors(
+                lambda said, reason=reason: TrajectoryError(f"{reason}: {said}. Is the file cut short?")  # type: ignore[misc]
+            ):
+                table = next(portions, None)
+            if table is None:
+                return
+            if (odd := ~np.isfinite(table)).any():
+                bad = int(odd.any(axis=1).argmax())
+                k, count = int(odd[bad].argmax()), int(odd.any(axis=1).sum())
+                more = f", and {count - 1} more row{'s' if count > 2 else ''} here" if count > 1 else ""
+                raise TrajectoryError(
+                    f"{self.path}: row {row + bad + 1}, column {self.header[used[k]]!r} is {table[bad, k]}{more}. Samples must "
+                    f"be finite: {self.advice}."
+                )
+            yield table
+            row += len(table)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArray:
+    """Array in a file, or in memory where the file had to be read whole."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    portions: Callable[[], Iterator[Array]]
+    """Consecutive rows, as many at a time as those of :func:`.slices`."""
+
+    @classmethod
+    def from_array(cls, given: Any) -> StoredArray:
+        """Array in memory; rows and columns (1, n) and (n, 1) become (n,)."""
+        x = np.asarray(given)
+        x = x.ravel() if x.ndim == 2 and 1 in x.shape else x
+        return cls(x.shape, x.dtype, lambda: (x[s] for s in slices(len(x))))
+
+
+Reader = Callable[[Path], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
+"""Arrays of a file by their names, and a sentence for each thing that is not read."""
 
 
 def array_file(path: Path) -> ArrayFile | None:
-    """The file read whole, or None where its name and first bytes are of no such file.
+    """The file of arrays, or None where its name and first bytes are of no such file.
 
     Raises NotFoundError, MissingExtraError where a package is missing, and TrajectoryError for what cannot be read.
     """
-    suffix = path.suffix.lower()
-    if suffix == ".npz" or (is_archive(path) and not suffix):
-        if path.is_file() and is_simulation(path):
-            return None
-        return _made(path, _npz)
+    suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
     reader = _READERS.get(suffix)
-    return None if reader is None else _made(path, reader)
-
-
-def column_table(arrays: Mapping[str, Any], where: str) -> tuple[list[str], Array]:
-    """Header and table (n, columns) of arrays by their names; TrajectoryError begins with ``where``."""
-    found: dict[str, Array] = {}
-    for name, given in arrays.items():
-        values = np.asarray(given)
-        if values.dtype.names:
-            found |= {
-                (f"{name}.{part}" if name else part): _numbers(values[part].ravel()) for part in values.dtype.names
-            }
-            continue
-        if values.dtype.kind not in "iufbmM" or values.ndim == 0 or not values.size:
-            continue
-        if values.ndim == 2 and 1 in values.shape:
-            values = values.ravel()
-        if values.ndim == 1:
-            found[name] = _numbers(values)
-        elif values.ndim == 2:
-            found |= {f"{name}{k + 1}": _numbers(column) for k, column in enumerate(values.T)}
-    counts = Counter(len(x) for x in found.values() if len(x) > 1)
-    if not counts:
-        raise TrajectoryError(
-            f"{where}: has no arrays of numbers that are as long as each other. Found: {', '.join(arrays) or 'none'}."
-        )
-    rows = max(counts, key=lambda n: (counts[n], n))
-    kept = {name: x for name, x in found.items() if len(x) == rows}
-    return list(kept), np.column_stack(list(kept.values()))
-
-
-def _numbers(values: Array) -> Array:
-    """As floats; dates and spans in seconds since the first."""
-    if values.dtype.kind in "mM":
-        return np.asarray((values - values[:1]) / np.timedelta64(1, "s"), float)
-    return values.astype(float)
-
-
-def _made(path: Path, read: Callable[[Path], Mapping[str, Any]]) -> ArrayFile:
+    if reader is None:
+        return None
     if not path.is_file():
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a file.")
-    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {path.suffix[1:]}: {reason}.")):
-        arrays = dict(read(path))
-        notes = arrays.pop(_NOTES, ())
-        header, table = column_table(arrays, str(path))
-    return ArrayFile.of_table(path, header, table, path.stat().st_size, notes)
+    if suffix == ".npz" and is_simulation(path):
+        return simulation_file(path)
+    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
+        arrays, notes = reader(path)
+    columns = _columns(arrays)
+    if not columns:
+        raise TrajectoryError(
+            f"{path}: has no arrays of numbers that are as long as each other. Found: {', '.join(arrays) or 'none'}."
+        )
+
+    def read(used: Sequence[int]) -> Iterator[Array]:
+        chosen = [columns[k] for k in used or (0,)]
+        names = dict.fromkeys(column.array for column in chosen)
+        begins: dict[int, Array] = {}
+        for portions in zip(*(arrays[name].portions() for name in names), strict=True):
+            parts = dict(zip(names, portions, strict=True))
+            found = [parts[column.array][column.part] for column in chosen]
+            for k, x in enumerate(found):
+                if x.dtype.kind in "mM":  # dates and spans, in seconds since the first
+                    found[k] = (x - begins.setdefault(k, x[:1])) / np.timedelta64(1, "s")
+            yield np.stack(found, axis=1).astype(float, copy=False)[:, : len(used)]
+
+    return ArrayFile(path, tuple(column.label for column in columns), path.stat().st_size, read, notes)
 
 
-def _npz(path: Path) -> Mapping[str, Any]:
-    check_archive(path)
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
+@dataclass(frozen=True)
+class _Column:
+    label: str
+    array: str
+    part: Any
+    """Index of the column in portions of the array."""
 
 
-def _npy(path: Path) -> Mapping[str, Any]:
-    with path.open("rb") as file:
-        shape, _, dtype = array_header(file)
-    check_unpacked(path, math.prod(shape) * max(8, dtype.itemsize))
-    values = np.load(path, allow_pickle=False)
-    return {"": values} if values.dtype.names else {"column": values}
+def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
+    """Columns of numbers that are as long as most."""
+    found: list[tuple[int, _Column]] = []
+    for name, array in arrays.items():
+        shape, fields = array.shape, array.dtype.names
+        if len(shape) == 1 and fields:
+            parts = [f for f in fields if array.dtype[f].kind in _NUMBERS and not array.dtype[f].shape]
+            found += [(shape[0], _Column(f"{name}.{f}" if name else f, name, f)) for f in parts]
+        elif len(shape) == 1 and array.dtype.kind in _NUMBERS:
+            found.append((shape[0], _Column(name, name, ...)))
+        elif len(shape) == 2 and array.dtype.kind in _NUMBERS:
+            found += [(shape[0], _Column(f"{name}{k + 1}", name, np.s_[:, k])) for k in range(shape[1])]
+    counts = Counter(n for n, _ in found if n > 1)
+    rows = max(counts, key=lambda n: (counts[n], n), default=0)
+    return [column for n, column in found if n == rows > 0]
 
 
-def _mat(path: Path) -> Mapping[str, Any]:
+_NUMBERS = "iufbmM"
+"""Kinds of NumPy's types that hold numbers, dates and spans."""
+
+
+def check_unpacked(path: Path, size: int) -> None:
+    """Refuse what would take more memory than may be read whole; ``size`` in bytes."""
+    if size > MOST_UNPACKED:
+        raise TrajectoryError(
+            f"{path}: takes {number(size / 2**30)} GiB once unpacked, and such a file is read whole up to "
+            f"{number(MOST_UNPACKED / 2**30)} GiB. Save parts of it, or write CSV, HDF5, parquet, or an npy "
+            "file with rows in C order, which are read in portions."
+        )
+
+
+# ── NumPy's files
+
+
+def array_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether columns come first, and type of an array in NumPy's format; the file is at its first number then."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, columns_first, dtype = read(file)
+    if any(n < 0 for n in shape):
+        raise ValueError(f"a shape of {shape}")
+    return shape, columns_first, dtype
+
+
+def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArray:
+    """An array in NumPy's format, in rows; one (n, k) whose columns come first is read whole."""
+    with open_file() as file:
+        shape, columns_first, dtype = array_header(file)
+        offset = file.tell()
+    if len(shape) == 2 and 1 in shape:
+        shape = (math.prod(shape),)
+    whole = columns_first and len(shape) > 1
+    if whole:
+        check_unpacked(path, math.prod(shape) * max(8, dtype.itemsize))
+    width = dtype.itemsize * math.prod(shape[1:])
+
+    def portions() -> Iterator[Array]:
+        with open_file() as file:
+            if whole:
+                x = np.lib.format.read_array(file, allow_pickle=False)
+                yield from (x[s] for s in slices(len(x)))
+                return
+            file.seek(offset)
+            for s in slices(shape[0]):
+                data = file.read((s.stop - s.start) * width)
+                if len(data) < (s.stop - s.start) * width:
+                    raise TrajectoryError(
+                        f"{path}: has fewer rows than the {shape[0]} that it says. Is the file cut short?"
+                    )
+                yield np.frombuffer(data, dtype).reshape(-1, *shape[1:])
+
+    return StoredArray(shape, dtype, portions)
+
+
+def _npy(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    array = _in_numpy_format(path, lambda: path.open("rb"))
+    return {"" if array.dtype.names else "column": array}, ()
+
+
+def _npz(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    def member(name: str) -> BinaryIO:
+        with zipfile.ZipFile(path) as archive:  # the open member keeps the file open
+            return archive.open(name)  # type: ignore[return-value]
+
+    with zipfile.ZipFile(path) as archive:
+        names = [name for name in archive.namelist() if name.endswith(".npy")]
+    return {name.removesuffix(".npy"): _in_numpy_format(path, partial(member, name)) for name in names}, ()
+
+
+# ── Archives that simulate --npz wrote
+
+_MARK = "twistwrench simulation"
+_MARK_BYTES = 1 << 12
+
+
+def is_archive(path: Path) -> bool:
+    """True if the file begins as archives of NumPy do; False if it cannot be read."""
+    try:
+        if not path.is_file():  # a pipe would lose what is read of it here
+            return False
+        with path.open("rb") as file:
+            return file.read(2) == b"PK"
+    except (OSError, ValueError):
+        return False
+
+
+def is_simulation(path: Path) -> bool:
+    """True if ``simulate --npz`` wrote the archive; also if it cannot be read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if "format.npy" not in archive.namelist():
+                return False
+            with archive.open("format.npy") as file:
+                shape, _, dtype = array_header(file)  # type: ignore[arg-type]
+                said = file.read(min(_MARK_BYTES, dtype.itemsize))
+            coding = "utf-32-be" if dtype.byteorder == ">" else "utf-32-le"
+            return shape == () and dtype.kind == "U" and said.decode(coding).startswith(_MARK)
+    except Exception:  # whatever NumPy raises: reading it says what is wrong
+        return True
+
+
+def simulation_file(path: Path) -> ArrayFile:
+    """Motion of a simulation that ``simulate --npz`` wrote; raises TrajectoryError."""
+    advice = "Give one that simulate --npz wrote, whole, or a CSV file."
+    unreadable = f"{path}: an archive that cannot be read as a motion"
+    with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
+        check_unpacked(path, sum(math.prod(a.shape) * max(8, a.dtype.itemsize) for a in _npz(path)[0].values()))
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            if not str(archive["format"]).startswith(_MARK):
+                raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")
+            said = json.loads(str(archive["said"]))
+            columns, header = [np.asarray(archive["times"], float)[:, None]], [time_column(said["coordinate_names"])]
+            for part, ending in SUFFIX.items():
+                names = said["coordinate_names" if part == "q" else "velocity_names"]
+                header += [f"{name}{ending}" for name in names]
+                columns.append(np.asarray(archive[part], float).reshape(len(columns[0]), len(names)))
+    return ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), path.stat().st_size)
+
+
+# ── HDF5, and MATLAB's files from version 7.3 on, which are that
+
+
+def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
+    """Arrays of an HDF5 file; with ``columns_first`` they are stored transposed, as MATLAB does."""
+    try:
+        import h5py
+    except ImportError:
+        raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
+    found: dict[str, StoredArray] = {}
+
+    def look(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            shape = item.shape or ()
+            shape = (math.prod(shape),) if len(shape) == 2 and 1 in shape else shape[::-1] if columns_first else shape
+            found[name] = StoredArray(shape, item.dtype, partial(portions, name, *shape[:1]))
+
+    def portions(name: str, count: int) -> Iterator[Array]:
+        with h5py.File(path, "r") as file:
+            x = file[name]
+            for s in slices(count):
+                if x.ndim == 2 and 1 in x.shape:
+                    yield x[0, s] if len(x) == 1 else x[s, 0]
+                else:
+                    yield x[:, s].T if columns_first and x.ndim == 2 else x[s]
+
+    with h5py.File(path, "r") as file:
+        file.visititems(look)
+    return found, ()
+
+
+# ── MATLAB's files
+
+
+def _mat(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     with path.open("rb") as file:
         head = file.read(128)
-        if head[:4] == _HDF5 or b"MATLAB 7.3" in head:
-            return {name: np.asarray(x).T for name, x in _hdf5(path).items()}  # MATLAB stores columns first
+        if head[:4] == b"\x89HDF" or b"MATLAB 7.3" in head:
+            return _hdf5(path, columns_first=True)
         data = memoryview(head + file.read())
-    return _mat_4(path, data) if 0 in head[:4] else _mat_5(path, data)
+    arrays = _mat_4(path, data) if 0 in head[:4] else _mat_5(path, data)
+    return {name: StoredArray.from_array(x) for name, x in arrays.items()}, ()
 
 
 _SAVED_AS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -129,7 +349,7 @@ def _damaged(path: Path, what: str) -> TrajectoryError:
     return TrajectoryError(f"{path}: cannot be read as mat: {what}. The file is damaged or cut short: save it again.")
 
 
-def _mat_5(path: Path, data: memoryview) -> Mapping[str, Any]:
+def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
     """Arrays of real numbers of a MAT file of version 5, 6 or 7, whose sizes are checked before they are unpacked.
 
     SciPy's reader trusts the sizes, and ends the process where they are wrong.
@@ -194,7 +414,7 @@ def _mat_5(path: Path, data: memoryview) -> Mapping[str, Any]:
     return found
 
 
-def _mat_4(path: Path, data: memoryview) -> Mapping[str, Any]:
+def _mat_4(path: Path, data: memoryview) -> dict[str, Any]:
     """Arrays of real numbers of a MAT file of version 4."""
     found: dict[str, Any] = {}
     at = 0
@@ -215,116 +435,57 @@ def _mat_4(path: Path, data: memoryview) -> Mapping[str, Any]:
     return found
 
 
-def _hdf5(path: Path) -> Mapping[str, Any]:
+# ── Tables of Arrow: parquet and feather
+
+
+def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     try:
-        import h5py
-    except ImportError:
-        raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
-    sizes: dict[str, int] = {}
-
-    def look(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            numbers = item.dtype.kind in "iufbV" and not item.dtype.hasobject and item.size
-            sizes[name] = item.size * max(8, item.dtype.itemsize) if numbers else 0
-
-    with h5py.File(path, "r") as file:
-        file.visititems(look)
-        check_unpacked(path, sum(sizes.values()))
-        return {name: file[name][()] if size else np.zeros(0) for name, size in sizes.items()}
-
-
-_NOTES = "\0notes"
-"""Under this name a reader gives sentences on what it leaves out."""
-
-
-def _arrow(path: Path) -> Mapping[str, Any]:
-    try:
-        import pyarrow
+        import pyarrow.dataset
         import pyarrow.feather
         import pyarrow.parquet
-        import pyarrow.types
+        import pyarrow.types as kinds
     except ImportError:
         raise MissingExtraError.from_extra("pyarrow", "logs", f"Reading {path.suffix[1:]}") from None
-
-    def read(fields: Any) -> bool:
-        return not (pyarrow.types.is_nested(fields.type) or pyarrow.types.is_string(fields.type))
-
     if path.suffix.lower() == ".parquet":
         with pyarrow.parquet.ParquetFile(path) as file:
-            schema = file.schema_arrow
-            wanted = [f.name for f in schema if read(f)]
-            check_unpacked(path, 8 * file.metadata.num_rows * len(wanted))
-            table = file.read(columns=wanted, use_threads=False)
+            schema, rows = file.schema_arrow, int(file.metadata.num_rows)
+
+        def portions(name: str) -> Iterator[Array]:
+            with pyarrow.parquet.ParquetFile(path) as file:
+                for batch in file.iter_batches(log_table.ROWS, columns=[name], use_threads=False):
+                    batch.validate(full=True)
+                    yield batch.column(0).to_numpy(zero_copy_only=False)
     else:
         with path.open("rb") as source:
-            check_unpacked(path, _feather_bytes(source))
+            if source.read(6) == b"ARROW1":  # the first version is not compressed
+                file = pyarrow.dataset.dataset(path, format="feather")
+                check_unpacked(path, 8 * file.count_rows() * len(file.schema))
         table = pyarrow.feather.read_table(path, use_threads=False)
-        schema = table.schema
-    table.validate(full=True)
-    found: dict[str, Any] = {f.name: np.zeros(0) for f in schema}
+        table.validate(full=True)
+        schema, rows = table.schema, table.num_rows
+
+        def portions(name: str) -> Iterator[Array]:
+            x = table[name].to_numpy()
+            return (x[s] for s in slices(rows))
+
+    found, number = {}, np.dtype(float)
     for field in schema:
-        if read(field):
-            values = table[field.name].to_numpy()
-            del found[field.name]
-            found[f"{field.name} [s]" if values.dtype.kind in "mM" else field.name] = values
-    return found | {_NOTES: lists_left_out(schema)}
+        rows_of = partial(portions, field.name)
+        if any(test(field.type) for test in (kinds.is_floating, kinds.is_integer, kinds.is_boolean)):
+            found[field.name] = StoredArray((rows,), number, rows_of)
+        elif any(test(field.type) for test in (kinds.is_timestamp, kinds.is_date, kinds.is_duration)):
+            found[f"{field.name} [s]"] = StoredArray((rows,), number, rows_of)
+        else:
+            found[field.name] = StoredArray((), np.dtype(object), rows_of)
+    nested = ", ".join(f"{f.name!r} ({f.type})" for f in schema if kinds.is_nested(f.type))
+    said = f"Not read, as each cell holds several values: {nested}. Write one column for each of them."
+    return found, (said,) if nested else ()
 
 
-def _feather_bytes(source: Any) -> int:
-    """Bytes of all columns of a feather file once unpacked, of 8 bytes a number, by the headers of its batches."""
-    import pyarrow
-
-    if source.read(6) != b"ARROW1":
-        return 0  # of the first version, which is not compressed
-    source.seek(8)
-    rows = columns = 0
-    for message in pyarrow.MessageReader.open_stream(source):
-        if message.type == "schema":
-            columns = len(pyarrow.ipc.read_schema(message))
-        elif message.type == "record batch":
-            meta = message.metadata.to_pybytes()
-            table = struct.unpack_from("<I", meta)[0]
-
-            def field(at: int, number: int, meta: bytes = meta) -> int:
-                """Place of a field of the FlatBuffers table there."""
-                names = at - struct.unpack_from("<i", meta, at)[0]
-                return at + struct.unpack_from("<H", meta, names + 4 + 2 * number)[0]
-
-            place = field(table, 2)
-            batch = place + struct.unpack_from("<I", meta, place)[0]
-            rows += struct.unpack_from("<q", meta, field(batch, 0))[0]
-    return 8 * rows * columns
-
-
-_READERS: Mapping[str, Callable[[Path], Mapping[str, Any]]] = {
+_READERS: Mapping[str, Reader] = {
     ".npy": _npy,
+    ".npz": _npz,
     ".mat": _mat,
     **dict.fromkeys((".h5", ".hdf5"), _hdf5),
     **dict.fromkeys((".parquet", ".feather", ".arrow"), _arrow),
 }
-
-
-# ── Writing CSV files: a header, and rows of numbers that lose no digit
-
-
-@dataclass(frozen=True, eq=False)
-class TableFile:
-    """A CSV file that rows are being added to."""
-
-    writer: CsvWriter
-
-    @staticmethod
-    @contextlib.contextmanager
-    def writing(path: str | Path | None, header: Sequence[str]) -> Iterator[TableFile | None]:
-        """Write a CSV file with that header; yield None, and write nothing, without a path."""
-        if path is None:
-            yield None
-            return
-        with replacing(path) as scratch, scratch.open("wb") as file:
-            writer = CsvWriter(file)
-            writer.row(header)
-            yield TableFile(writer)
-
-    def write(self, rows: Array) -> None:
-        """Add rows (n, columns), each number with the digits that give it back exactly."""
-        self.writer.numbers(rows)

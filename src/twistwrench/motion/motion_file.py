@@ -20,8 +20,7 @@ from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError, TwistWrenchError
 from ..model.model import Model
 from ..typing import Array
-from .array_files import array_file
-from .array_stream import ArrayFile, is_archive, large_array_file, simulation_file
+from .array_files import ArrayFile, array_file, is_archive, simulation_file
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning
 from .columns import absent_joints
 from .coordinates import Coordinates
@@ -198,7 +197,7 @@ def ros_file(path: Path) -> ArrayFile:
         topic = max(messages, key=lambda name: len(messages[name]))
         header, table = _table(messages[topic], f"{path}, topic {topic}")  # a file may define the messages' fields
     size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
-    return ArrayFile.of_table(path, header, table, size)
+    return ArrayFile.from_table(path, header, table, size)
 
 
 def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
@@ -265,15 +264,14 @@ MotionFile = CsvFile | ArrayFile | JoinedFile
 
 def open_motion_file(path: str | Path) -> MotionFile:
     """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
-    if JOINS in str(path) and not _is_there(as_path(path)):
+    place = as_path(path)
+    if JOINS in str(path) and not _is_there(place):
         return JoinedFile.open(path, open_motion_file)
-    if is_recording(as_path(path)):
-        return ros_file(as_path(path))
-    if (large := large_array_file(as_path(path))) is not None:
-        return large
-    if (arrays := array_file(as_path(path))) is not None:
+    if is_recording(place):
+        return ros_file(place)
+    if (arrays := array_file(place)) is not None:
         return arrays
-    return simulation_file(path) if is_archive(as_path(path)) else CsvFile.open(path)
+    return simulation_file(place) if is_archive(place) else CsvFile.open(place)
 
 
 def _is_there(path: Path) -> bool:

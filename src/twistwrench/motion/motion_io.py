@@ -15,11 +15,12 @@ import numpy as np
 from ..core import arguments
 from ..core.files import as_path
 from ..core.glossary import complete
+from ..core.tables import csv_table
 from ..errors import MissingExtraError, ShapeError, TrajectoryError
 from ..joints.units import unit_of, units_of
 from ..model.model import Model
 from ..typing import Array
-from .array_stream import ArrayFile
+from .array_files import ArrayFile
 from .column_names import time_column, time_meaning
 from .coordinates import Coordinates
 
@@ -97,12 +98,9 @@ class MotionFiles:
         ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
         time
         """
-        from .array_files import TableFile
-
         path, columns = as_path(path), self.columns(degrees=degrees)
-        with TableFile.writing(path, list(columns)) as file:
-            if file is not None:
-                file.write(np.column_stack(list(columns.values())))
+        with csv_table(path, columns) as table:
+            table.numbers(np.column_stack(list(columns.values())))
         return path
 
     def to_pandas(self) -> Any:
@@ -227,7 +225,7 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     found = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in named] + found
     table = np.column_stack([x for _, x in found]) if found else np.zeros((len(frame), 0))
     said = (f"Columns that are no numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
-    file = ArrayFile.of_table(Path(_NAME), [name for name, _ in found], table, 8 * table.size)
+    file = ArrayFile.from_table(Path(_NAME), [name for name, _ in found], table, 8 * table.size)
     return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), said
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.numbers import printed, torque
+from ..core.tables import csv_table
 from ..errors import TrajectoryError
 from ..joints.units import unit_of
 from ..model.limits import margin
-from ..motion.array_files import TableFile
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
 from ..motion.motion_log import LogRows
@@ -473,7 +474,7 @@ class _Run:
         told = self.steps.next(len(plan.trajectory.table))
         tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
         header = _csv_header(tally.coordinates.velocity_names, self.split, derived=beside is not None)
-        with TableFile.writing(self.csv if write else None, header) as table:
+        with nullcontext() if self.csv is None or not write else csv_table(self.csv, header) as table:
             for states, motion, inner in plan.surrounded_states(self.chunk, told):
                 s = states.at(inner)
                 torques = self.load.torques(s)
@@ -482,7 +483,7 @@ class _Run:
                 if table is not None:
                     parts = list(self.load.terms(s).values()) if self.split else []
                     parts += [] if beside is None else [self.load.torques(beside.complete(motion).at(inner))]
-                    table.write(np.concatenate([s.time[:, None], torques, *parts], axis=1))
+                    table.numbers(np.concatenate([s.time[:, None], torques, *parts], axis=1))
         return tally
 
     def answer(self, plan: Differentiation, derived: MotionTally | None = None) -> TorqueReport:

@@ -19,10 +19,10 @@ from ..core.files import read_text, replacing
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.numbers import printed
+from ..core.tables import csv_table
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..lie.labelled import TWIST, WRENCH
-from ..motion.array_files import TableFile
 from ..motion.csv_reader import CsvFile, table_errors
 from ..typing import Array
 from .contact_detection import checked_noise
@@ -387,9 +387,8 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
         (WRENCH, log.readings),
     ]
     present = [(names, values) for names, values in parts if values is not None]
-    with TableFile.writing(path, [n for names, _ in present for n in names]) as file:
-        if file is not None:
-            file.write(np.concatenate([values for _, values in present], axis=1))
+    with csv_table(path, [n for names, _ in present for n in names]) as table:
+        table.numbers(np.concatenate([values for _, values in present], axis=1))
 
 
 def _listed(names: Any) -> str:
