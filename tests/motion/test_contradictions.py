@@ -1,12 +1,15 @@
-"""Rates and jumps of a motion that contradict it, in whatever portions it comes: more laws of motion/contradictions."""
+"""Rates and jumps of a motion that contradict it, in whatever portions it comes: more laws of log_checks/contradictions."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.motion.contradictions import Contradictions
+from twistwrench.log_checks.contradictions import Contradictions
+from twistwrench.log_checks.rate_checks import OVERLAP
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.motion_log import LogRows
 
@@ -28,8 +31,9 @@ def arm():
 
 def said_of(arm, t, q, dq=None, ddq=None, portions=(), limits=None):
     tally = Contradictions(Coordinates.from_model(arm.model), time_stated=True)
-    for rows in np.split(np.arange(len(t)), portions):
-        tally.add(LogRows(t[rows], q[rows], *(None if x is None else x[rows] for x in (dq, ddq))))
+    for begin, end in pairwise((0, *portions, len(t))):
+        rows = slice(max(0, begin - OVERLAP), end)
+        tally.add(LogRows(t[rows], q[rows], *(None if x is None else x[rows] for x in (dq, ddq))), begin - rows.start)
     return tally.sentences(limits)
 
 

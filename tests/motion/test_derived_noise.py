@@ -7,10 +7,10 @@ import pytest
 from motions import report_of, write_positions
 
 from twistwrench import robots
+from twistwrench.log_checks.noise import noise
 from twistwrench.motion.coordinates import Continuity, Coordinates
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.motion.noise import noise
 from twistwrench.motion.smoothing import smooth
 from twistwrench.reports.load_case import Payload
 

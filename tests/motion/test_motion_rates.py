@@ -12,11 +12,11 @@ from motions import wrapped
 
 from twistwrench import robots
 from twistwrench.formats import load_model
+from twistwrench.log_checks.noise import noise, quantum, survey
 from twistwrench.motion.coordinates import Continuity, Coordinates, joint_rates
 from twistwrench.motion.differentiation import Differentiation, noise_gain
 from twistwrench.motion.log_table import windows
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.motion.noise import noise, quantum, survey
 from twistwrench.motion.smoothing import best_strength, margin_of, smooth, spline_rates
 
 pytest_plugins = ("motion_fixtures",)

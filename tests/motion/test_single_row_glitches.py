@@ -60,14 +60,15 @@ def test_what_may_be_meant_is_no_glitch(name):
 
 @pytest.mark.parametrize("row", range(60, 70))
 def test_portions_of_a_long_file_find_the_same(row):
-    """Files stream in portions; whatever row a portion ends at, the glitch is found."""
-    from twistwrench.motion.rate_checks import SingleRowGlitches
+    """Long logs are looked at in portions; whatever row a portion ends at, the glitch is found."""
+    from twistwrench.log_checks.rate_checks import OVERLAP, SingleRowGlitches
 
     q = CLEAN.copy()
     q[row, 2] += 0.3
     whole, parts = (SingleRowGlitches(7, np.ones(7, bool)) for _ in range(2))
     whole.add(T, q)
     for first in range(0, len(T), 32):
-        parts.add(T[first : first + 32], q[first : first + 32])
+        rows = slice(max(0, first - OVERLAP), first + 32)
+        parts.add(T[rows], q[rows])
     assert whole.result() == parts.result()
     assert [k for k, _ in parts.result()] == [2]

@@ -169,7 +169,7 @@ def estimate(value: float, sigma: float) -> tuple[str, str]:
     return tuple(f"{round(x, places) + 0.0:.{max(places, 0)}f}" for x in (value, sigma))  # type: ignore[return-value]
 
 
-def plus_minus(value: float, sigma: float, unit: str = "") -> str:
+def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
     """An estimate with its standard deviation, or half of its interval, in one text.
 
     >>> plus_minus(2.00345, 0.0123, "kg")

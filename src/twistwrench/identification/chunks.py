@@ -13,10 +13,10 @@ import numpy as np
 
 from ..core.numbers import number
 from ..errors import TrajectoryError, ValueRangeError
+from ..log_checks.rate_checks import LEFT_OUT
 from ..motion.log_table import slices, windows
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
-from ..motion.rate_checks import LEFT_OUT
 from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..typing import Array

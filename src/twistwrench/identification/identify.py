@@ -13,8 +13,8 @@ from ..estimation.covariance import autocorrelation_length, group_covariance
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..log_checks.fit_doubts import FittedLog, doubts_of
+from ..log_checks.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
 from ..motion.motion import Motion
-from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array

@@ -21,8 +21,8 @@ from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..formats.actuators import read_log_side
 from ..formats.yaml import Source
+from ..log_checks.contradictions import Contradictions
 from ..model.model import BASE, Model
-from ..motion.contradictions import Contradictions
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot

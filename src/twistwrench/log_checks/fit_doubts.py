@@ -14,14 +14,14 @@ from ..core.numbers import number, percent, plus_minus, printed
 from ..estimation.cross_validation import FOLDS, HeldOut
 from ..estimation.least_squares import NormalEquations, Prior
 from ..model.model import BASE
-from ..motion.motion import Motion
-from ..motion.noise import quantum
-from ..motion.rate_checks import LEFT_OUT, SINGLE_ROW
 from ..typing import Array
+from .noise import quantum
+from .rate_checks import LEFT_OUT, SINGLE_ROW
 
 if TYPE_CHECKING:
     from ..identification.hyperparameters import FitSettings
     from ..identification.parameters import BaseParameters
+    from ..motion.motion import Motion
 
 _UNEXPLAINED = 0.35
 """Share of the torques left in rows held out that refuses the logs."""

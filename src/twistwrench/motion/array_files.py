@@ -70,11 +70,14 @@ class ArrayFile:
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
         row, portions = 0, self.read(used)
+
+        def unread(reason: str) -> TrajectoryError:
+            return TrajectoryError(
+                f"{self.path}: cannot be read from row {row + 1} on: {reason}. Is the file cut short?"
+            )
+
         while True:
-            reason = f"{self.path}: cannot be read from row {row + 1} on"
-            with third_party_errors(
-                lambda said, reason=reason: TrajectoryError(f"{reason}: {said}. Is the file cut short?")  # type: ignore[misc]
-            ):
+            with third_party_errors(unread):
                 table = next(portions, None)
             if table is None:
                 return
@@ -209,7 +212,8 @@ def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArr
     whole = columns_first and len(shape) > 1
     if whole:
         check_unpacked(path, math.prod(shape) * max(8, dtype.itemsize))
-    width = dtype.itemsize * math.prod(shape[1:])
+    rows, *inner = shape or (0,)
+    width = dtype.itemsize * math.prod(inner)
 
     def portions() -> Iterator[Array]:
         with open_file() as file:
@@ -218,13 +222,13 @@ def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArr
                 yield from (x[s] for s in slices(len(x)))
                 return
             file.seek(offset)
-            for s in slices(shape[0]):
+            for s in slices(rows):
                 data = file.read((s.stop - s.start) * width)
                 if len(data) < (s.stop - s.start) * width:
                     raise TrajectoryError(
-                        f"{path}: has fewer rows than the {shape[0]} that it says. Is the file cut short?"
+                        f"{path}: has fewer rows than the {rows} that it says. Is the file cut short?"
                     )
-                yield np.frombuffer(data, dtype).reshape(-1, *shape[1:])
+                yield np.frombuffer(data, dtype).reshape(-1, *inner)
 
     return StoredArray(shape, dtype, portions)
 
@@ -313,7 +317,7 @@ def _hdf5(path: Path, *, columns_first: bool = False) -> tuple[Mapping[str, Stor
 
     def portions(name: str, count: int) -> Iterator[Array]:
         with h5py.File(path, "r") as file:
-            x = file[name]
+            x: Any = file[name]
             for s in slices(count):
                 if x.ndim == 2 and 1 in x.shape:
                     yield x[0, s] if len(x) == 1 else x[s, 0]

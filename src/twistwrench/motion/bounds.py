@@ -15,7 +15,6 @@ from ..model.assembly import follower_torques
 from ..model.limits import Limits, margin
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .noise import RunningExtrema
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -192,6 +191,23 @@ class Violation:
         return (
             f"{self.joint}: {self.kind} {number(self.value, 5)} beyond {number(self.limit, 5)} at {number(self.time)} s"
         )
+
+
+class RunningExtrema:
+    """The greatest value of each column so far, when it occurred, and which row of the last portion that was."""
+
+    def __init__(self, columns: int) -> None:
+        self.value = np.full(columns, -np.inf)
+        self.time = np.full(columns, np.nan)
+
+    def add(self, time: Array, values: Array) -> list[tuple[int, int]]:
+        """Take in times (n,) and values (n, columns); the (column, row) pairs of columns with a new greatest value."""
+        rows = np.argmax(values, axis=0)
+        greatest = values[rows, np.arange(values.shape[1])]
+        fresh = np.flatnonzero(greatest > self.value)
+        self.value[fresh] = greatest[fresh]
+        self.time[fresh] = time[rows[fresh]]
+        return [(int(k), int(rows[k])) for k in fresh]
 
 
 class LimitCheck:

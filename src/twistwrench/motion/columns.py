@@ -11,10 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.numbers import number, seconds
 from ..core.text import listed
 from ..errors import TrajectoryError, UnknownNameError
-from ..joints.units import unit_of
 from ..typing import Array
 from .column_names import (
     PARTS,
@@ -312,7 +310,7 @@ def _by_words(
                 found.setdefault((meant.part, meant.name), []).append(k)
                 units[k] = unit or meant.unit
                 break
-    taken = []
+    taken: list[tuple[str, int, int]] = []
     for (part, place), columns in found.items():
         if place in given[part]:
             continue
@@ -368,12 +366,7 @@ def _of(locked: Sequence[str], text: str) -> bool:
     return any(text == j or text.startswith(f"{j}.") for j in locked) or NamedJoints(locked).meaning(text) is not None
 
 
-# ── Columns of mimic joints, checked against those of their leaders
-
-_SHARE = 0.1
-"""Share of a joint's travel; less is play, and the error of a coupling."""
-_LEAST = {True: 0.02, False: 0.002}
-"""Least deviation that is reported, of turning [rad] and sliding [m] joints."""
+# ── The columns of a motion file and their factors
 
 
 class MimicJointColumn(NamedTuple):
@@ -384,42 +377,6 @@ class MimicJointColumn(NamedTuple):
     """Column of the table."""
     factor: float
     """Factor to SI units."""
-
-
-class MimicJointCheck:
-    """Deviation of the columns of mimic joints from their leaders' coordinates."""
-
-    def __init__(self, columns: Sequence[MimicJointColumn]) -> None:
-        self._columns = tuple(columns)
-        count = len(self._columns)
-        self._least, self._most = np.full(count, math.inf), np.full(count, -math.inf)
-        self._off = [(0.0, 0.0)] * count
-        """The largest distance of each, and when."""
-
-    def add(self, time: Array, q: Array, table: Array) -> None:
-        """Consecutive rows: times (n,), coordinates (n, nq), and the table they are from."""
-        for k, (follower, column, factor) in enumerate(self._columns):
-            logged, led = factor * table[:, column], follower.ratio * q[:, follower.leader] + follower.offset
-            self._least[k] = min(self._least[k], float(logged.min()), float(led.min()))
-            self._most[k] = max(self._most[k], float(logged.max()), float(led.max()))
-            off = np.abs(logged - led)
-            row = int(off.argmax())
-            self._off[k] = max(self._off[k], (float(off[row]), float(time[row])))
-
-    def sentences(self) -> list[str]:
-        """A sentence for each that goes elsewhere."""
-        said = []
-        for k, (follower, _, _) in enumerate(self._columns):
-            off, when = self._off[k]
-            if off > max(_LEAST[follower.angular], _SHARE * float(self._most[k] - self._least[k])):
-                said.append(
-                    f"{follower.name} is {number(off)} {unit_of('q', follower.angular)} from where its leader takes it, at t = "
-                    f"{seconds(when)} s: correct its <mimic>, or load the robot with its mimic joints independent"
-                )
-        return said
-
-
-# ── The columns of a motion file and their factors
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import TrajectoryError
+from ..log_checks.noise import SampleErrors, Survey, sample_errors, survey
 from ..model.model import Model
 from ..typing import Array
 from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import windows
 from .motion_log import LogRows, MotionLog
-from .noise import SampleErrors, Survey, sample_errors, survey
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
 SURE = 5.0

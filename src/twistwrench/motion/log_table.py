@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -54,11 +54,11 @@ def slices(count: int, rows: int = 0) -> Iterator[slice]:
     return (slice(k, min(k + rows, count)) for k in range(0, count, rows))
 
 
-def keep_rows(table: Array, kept: Callable[[Array], Array]) -> Array:
-    """Table of the rows for which ``kept`` of a portion is true, moved up in place."""
-    end = 0
+def without_times(table: Array, times: Iterable[float]) -> Array:
+    """Table without the rows of those times, its first column; the others are moved up in place."""
+    end, wrong = 0, list(times)
     for s in slices(len(table)):
-        rows = table[s][kept(table[s])]
+        rows = table[s][~np.isin(table[s, 0], wrong)]
         table[end : end + len(rows)] = rows
         end += len(rows)
     return table[:end]

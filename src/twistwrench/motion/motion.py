@@ -19,13 +19,13 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..log_checks.contradictions import Contradictions, time_doubt
+from ..log_checks.rate_checks import stamp_words
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .bounds import Bounds, LimitCheck, Violation, bounds_or_own
-from .contradictions import Contradictions, time_doubt
 from .coordinates import joint_rates
 from .motion_io import MotionFiles
-from .rate_checks import stamp_words
 from .smoothing import FEWEST, continuous, spline_rates, states_between
 
 if TYPE_CHECKING:
@@ -117,10 +117,15 @@ class Motion(MotionFiles):
         believed = bool(self.notes) or self.in_seconds or (given["dq"] is None and given["ddq"] is None)
         for label, x in {"time": t, "q": q, **rates}.items():
             object.__setattr__(self, label, x)
-        if not believed and (said := self._doubts_of_rates()):
-            for doubt in said:
-                warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
-            object.__setattr__(self, "notes", tuple(f"LOOK AGAIN: {doubt}" for doubt in said))
+        if believed:
+            return
+        tally = Contradictions(self.coordinates, time_stated=False)
+        tally.add_rates(self)  # which takes little time
+        doubts = tally.of_rates()
+        for doubt in doubts:
+            warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
+        if doubts:
+            object.__setattr__(self, "notes", tuple(f"LOOK AGAIN: {doubt}" for doubt in doubts))
 
     @classmethod
     def from_file(
@@ -279,20 +284,10 @@ class Motion(MotionFiles):
         >>> [said[:31] for said in motion.contradictions]
         ['the usual step of time is 10 s,']
         """
-        from .motion_log import LogRows
-
         tally = Contradictions(self.coordinates, time_stated=False)
-        tally.add(LogRows(self.time, self.q, self.dq, self.ddq, self.tau))
-        stamps = tally.stamps()
+        tally.add(self)
+        stamps = tally.glitches.stamps()
         return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
-
-    def _doubts_of_rates(self) -> tuple[str, ...]:
-        """Contradictions in the sizes of rates, which take little time to find."""
-        from .motion_log import LogRows
-
-        tally = Contradictions(self.coordinates, time_stated=False)
-        tally.look_at_rates(LogRows(self.time, self.q, self.dq, self.ddq))
-        return tally.of_rates()
 
     # ── states between the samples ──
 

@@ -13,19 +13,18 @@ from typing import Any
 import numpy as np
 
 from ..core.numbers import number, printed
-from ..core.text import listed
 from ..errors import TrajectoryError, ValueRangeError
+from ..log_checks.contradictions import Contradictions, mimic_doubts, unused_doubt
+from ..log_checks.rate_checks import LEFT_OUT, OVERLAP, stamp_words
 from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
 from . import log_table
-from .columns import Columns, MimicJointCheck, varying_columns
-from .contradictions import Contradictions
+from .columns import Columns, varying_columns
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
-from .log_table import excerpts, keep_rows, slices, table_of
+from .log_table import excerpts, slices, table_of, without_times
 from .motion_file import MotionFile, open_motion_file
-from .rate_checks import LEFT_OUT, stamp_words
 
 _MOST = 10_000
 """Rows of one time, from which the clock is taken to stand."""
@@ -165,7 +164,8 @@ class _Decoded:
     stamps: dict[float, float]
     """Times of rows left out because their stamp alone is wrong, and its delay [s]."""
     contradictions: Contradictions
-    mimic_joints: MimicJointCheck
+    mimic_joints: list[str]
+    """Doubts about the columns of mimic joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,28 +292,26 @@ class MotionLog:
         table = duplicates.merge(
             table, np.zeros(0, int) if where is None else where[turning], half_turn, str(self.path)
         )
-        stamps, wrong = dict[float, float](), None
-        while wrong or wrong is None:
-            found, mimic = self._examined(table)
-            wrong = found.stamps()
-            if wrong:
-                stamps |= wrong
-                table = keep_rows(table, lambda rows, wrong=wrong: ~np.isin(rows[:, 0], list(wrong)))  # type: ignore[misc]
-        return _Decoded(table, duplicates, clock, stamps, found, mimic)
+        stamps, found = dict[float, float](), self._contradictions(table)
+        while wrong := found.glitches.stamps():
+            stamps |= wrong
+            table = without_times(table, wrong)
+            found = self._contradictions(table)
+        portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
+        return _Decoded(table, duplicates, clock, stamps, found, mimic_doubts(self.columns.mimic_joints, portions))
 
-    def _examined(self, table: Array) -> tuple[Contradictions, MimicJointCheck]:
+    def _contradictions(self, table: Array) -> Contradictions:
+        columns = self.columns
         found = Contradictions(
             self.coordinates,
-            time_stated=self.columns.time_stated,
-            angle=self.columns.angle,
-            angle_stated=self.columns.angle_stated,
+            time_stated=columns.time_stated,
+            angle=columns.angle,
+            angle_stated=columns.angle_stated,
         )
-        mimic = MimicJointCheck(self.columns.mimic_joints)
         for s in slices(len(table)):
-            motion = self.motion(table[s])
-            found.add(motion)
-            mimic.add(motion.time, motion.q, table[s])
-        return found, mimic
+            first = max(0, s.start - OVERLAP)
+            found.add(self.motion(table[first : s.stop]), s.start - first)
+        return found
 
     def excerpts(self, count: int, rows: int) -> list[Array]:
         """Runs of consecutive rows spread evenly over the log, its ends included.
@@ -394,14 +392,10 @@ class MotionLog:
         >>> log.contradictions()
         ()
         """
-        found, mimic, misread = self._decoded.contradictions, self._decoded.mimic_joints, []
-        if self.unused:
-            checked, held = len(self.coordinates.velocity_names), len(self.held)
-            misread.append(
-                f"{checked} of {checked + held} joints checked: {listed(self.held, 6)} held still for want of a column, while "
-                f"columns that vary are not used, {listed(self.unused, 6)}. Say which they are with --columns"
-            )
-        return (*misread, *found.sentences(limits, glitches=glitches), *mimic.sentences())
+        checked = len(self.coordinates.velocity_names)
+        misread = (unused_doubt(self.unused, self.held, checked),) if self.unused else ()
+        found = self._decoded.contradictions.sentences(limits, glitches=glitches)
+        return (*misread, *found, *self._decoded.mimic_joints)
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """Hints: a sentence for each thing that is odd, and may yet be meant.

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..core.numbers import number, percent
 from ..errors import TrajectoryError
+from ..log_checks.noise import noise, quantum
+from ..motion.bounds import RunningExtrema
 from ..motion.column_names import split_unit, time_factor, time_meaning
 from ..motion.log_table import LARGE, excerpts
 from ..motion.motion_file import MotionFile, open_motion_file
-from ..motion.noise import RunningExtrema, noise, quantum
 from ..typing import Array
 
 GAP = 3.0

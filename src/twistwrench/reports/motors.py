@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..model.limits import over_limit
-from ..motion.noise import RunningExtrema
+from ..motion.bounds import RunningExtrema
 from ..typing import Array
 from .statistics import Rms
 

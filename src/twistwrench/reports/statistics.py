@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.numbers import number, seconds
+from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import SURE, Differentiation, MotionSamples
 from ..motion.motion_log import LogRows
-from ..motion.noise import RunningExtrema
 from ..motion.smoothing import spline_rates
 from ..typing import Array
 from .load_case import LoadCase

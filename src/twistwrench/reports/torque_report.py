@@ -16,11 +16,12 @@ from ..core.numbers import printed, torque
 from ..core.tables import csv_table
 from ..errors import TrajectoryError
 from ..joints.units import unit_of
+from ..log_checks.noise import Survey
 from ..model.limits import margin
+from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, Outlier, RunningOutliers, pulse_peak
 from ..motion.motion_log import LogRows
-from ..motion.noise import RunningExtrema, Survey
 from ..typing import Array
 from .load_case import STEADY, TERMS, LoadCase, PayloadMargin, PayloadMarginTally
 from .log_quality import MeasuredTally, MeasuredTorque

@@ -13,11 +13,10 @@ from ..core import arguments
 from ..core.numbers import number, percent, printed, seconds
 from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
-from ..motion.bounds import LimitCheck, Violation, bounds_of
+from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.motion import Motion
-from ..motion.noise import RunningExtrema
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
 from ..reports.load_case import LoadCase
 from ..typing import Array

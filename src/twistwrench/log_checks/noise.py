@@ -1,4 +1,4 @@
-"""Quality of a log, judged from excerpts: time step, grid of its numbers, noise, late stamps, and running extremes."""
+"""Quality of a log, judged from excerpts: time step, grid of its numbers, noise and late stamps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROUND_OFF = 4e-16
 _LEAST_SEEN = 0.02
 """Share of q/√12, the error of rounding to a grid q, that shows as noise at least: a motion that keeps to each point of the
 grid for hundreds of samples shows only so much of it."""
-_GRID_STEPS_of_log_noise = 1.5
+_GRID_STEPS = 1.5
 """Most that rounding by half a grid step makes of a difference whose weights have unit norm: √(m+1)/2, order m ≤ 8."""
 _FEW, _TWO_GLITCHES, _ROUNDS = 0.02, 18, 20
 """Residuals that may be left out: a share of many, of few those that two glitches spoil at the highest order."""
@@ -101,9 +101,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     for order in ORDERS:
         residuals = [differences(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
         if residuals:
-            least = np.minimum(
-                least, deviation(np.concatenate(residuals), _GRID_STEPS_of_log_noise * np.asarray(quanta))
-            )
+            least = np.minimum(least, deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
     return np.asarray(np.where(np.isfinite(least) & (least > _ROUND_OFF * size), least, 0.0))
 
 
@@ -144,8 +142,6 @@ def differences(t: Array, x: Array, order: int) -> Array:
 
 _GROUPS, _FEWEST = 16, 60
 """Rows are grouped by speed: this many groups, of at least so many rows."""
-_GRID_STEPS = 1.5
-"""Most that rounding by half a grid step makes of a difference whose weights have unit norm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,23 +238,3 @@ def _split(off: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
         found = nnls(table / scale[:, None], target / scale)[0]
         scale = np.maximum(np.maximum(table @ found + rounding, 0.1 * variance), least)
     return float(found[0]), float(found[1] / top)
-
-
-# ── Running extremes of columns
-
-
-class RunningExtrema:
-    """The greatest value of each column so far, when it occurred, and which row of the last portion that was."""
-
-    def __init__(self, columns: int) -> None:
-        self.value = np.full(columns, -np.inf)
-        self.time = np.full(columns, np.nan)
-
-    def add(self, time: Array, values: Array) -> list[tuple[int, int]]:
-        """Take in times (n,) and values (n, columns); the (column, row) pairs of columns with a new greatest value."""
-        rows = np.argmax(values, axis=0)
-        greatest = values[rows, np.arange(values.shape[1])]
-        fresh = np.flatnonzero(greatest > self.value)
-        self.value[fresh] = greatest[fresh]
-        self.time[fresh] = time[rows[fresh]]
-        return [(int(k), int(rows[k])) for k in fresh]

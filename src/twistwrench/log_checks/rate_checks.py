@@ -95,12 +95,9 @@ class RateScale:
 
 _LAGS = np.linspace(-0.6, 0.6, 97)
 """Delays that are tried [s]."""
-_STEP, _WINDOW = 0.005, 4.0
-"""Between the rows that are compared, and the length of what is compared at once [s]."""
-_SHORTEST = 1.5
-_GAP_of_rate_delay = 5.0
-"""Usual steps of time from which a step is a gap, over which nothing is summed."""
-_LEAST, _STEPS_of_rate_delay = 0.04, 2.0
+_STEP, _SHORTEST = 0.005, 1.5
+"""Between the rows that are compared, and shortest length of a run of them [s]."""
+_LEAST, _LEAST_STEPS = 0.04, 2.0
 """A delay to speak of: [s], and in steps of time. Filters of drives and stamps of one cycle cost less."""
 _LEFT, _MATTERS = 0.25, 2e-4
 """Share of the squares that a delay leaves, to be believed, and share of the curve's own from which they matter."""
@@ -114,45 +111,29 @@ _SOME_MOVE = 0.05
 class RateLag:
     """Lag d of rates y of k curves x with y(t) = x'(t - d), by least squares on ∫y dt.
 
-    Means and trends of both are taken off, window by window, so that a bias of y says nothing. Rows come in any portions.
+    Means and trends of both are taken off in each run without gaps, so that a bias of y says nothing.
     """
 
     def __init__(self, count: int) -> None:
         self._errors, self._squares = np.zeros((len(_LAGS), count)), np.zeros(count)
         self._range, self._longest = np.zeros(count), 0.0
-        self._rows: list[tuple[Array, Array, Array]] = []
-        self._last: tuple[float, Array, Array, Array] | None = None
 
     def add(self, time: Array, x: Array, y: Array) -> None:
-        """Consecutive rows: time (n,), curves (n, k) without jumps within the portion, rates (n, k)."""
+        """Consecutive rows: time (n,), curves (n, k) without jumps, rates (n, k)."""
         if len(time) < 2:
             return
-        usual = float(np.median(np.diff(time)))
-        self._longest = max(self._longest, usual)
-        integral = np.zeros(x.shape[1])
-        if self._last is not None:
-            t0, x0, y0, integral0 = self._last
-            if time[0] - t0 > _GAP_of_rate_delay * usual or (np.abs(x[0] - x0) > np.pi).any():
-                self._flush()
-            else:
-                integral = integral0 + 0.5 * (time[0] - t0) * (y0 + y[0])
         steps = np.diff(time)
-        sums = integral + np.concatenate(
-            [np.zeros((1, x.shape[1])), np.cumsum(0.5 * steps[:, None] * (y[1:] + y[:-1]), axis=0)]
-        )
-        edges = [0, *(np.flatnonzero(steps > _GAP_of_rate_delay * usual) + 1).tolist(), len(time)]
+        usual = float(np.median(steps))
+        self._longest = max(self._longest, usual)
+        summed = np.cumsum(0.5 * steps[:, None] * (y[1:] + y[:-1]), axis=0)
+        integral = np.concatenate([np.zeros((1, x.shape[1])), summed])
+        edges = [0, *(np.flatnonzero(steps > _GAP * usual) + 1).tolist(), len(time)]
         stride = max(1, round(_STEP / usual))
-        for k, (a, b) in enumerate(pairwise(edges)):
-            if k:
-                self._flush()
-            self._rows.append((time[a:b:stride], x[a:b:stride], sums[a:b:stride]))
-            if self._rows[-1][0][-1] - self._rows[0][0][0] >= _WINDOW:
-                self._flush()
-        self._last = float(time[-1]), x[-1].copy(), y[-1].copy(), sums[-1].copy()
+        for a, b in pairwise(edges):
+            self._compare(time[a:b:stride], x[a:b:stride], integral[a:b:stride])
 
     def result(self) -> Array:
         """Lag (k,) [s], 0 if it is negligible or undetermined."""
-        self._flush()
         padded = np.pad(self._errors, ((1, 1), (0, 0)), constant_values=np.inf)
         dips = (self._errors <= padded[:-2]) & (self._errors <= padded[2:])
         dips &= self._errors <= self._errors.min(axis=0) + _AS_GOOD * self._squares
@@ -161,17 +142,16 @@ class RateLag:
         now, then = self._errors[len(_LAGS) // 2], self._errors[best, at]
         inside = (best > 0) & (best < len(_LAGS) - 1)
         told = inside & (then < _LEFT * now) & (now > _MATTERS * self._squares) & (self._range > _SOME_MOVE)
-        told &= np.abs(_LAGS[best]) >= max(_LEAST, _STEPS_of_rate_delay * self._longest)
+        told &= np.abs(_LAGS[best]) >= max(_LEAST, _LEAST_STEPS * self._longest)
         around = [self._errors[np.clip(best + k, 0, len(_LAGS) - 1), at] for k in (-1, 0, 1)]
         bend = around[0] - 2.0 * around[1] + around[2]
         finer = np.where(bend > 0, 0.5 * (around[0] - around[2]) / np.where(bend > 0, bend, 1.0), 0.0)
         return np.where(told, _LAGS[best] + finer * (_LAGS[1] - _LAGS[0]), 0.0)
 
-    def _flush(self) -> None:
-        rows, self._rows = self._rows, []
-        if not rows or rows[-1][0][-1] - rows[0][0][0] < _SHORTEST:
+    def _compare(self, t: Array, x: Array, integral: Array) -> None:
+        """Add the squares that each lag leaves in one run."""
+        if t[-1] - t[0] < _SHORTEST:
             return
-        t, x, integral = (np.concatenate([part[k] for part in rows]) for k in range(3))
         used = (t >= t[0] - _LAGS[0]) & (t <= t[-1] - _LAGS[-1])
         if used.sum() < len(_LAGS):
             return
@@ -243,18 +223,18 @@ _BEYOND = 5.0
 """Times the largest e of the rest of the log, from which the wrong row explains itself."""
 _ALIKE = 0.25
 """Deviation of the neighbours' e from -d/2, as a share of d: the path goes on beside the glitch."""
-_ROUNDING_of_single_row_glitches, _NO_COUNT = 1e-6, 1e-2
+_LEAST_SIZE, _NO_COUNT = 1e-6, 1e-2
 """Sizes [rad, m]: smaller is rounding; larger is not a count of an encoder that flickers."""
 _COUNTS = 3.0
 """Multiples of the least step of the log from which it is not such a count."""
 _MOST = 50
 """Candidates that are kept for a joint; with more the log is rough, and not one row wrong."""
 _LISTED = 3
+OVERLAP = 6
+"""Rows that each portion shares with the one before, so that each row is looked at once, with two e on either side."""
 SINGLE_ROW = "for a single row"
 LEFT_OUT = "Left out: "
 """Words in sentences on a wrong row, and at the beginning of notes on rows left out."""
-_GAP_of_single_row_glitches = 5.0
-"""Usual steps of time from which a step is a pause."""
 _OF_CLOCK = 0.25
 """Share of the largest d of a row that is left where the stamp is wrong."""
 _MOVING = 0.05
@@ -273,22 +253,19 @@ class Glitch:
 
 
 class SingleRowGlitches:
-    """A tally over the rows of a motion, which come in any portions."""
+    """A tally over the rows of a motion, which come in portions that overlap by :data:`OVERLAP`."""
 
     def __init__(self, count: int, turns: Array) -> None:
         """``count`` joints, of which those that turn (k,) bool may step by a full turn."""
         self._turns = turns
-        self._tail: tuple[Array, Array] = np.empty(0), np.empty((0, count))
         self._usual = 0.0
         self._largest, self._least_step = np.zeros(count), np.full(count, np.inf)
         self._found: list[list[Glitch]] = [[] for _ in range(count)]
         """Candidates of each joint."""
 
-    def add(self, time: Array, q: Array) -> None:
-        """Take in consecutive rows, (n,) and (n, k)."""
-        t, q = np.r_[self._tail[0], time], np.concatenate([self._tail[1], q])
-        self._tail = t[-6:], q[-6:]  # so that each row is looked at once, with two e on either side
-        if len(t) < 7:
+    def add(self, t: Array, q: Array) -> None:
+        """Take in consecutive rows, (n,) and (n, k), the first of which are the last ones of those before."""
+        if len(t) <= OVERLAP:
             return
         curves = q.copy()
         curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
@@ -296,14 +273,14 @@ class SingleRowGlitches:
         self._least_step = np.minimum(self._least_step, np.where(steps > 0, steps, np.inf).min(axis=0))
         steps_of_time = np.diff(t)
         self._usual = self._usual or float(np.median(steps_of_time))
-        pause = steps_of_time > _GAP_of_single_row_glitches * self._usual
+        pause = steps_of_time > _GAP * self._usual
         bridged = (pause[1:] | pause[:-1])[:, None]  # over a pause, the path says nothing
         share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
         e = curves[1:-1] - curves[:-2] - share * (curves[2:] - curves[:-2])
         e = np.where(bridged, 0.0, e)
         d = e[1:-1]
         beside = np.maximum(np.abs(e[:-2] + d / 2), np.abs(e[2:] + d / 2))
-        candidate = (np.abs(d) > _ROUNDING_of_single_row_glitches) & (beside < _ALIKE * np.abs(d))
+        candidate = (np.abs(d) > _LEAST_SIZE) & (beside < _ALIKE * np.abs(d))
         touched = candidate[:-2] | candidate[1:-1] | candidate[2:]
         self._largest = np.maximum(self._largest, np.where(touched, 0.0, np.abs(e[2:-2])).max(axis=0))
         for row, k in np.argwhere(candidate[1:-1]).tolist():

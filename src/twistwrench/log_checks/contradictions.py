@@ -10,21 +10,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.numbers import printed, seconds
+from ..core.numbers import number, printed, seconds
 from ..core.text import listed
+from ..joints.units import unit_of
 from ..typing import Array
-from .coordinates import Coordinates
-from .rate_checks import RateLag, RateScale, SingleRowGlitches, near, scale_words, segments
+from .rate_checks import OVERLAP, RateLag, RateScale, SingleRowGlitches, near, scale_words, segments
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
-    from .motion_log import LogRows
+    from ..motion.columns import MimicJointColumn
+    from ..motion.coordinates import Coordinates
+    from ..motion.motion import Motion
+    from ..motion.motion_log import LogRows
 
 _FAR, _MANY_TURNS = 3.0, 4 * math.pi
 """Times the reach of a joint's limits, or a full turn, and an angle [rad], that no joint with limits turns to."""
 _WITHIN = 1.1
 """Times its reach that a joint in the right unit may turn to."""
-_FULL_TURN, _SOME_MOVE = math.tau, 0.3
+_FULL_TURN, _SURE_MOVE = math.tau, 0.3
 """Number that no angle in radians of a joint with limits is above, and one that a joint which moves for certain passes."""
 _FEWEST = 3
 """Joints that do not all stay within six degrees of zero for the whole of a motion."""
@@ -90,7 +93,7 @@ class AngleUnits:
         """(k,) bool, of all or none: joints read in degrees whose numbers are all such as radians are."""
         asked = (self.factor == _DEGREE) & ~self.stated
         written = self._size / self.factor
-        moves = (self.most - self.least) / self.factor > _SOME_MOVE
+        moves = (self.most - self.least) / self.factor > _SURE_MOVE
         alike = bool(asked.any() and (written[asked] <= _FULL_TURN).all() and moves[asked].any())
         return asked & alike
 
@@ -176,7 +179,7 @@ _WRAP = (1.5 * math.pi, 2.5 * math.pi)
 _SPILL = 0.01 * math.pi
 _TOO_FAST = 3.0
 """Times the greatest speed elsewhere, or the velocity limit, from which a step of more than half a turn is a jump."""
-_LONG_STEP, _SHORT_MOVE, _SOME_MOVE_of_contradictions, _FEWEST_STEPS = 1.0, 0.1, 0.05, 20
+_LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
 """A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
 more finely than it is slow."""
 
@@ -188,7 +191,7 @@ their limits, and loggers for steps of 0.1 ms and more."""
 
 
 class Contradictions:
-    """A tally over the rows of a motion, which come in any portions."""
+    """A tally over the rows of a motion, which come in portions."""
 
     def __init__(
         self,
@@ -205,16 +208,17 @@ class Contradictions:
         self._names = coordinates.velocity_names
         self._angular = coordinates.angular_velocity
         self._single = np.flatnonzero(coordinates.position_of >= 0)
-        self.at = coordinates.position_of[self._single]
-        self._turns = coordinates.angular[self.at]
-        self._bounded = self._turns & ~coordinates.endless[self.at]
+        self.places = coordinates.position_of[self._single]
+        """(k,) the entries of q that are checked: those of joints with one."""
+        self._turns = coordinates.angular[self.places]
+        self._bounded = self._turns & ~coordinates.endless[self.places]
         self._time_stated = time_stated
         count = len(self._single)
         self._velocity, self._acceleration = RateScale(count), RateScale(len(self._names))
         self._derived = RateScale(count)
         self._delay = RateLag(count)
-        self._glitches = SingleRowGlitches(count, self._turns)
-        self._last: tuple[float, Array] | None = None
+        self.glitches = SingleRowGlitches(count, self._turns)
+        """Rows at which a joint leaves its path alone."""
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
         self._turned = AngleWrapping(self._bounded, _WRAP)
@@ -223,30 +227,24 @@ class Contradictions:
         self._wrapped: dict[int, tuple[float, float, float]] = {}
         """First step of each joint that may be an omitted turn: speed, time before, size."""
         self._speed, self._move = np.zeros(count), np.zeros(count)
-        self._steps: list[float] = []
-        self._rows = 0
+        self._usual: list[float] = []
+        """Median step of time of each portion [s]."""
+        self._steps = 0
 
-    def add(self, motion: LogRows) -> None:
-        """Take in consecutive rows."""
-        t, q = motion.time, motion.q[:, self.at]
-        if not len(t):
-            return
-        self.look_at_steps(t, q)
-        self._glitches.add(t, q)
-        if motion.dq is not None:
-            self._delay.add(t, self._curves(motion), motion.dq[:, self._single])
-        self.look_at_rates(motion)
+    def add(self, motion: LogRows | Motion, before: int = 0) -> None:
+        """Take in consecutive rows, the first of which were the last ``before``: as many as ``OVERLAP``, or as there were."""
+        t, q = motion.time, motion.q[:, self.places]
+        self.add_steps(t[max(0, before - 1) :], q[max(0, before - 1) :])
+        self.glitches.add(t[max(0, before - OVERLAP) :], q[max(0, before - OVERLAP) :])
+        self.add_rates(motion, before, delays=True)
 
-    def _curves(self, motion: LogRows) -> Array:
-        """Coordinates ``at`` (n, m) without the steps of a turn."""
-        curves = motion.q[:, self.at].copy()
+    def add_rates(self, motion: LogRows | Motion, before: int = 0, *, delays: bool = False) -> None:
+        """Take in velocities and accelerations beside the slopes of what they belong to, after the first ``before`` rows."""
+        t, curves = motion.time[before:], motion.q[before:, self.places]
+        dq, ddq = (None if rate is None else rate[before:] for rate in (motion.dq, motion.ddq))
         curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
-        return curves
-
-    def look_at_rates(self, motion: LogRows) -> None:
-        """Take in the sizes of velocities and accelerations beside the slopes of what they belong to."""
-        t, dq, ddq = motion.time, motion.dq, motion.ddq
-        curves = self._curves(motion)
+        if delays and dq is not None:
+            self._delay.add(t, curves, dq[:, self._single])
         for s in segments(t) if dq is not None or ddq is not None else ():
             if dq is not None:
                 self._velocity.add(t[s], curves[s], dq[s][:, self._single])
@@ -255,18 +253,15 @@ class Contradictions:
             elif ddq is not None:
                 self._derived.add(t[s], np.gradient(curves[s], t[s], axis=0), ddq[s][:, self._single])
 
-    def look_at_steps(self, t: Array, q: Array) -> None:
-        """Take in the steps of time, and of the coordinates ``at`` (n, m)."""
-        self._rows += len(t)
+    def add_steps(self, t: Array, q: Array) -> None:
+        """Take in times (n,) and coordinates ``places`` (n, k), and the steps between them."""
         self._least, self._greatest = np.minimum(self._least, q.min(axis=0)), np.maximum(self._greatest, q.max(axis=0))
-        if self._last is not None:
-            t, q = np.r_[self._last[0], t], np.concatenate([self._last[1][None], q])
-        self._last = float(t[-1]), q[-1].copy()
         h, moved = np.diff(t), np.diff(q, axis=0)
         self._turned.add(q, moved)
         if not len(h):
             return
-        self._steps.append(float(np.median(h)))
+        self._steps += len(h)
+        self._usual.append(float(np.median(h)))
         size = np.abs(moved)
         far = (size > math.pi) & self._bounded
         speed = np.where(far | (size > math.pi) & self._turns, 0.0, size / h[:, None])
@@ -295,31 +290,30 @@ class Contradictions:
 
     def sentences(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
         """Contradictions, a sentence each; velocity limits help to distinguish a jump from a fast motion."""
-        of_time = tuple(self._of_time(limits))
-        angles = self._angle_units(limits).contradictions
-        wrapped = (self._wraps > 0) & self._within_a_turn()
-        turns = () if limits is None else self._turned.sentences(wrapped, self._single, self._names, limits)
-        jumps = () if angles else (*self._of_jumps(limits), *turns, *(self._of_glitches() if glitches else ()))
-        delays = self._delay.result() if not of_time else np.zeros(len(self._single))
-        of_rates = self.of_rates(time_told=bool(of_time), late=delays != 0.0)
-        return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
-
-    def of_rates(self, *, time_told: bool = False, late: Array | None = None) -> tuple[str, ...]:
-        """A sentence for each rate that is not the slope of what it belongs to; those of ``late`` joints (k,) aside."""
-        return tuple(
-            self._of_rates(time_told=time_told, late=np.zeros(len(self._single), bool) if late is None else late)
-        )
+        time, angles = self._of_time(limits), self._angle_units(limits).contradictions
+        jumps: list[str] = []
+        if not angles:
+            jumps = self._of_jumps(limits)
+            if limits is not None:
+                wrapped = (self._wraps > 0) & self._within_a_turn()
+                jumps += self._turned.sentences(wrapped, self._single, self._names, limits)
+            if glitches:
+                names = [self._names[k] for k in self._single.tolist()]
+                jumps += [f"{said}: remove the row" for said in self.glitches.sentences(names, self._turns)]
+        delays = np.zeros(len(self._single)) if time else self._delay.result()
+        rates = self.of_rates(time_doubted=bool(time), late=delays != 0.0)
+        return (*time, *angles, *jumps, *rates, *self._of_delays(delays))
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """A sentence for each thing that is odd, and may yet be meant."""
         found = list(self._angle_units(limits).hints)
-        step = float(np.median(self._steps)) if self._steps else 0.0
-        if step >= _LONG_STEP and not self._time_stated and not tuple(self._of_time(limits)):
+        step = float(np.median(self._usual)) if self._usual else 0.0
+        if step >= _LONG_STEP and not self._time_stated and not self._of_time(limits):
             found.append(f"the usual time step is {printed(step, 4)} s. Is time in ms? It is taken to be in seconds")
         return tuple(found)
 
     def _angle_units(self, limits: Limits | None) -> AngleUnits:
-        k, at = self._single[self._turns], self.at[self._turns]
+        k, places = self._single[self._turns], self.places[self._turns]
         none = np.full(len(k), np.inf)
         return AngleUnits(
             names=[self._names[j] for j in k.tolist()],
@@ -328,24 +322,24 @@ class Contradictions:
             endless=~self._bounded[self._turns],
             lower=-none if limits is None else limits.lower[k],
             upper=none if limits is None else limits.upper[k],
-            factor=self._factor[at],
-            stated=self._stated[at],
+            factor=self._factor[places],
+            stated=self._stated[places],
         )
 
-    def _of_time(self, limits: Limits | None) -> Iterable[str]:
+    def _of_time(self, limits: Limits | None) -> list[str]:
         if self._time_stated or (found := self.slow_steps(limits)) is None:
-            return
+            return []
         why, unit = found
-        yield (
+        return [
             f"{why}: time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
             f"'time=COLUMN [{unit}]'"
-        )
+        ]
 
     def slow_steps(self, limits: Limits | None) -> tuple[str, str] | None:
         """Why the steps of time are too long for how little the joints move in them, and the unit it may be in."""
-        step = float(np.median(self._steps)) if self._steps else 0.0
-        moving = self._greatest - self._least > _SOME_MOVE_of_contradictions
-        if self._rows < _FEWEST_STEPS or not moving.any():
+        step = float(np.median(self._usual)) if self._usual else 0.0
+        moving = self._greatest - self._least > _SOME_MOVE
+        if self._steps + 1 < _FEWEST_ROWS or not moving.any():
             return None
         unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
@@ -363,43 +357,40 @@ class Contradictions:
                 )
         return None
 
-    def _of_delays(self, delays: Array) -> Iterable[str]:
+    def _of_delays(self, delays: Array) -> list[str]:
+        said = []
         for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
             if found.any():
                 names = listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
                 late = np.abs(delays[found])
                 size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
-                yield (
+                said.append(
                     f"{names}: the velocity column is {size} s {way} against the positions: shift it, or leave it out, then it "
                     "is derived"
                 )
+        return said
 
-    def _of_jumps(self, limits: Limits | None) -> Iterable[str]:
-        whole = self._within_a_turn()
-        for k in range(len(self._single)):
+    def _of_jumps(self, limits: Limits | None) -> list[str]:
+        said, whole = [], self._within_a_turn()
+        for k, joint in enumerate(self._single.tolist()):
             jump = self._jumps.get(k) or (None if whole[k] else self._wrapped.get(k))
             if jump is None:
                 continue
-            joint = int(self._single[k])
             known = float(limits.velocity[joint]) if limits is not None else math.inf
             if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
-                yield (
+                said.append(
                     f"{self._names[joint]} jumps by {printed(jump[2], 4)} rad after t = {seconds(jump[1], 4)} s, at "
                     f"{printed(jump[0], 3)} rad/s, and is not a joint that turns for ever: remove the rows, or add the "
                     "turns that the log left out"
                 )
+        return said
 
-    def stamps(self) -> dict[float, float]:
-        """Times of rows whose stamp alone is wrong, and what it is late by [s]."""
-        return self._glitches.stamps()
+    def of_rates(self, *, time_doubted: bool = False, late: Array | None = None) -> list[str]:
+        """A sentence for each rate that is not the slope of what it belongs to.
 
-    def _of_glitches(self) -> list[str]:
-        said = self._glitches.sentences([self._names[k] for k in self._single.tolist()], self._turns)
-        return [f"{sentence}: remove the row" for sentence in said]
-
-    def _of_rates(self, *, time_told: bool, late: Array) -> Iterable[str]:
-        """Sentences on rates; ``late`` (k,) bool: the velocity is that of another time, so that its size is not compared."""
-        every = np.arange(len(self._names))
+        ``late`` (k,) bool: the velocity is that of another time, so that its size is not compared.
+        """
+        every, found = np.arange(len(self._names)), []
         cases = (
             (self._velocity, self._single, "velocity", "positions", "/s"),
             (self._acceleration, every, "acceleration", "velocities", "/s^2"),
@@ -408,29 +399,21 @@ class Contradictions:
         for tally, joints, rate, base, per in cases:
             angular = self._angular[joints]
             gains = tally.result(angular)
-            if tally is self._velocity:
+            if tally is self._velocity and late is not None:
                 gains = np.where(late, 1.0, gains)
             said: dict[str, list[str]] = {}
             least, most = _ALLOWED[rate]
             for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
-                if time_told and math.isfinite(gains[k]) and any(near(gains[k], f) for f in (1e3, 1e6, 1e9)):
+                if time_doubted and math.isfinite(gains[k]) and any(near(gains[k], f) for f in _UNITS):
                     continue
                 what = scale_words(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
-            for what, names in said.items():
-                yield f"{listed(names)}: the {rate} column {what}"
-
-
-def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) -> tuple[str, str] | None:
-    """:meth:`Contradictions.slow_steps` of times (n,) and positions (n, nq)."""
-    found = Contradictions(coordinates)
-    found.look_at_steps(time, q[:, found.at])
-    return found.slow_steps(limits)
+            found += [f"{listed(names)}: the {rate} column {what}" for what, names in said.items()]
+        return found
 
 
 # ── Times in milliseconds or less, given without a unit
 
-_SOME_MOVE_of_time_unit = 0.05
 _UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
 
 
@@ -441,17 +424,58 @@ def time_doubt(coordinates: Coordinates, time: Array, q: Array, dq: Array | None
     joints hardly move within steps that are long.
     """
     if dq is None:
-        found = slow_steps(coordinates, time, q, limits)
-        return "" if found is None else f"{found[0]}: time seems to be in {found[1]}"
+        found = Contradictions(coordinates)
+        found.add_steps(time, q[:, found.places])
+        slow = found.slow_steps(limits)
+        return "" if slow is None else f"{slow[0]}: time seems to be in {slow[1]}"
     single = np.flatnonzero(coordinates.position_of >= 0)
     steps = np.abs(np.diff(q[:, coordinates.position_of[single]], axis=0))
     steps = np.where(coordinates.angular_velocity[single] & (steps > np.pi), 0.0, steps)  # a turn that was left out
     speeds = np.abs(dq[:, single])
-    made, said = steps.sum(axis=0), (0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time)[:, None]).sum(axis=0)
-    moving = made > _SOME_MOVE_of_time_unit
-    gains = (said[moving] / made[moving]).tolist()
+    moved, summed = steps.sum(axis=0), (0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time)[:, None]).sum(axis=0)
+    moving = moved > _SOME_MOVE
+    gains = (summed[moving] / moved[moving]).tolist()
     for factor, unit in _UNITS.items():
         if gains and all(near(gain, factor) for gain in gains):
             times = f"{printed(factor)} times the way of the positions"
             return f"velocities make {times} in these times: time seems to be in {unit}"
     return ""
+
+
+# ── Columns of mimic joints, checked against those of their leaders, and columns that are not used
+
+_SHARE = 0.1
+"""Share of a joint's travel; less is play, and the error of a coupling."""
+_LEAST = {True: 0.02, False: 0.002}
+"""Least deviation that is reported, of turning [rad] and sliding [m] joints."""
+
+
+def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[LogRows, Array]]) -> list[str]:
+    """A sentence for each mimic joint whose column goes elsewhere than its leader takes it.
+
+    ``portions`` are rows of the log, and the table that they are from.
+    """
+    least, most = np.full(len(columns), math.inf), np.full(len(columns), -math.inf)
+    off = [(0.0, 0.0)] * len(columns)  # the largest distance of each, and when
+    for motion, table in portions if columns else ():
+        for k, (follower, column, factor) in enumerate(columns):
+            logged, led = factor * table[:, column], follower.ratio * motion.q[:, follower.leader] + follower.offset
+            least[k] = min(least[k], logged.min(), led.min())
+            most[k] = max(most[k], logged.max(), led.max())
+            distance = np.abs(logged - led)
+            row = int(distance.argmax())
+            off[k] = max(off[k], (float(distance[row]), float(motion.time[row])))
+    return [
+        f"{follower.name} is {number(distance)} {unit_of('q', follower.angular)} from where its leader takes it, at t = "
+        f"{seconds(when)} s: correct its <mimic>, or load the robot with its mimic joints independent"
+        for k, ((follower, _, _), (distance, when)) in enumerate(zip(columns, off, strict=True))
+        if distance > max(_LEAST[follower.angular], _SHARE * float(most[k] - least[k]))
+    ]
+
+
+def unused_doubt(unused: Sequence[str], held: Sequence[str], checked: int) -> str:
+    """Doubt about columns that vary and are not used, while joints are held still for want of one."""
+    return (
+        f"{checked} of {checked + len(held)} joints checked: {listed(held, 6)} held still for want of a column, while "
+        f"columns that vary are not used, {listed(unused, 6)}. Say which they are with --columns"
+    )
