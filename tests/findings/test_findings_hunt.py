@@ -53,3 +53,16 @@ def test_hunt_the_mass_of_the_payload_command_is_within_the_limits(tmp_path, fac
     args = ["torques", "ur5", "--trajectory", str(path), "--payload", repr(factor * mass)]
     verdict = run.invoke(main, args, env={"COLUMNS": "200"}).output
     assert verdict.startswith("OK" if factor == 1.0 else "OVER LIMIT: shoulder_lift_joint"), said + verdict
+
+
+@pytest.mark.parametrize(("place", "word"), [(0.98, "OK"), (980, "LOOK AGAIN")])
+def test_hunt_the_last_link_reaches_to_its_end_though_no_frame_is_there(tmp_path, place, word):
+    """A payload at the end of a pendulum's only link is not in millimetres: its rod of 1 m ends there."""
+    rod = _link("rod").replace("0.01", "0.08")
+    path, motion = tmp_path / "pendulum.urdf", tmp_path / "still.csv"
+    joint = _joint("hinge", "base", "rod", '<limit effort="20" velocity="5"/>')
+    path.write_text(f'<robot name="pendulum"><link name="base"/>{rod}{joint.replace("1 0 0", "0.01 0 0", 1)}</robot>')
+    motion.write_text("time,hinge,hinge.vel,hinge.acc\n" + "".join(f"{0.1 * k},1.5,0,0\n" for k in range(7)))
+    args = ["torques", str(path), "--trajectory", str(motion), "--payload", f"0.5,{place},0,0@rod"]
+    said = CliRunner().invoke(main, args, env={"COLUMNS": "200"}).output
+    assert said.startswith(word), said

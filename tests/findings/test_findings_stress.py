@@ -36,11 +36,11 @@ def one_error(result):
     return line
 
 
-def in_child(code, *arguments, limit=0, **options):
+def in_child(code, *arguments, limit=0, timeout=300, **options):
     """Python in a child process, with its memory limited to so many bytes."""
     head = f"import resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit}))\n" if limit else ""
     command = [sys.executable, "-c", head + code, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, **options)
 
 
 # ── files that unpack to more than there is ──
@@ -222,7 +222,7 @@ print(read)
 def test_finding_46_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path):
     """In a child process with 3 GB of memory, which names the file that it looked at last."""
     paths = [log_of(kind, tmp_path) for kind in (*KINDS, "mcap", "bag")]
-    done = in_child(FUZZ, count, *paths, limit=3_000_000_000, env=SYSTEM_MEMORY)
+    done = in_child(FUZZ, count, *paths, limit=3_000_000_000, timeout=300 + count, env=SYSTEM_MEMORY)
     assert done.returncode == 0, (done.returncode, done.stderr[-1500:])
     assert 0 < int(done.stdout) < count * len(paths)
 

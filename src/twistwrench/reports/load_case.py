@@ -302,9 +302,10 @@ class LoadCase:
 
 
 def reach(model: Model) -> float:
-    """Farthest that any frame can be from the base [m], all links stretched; inf with a joint that slides without end.
+    """Farthest that any frame or link's end can be from the base [m], all stretched; inf with a joint that slides on.
 
-    For a floating base the reach is measured from the base.
+    The last link may have no frame at its end: it ends where a uniform rod of its mass and moments would, which begins
+    at its joint at the earliest. For a floating base the reach is measured from the base.
     """
     lengths: list[float] = []
     for body in model.bodies:
@@ -319,6 +320,11 @@ def reach(model: Model) -> float:
         (0.0 if frame.body == BASE else lengths[frame.body]) + float(np.linalg.norm(frame.pose[:3, 3]))
         for frame in model.frames.values()
     ]
+    for body, length in zip(model.bodies, lengths, strict=True):
+        if (G := body.inertia).mass > 0.0:
+            half = float(np.sqrt(1.5 * max(np.trace(G.moment_about_com), 0.0) / G.mass))  # of a uniform rod
+            place = float(np.linalg.norm(G.com))
+            ends.append(length + place + min(place, half))
     return max(ends, default=0.0)
 
 
