@@ -191,7 +191,7 @@ def test_nothing_drives_a_floating_base(bundled):
         (lambda r: statics.payload_map(r, cells="many"), tw.ValueRangeError, "cells is 'many'"),
         (lambda r: statics.payload_map(r, "xz", at=np.nan), tw.ValueRangeError, "at is nan"),
         (lambda r: statics.payload_map(r, "xz", thickness=0), tw.ValueRangeError, "thickness .* is 0"),
-        (lambda r: statics.payload_map(r, rng="a"), tw.ValueRangeError, "rng='a'"),
+        (lambda r: statics.payload_map(r, rng="a"), tw.ValueRangeError, "rng is 'a'"),
         (lambda r: statics.largest_payload(r, r.neutral, com="here"), tw.ShapeError, "com has shape"),
         (
             lambda r: statics.largest_payload(r, r.neutral, limits="all"),

@@ -132,6 +132,10 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "log": "ReadingLog",
         "sensor": "ForceTorqueSensor",
     },
+    "statics": {
+        "com": "(3,) array_like, centre of mass of the payload in the frame [m]",
+        "edges": "int, edges of each friction cone to begin with",
+    },
     "simulation": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
     "viz": {
         "path": "str or Path, .gif or .mp4",
@@ -157,9 +161,11 @@ ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 RETURNS: Mapping[str, str] = {
     "Axis": "axis : Axis",
+    "Equilibrium": "answer : Equilibrium",
     "IKResult": "found : IKResult",
     "JointPath": "path : JointPath",
     "JointTorques": "tau : (..., n) array [N m, sliding joints: N]",
+    "LargestWrench": "found : LargestWrench",
     "Motion": "motion : Motion",
     "Path": "path : Path of the file written",
     "Poses": "T : (..., 4, 4) array",

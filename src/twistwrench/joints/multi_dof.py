@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..errors import ModelError
 from ..lie import quaternion, se3, so3
-from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
 from ..lie.se3 import slide
+from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
 from ..typing import Array
 from .joint import (
     ChartEntry,

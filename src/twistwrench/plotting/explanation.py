@@ -57,13 +57,6 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     ----------
     why : Explanation, of one state
 
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
-
     Examples
     --------
     >>> import tempfile, twistwrench as tw
@@ -84,9 +77,8 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
         others = {"color": "white", "hatch": "////", "edgecolor": style.GREY}
         rows.append((f"{len(rest)} others", parts[rest].sum(axis=0), others))
     places = np.arange(len(why.joints))
-    with style.figure(
-        max(6.0, 1.1 * len(places) + 3.2), 4.2, "What each torque is made of", "Drawing an explanation"
-    ) as drawn:
+    width = max(6.0, 1.1 * len(places) + 3.2)
+    with style.figure(width, 4.2, "What each torque is made of", "Drawing an explanation") as drawn:
         axis = drawn.subplots()
         above, below = np.zeros(len(places)), np.zeros(len(places))
         for name, row, look in rows:
@@ -98,7 +90,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
         axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=style.SMALL)
         axis.set_ylabel(", ".join(map(torque_word, sorted(set(why.units), reverse=True))))
         axis.grid(visible=False, axis="x")
-        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="medium")
         return style.save(drawn, path)
 
 
@@ -109,14 +101,9 @@ _FEW = 40  # readings up to which each is a dot
 
 
 def plot_compensation(
-    log: ReadingLog,
-    sensor: ForceTorqueSensor,
-    noise: tuple[float, float],
-    path: str | Path,
-    *,
-    marked: Array,
-    mark: str,
-) -> None:
+    log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float], path: str | Path, *,
+    marked: Array, mark: str,
+) -> None:  # fmt: skip
     """Plot of readings with what the sensor's load explains (left) and what is left (right), forces above moments.
 
     Parameters
@@ -126,13 +113,6 @@ def plot_compensation(
     noise : (moment [N m], force [N]), standard deviations of a reading
     marked : (n,) array of bool, readings that are shaded
     mark : str, what they are called in the legend
-
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
 
     Examples
     --------
@@ -156,26 +136,16 @@ def plot_compensation(
             before, after = axes[row]
             _draw(before, x, log.readings[:, part], names, marked, mark)
             _explain(before, x, predicted[:, part])
-            before.set_title(f"{what}s as read", loc="left", fontweight="bold")
+            style.titles(before, f"{what}s as read")
             _draw(after, x, left[:, part], names, marked, mark)
             after.axhspan(-2 * sigma, 2 * sigma, color=style.QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
-            after.set_title(f"{what}s without bias and load", loc="left", fontweight="bold")
-            if not marked.all():
-                rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2)))
-                where = " in unshaded readings" if marked.any() else ""
-                after.set_title(
-                    f"rms {number(rms, 2)} {unit}{where}", loc="right", color=style.QUIET, fontsize=style.SMALL
-                )
+            rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2))) if not marked.all() else 0.0
+            where = " in unshaded readings" if marked.any() else ""
+            remark = "" if marked.all() else f"rms {number(rms, 2)} {unit}{where}"
+            style.titles(after, f"{what}s without bias and load", remark)
             for axis in (before, after):
                 axis.set_ylabel(f"{what} [{unit}]")
-                axis.legend(
-                    frameon=False,
-                    fontsize=style.SMALL,
-                    ncols=5,
-                    loc="upper left",
-                    bbox_to_anchor=(0.0, 1.0),
-                    columnspacing=1.0,
-                )
+                axis.legend(ncols=5, loc="upper left", bbox_to_anchor=(0.0, 1.0), columnspacing=1.0)
                 low, high = axis.get_ylim()
                 axis.set_ylim(low, high + 0.14 * (high - low))  # the legend's own room
         for axis in axes[1]:
@@ -199,13 +169,9 @@ def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: A
 
 def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
     """Draw the readings predicted by bias and load: bars over dots, a thin dark line over lines."""
-    few = len(x) <= _FEW
+    dot = {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
+    line: dict[str, Any] = dot if len(x) <= _FEW else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
     for k in range(3):
-        line: dict[str, Any] = (
-            {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
-            if few
-            else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
-        )
         axis.plot(x, predicted[:, k], color=style.INK, label="bias and load" if k == 0 else None, **line)
 
 

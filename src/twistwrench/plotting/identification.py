@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -41,11 +42,16 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
     with style.figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
         grid = drawn.subplots(len(pairs), 3, squeeze=False)
         for row, (link, check, after) in zip(grid, pairs, strict=True):
-            before = report.subject.robot.model.link_inertias[link]
+            described, before = report.subject.robot.links.get(link), report.subject.robot.model.link_inertias[link]
+            # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
+            inertias = [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")]
             for axes, view in zip(row, VIEWS, strict=True):
-                _draw(axes, report, link, before, after, view)
+                for k, shape in enumerate(described.shapes.solids if described is not None else ()):
+                    outline = _outline(shape.points[:, list(view)])
+                    axes.fill(*outline.T, color=style.PALE, zorder=1, label=None if k else "shapes")
+                draw_inertias(axes, inertias, view)
             row[0].set_title(f"{link}: {check}", loc="left")
-        grid[0][2].legend(fontsize=style.SMALL, frameon=False, loc="upper right")
+        grid[0][2].legend(loc="upper right")
         return style.save(drawn, path)
 
 
@@ -57,24 +63,6 @@ def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
             for link, inertia in finding.repair.inertias.items():
                 found.setdefault(link, (finding.check, inertia))
     return [(link, check, inertia) for link, (check, inertia) in found.items()][:_MOST]
-
-
-def _draw(
-    axes: style.Axes,
-    report: DoctorReport,
-    link: str,
-    before: SpatialInertia,
-    after: SpatialInertia,
-    view: tuple[int, int],
-) -> None:
-    described = report.subject.robot.links.get(link)
-    label: str | None = "shapes"
-    for shape in described.shapes.solids if described is not None else ():
-        outline = _outline(shape.points[:, list(view)])
-        axes.fill(*outline.T, color=style.PALE, zorder=1, label=label)
-        label = None
-    # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
-    draw_inertias(axes, [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")], view)
 
 
 def draw_inertias(
@@ -109,7 +97,7 @@ def _outline(points: Array) -> Array:
 
 # ── Friction, residuals and bodies, on given axes
 
-_BAND_of_identified_drawings, _FAR = 1.96, 4.0
+_BAND, _FAR = 1.96, 4.0
 """Deviations of a band that holds 95 %, and from which a residual is marked."""
 _SPEEDS, _USUAL = 201, 2.0
 """Points of a curve, and the speed it goes to of a joint without a limit [rad/s, m/s]."""
@@ -133,34 +121,22 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
         dq = np.linspace(-1, 1, _SPEEDS) * (most if np.isfinite(most) else _USUAL)
         eased = np.tanh(dq / found.settings.friction_speed[k])
         fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
-        of_law: dict[str, Array] = {
-            "viscous": dq,
-            "coulomb": eased,
-            "stribeck": fading * eased,
-            "offset": np.ones_like(dq),
-        }
-        places = [found.groups.index(f"{name}.{law}") if f"{name}.{law}" in found.groups else -1 for law in _LAWS]
-        kept = [(place, of_law[law]) for place, law in zip(places, _LAWS, strict=True) if place >= 0]
-        at, columns = [place for place, _ in kept], np.stack([column for _, column in kept], axis=1)
+        laws = dict(zip(_LAWS, (dq, eased, fading * eased, np.ones_like(dq)), strict=True))
+        kept = {law: x for law, x in laws.items() if f"{name}.{law}" in found.groups}
+        at, columns = [found.groups.index(f"{name}.{law}") for law in kept], np.stack(list(kept.values()), axis=1)
         torque = columns @ found.values[at]
         variance = np.einsum("ni,ij,nj->n", columns, found.covariance.matrix[np.ix_(at, at)], columns)
-        half = _BAND_of_identified_drawings * np.sqrt(np.maximum(variance, 0.0))
+        half = _BAND * np.sqrt(np.maximum(variance, 0.0))
         axes.fill_between(dq, torque - half, torque + half, color=style.PALE, linewidth=0, label="95 %")
         axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
         friction = model.friction
-        axes.plot(
-            dq,
-            friction.viscous[k] * dq + friction.coulomb[k] * eased,
-            "--",
-            color=style.VERMILION,
-            linewidth=1,
-            label="file",
-        )
+        before = friction.viscous[k] * dq + friction.coulomb[k] * eased
+        axes.plot(dq, before, "--", color=style.VERMILION, linewidth=1, label="file")
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
         axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
         axes.tick_params(labelsize=style.SMALL)
-    grid[0].legend(fontsize=style.SMALL, frameon=False)
+    grid[0].legend()
 
 
 def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
@@ -168,13 +144,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
     kinds = Coordinates.from_model(found.original.model)
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
         sigma = float(found.sigma[j])
-        axes.axhspan(
-            -_BAND_of_identified_drawings * sigma,
-            _BAND_of_identified_drawings * sigma,
-            color=style.PALE,
-            linewidth=0,
-            label="95 % of training rows",
-        )
+        axes.axhspan(-_BAND * sigma, _BAND * sigma, color=style.PALE, linewidth=0, label="95 % of training rows")
         for rows in found.held_out.rows:
             left = rows.measured[:, j] - rows.predicted[:, j]
             far = np.abs(left) > _FAR * sigma
@@ -183,9 +153,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(name, loc="left")
         axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
-    grid[0].legend(
-        fontsize=style.SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97)
-    )  # above the points
+    grid[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.97))  # above the points
     grid[-1].set_xlabel("time in its log [s]")
 
 
@@ -209,29 +177,23 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
             axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=style.SMALL)
     axes.set_xticks(at, names, fontsize=style.SMALL)
     axes.set_ylabel("% left in fifths held out")
-    axes.legend(fontsize=style.SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     """Ellipsoids of inertia of the moving bodies, in the file and identified: a row for each body, seen along each axis."""
     unknown, inertias = found.base.unknown, found.consistent.inertias
     for row, i in zip(grid, unknown.bodies, strict=True):
-        body, inertia = unknown.model.bodies[i], inertias[i]
+        body = unknown.model.bodies[i]
+        pair = [(inertias[i], style.BLUE, "-", "identified"), (body.inertia, style.VERMILION, "--", "file")]
         for axes, view in zip(row, VIEWS, strict=True):
-            draw_inertias(
-                axes, [(inertia, style.BLUE, "-", "identified"), (body.inertia, style.VERMILION, "--", "file")], view
-            )
-            axes.set_aspect("equal", adjustable="datalim")
-            axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL)
-            axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL)
-            axes.tick_params(labelsize=style.SMALL, colors=style.QUIET)
+            draw_inertias(axes, pair, view)
         row[0].set_title(body.link, loc="left")
-    grid[0][2].legend(fontsize=style.SMALL, frameon=False, loc="upper right")
+    grid[0][2].legend(loc="upper right")
 
 
 # ── The figure and the page of an identification
 
-_BAND = 1.96
 _MOST_GROUPS, _NAMED_GROUPS, _LONGEST_NAME = 80, 30, 22
 _ABREAST = 4
 _PURPOSE = "Drawing the identification"
@@ -244,7 +206,7 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
     with style.figure(11.0, height, title, _PURPOSE) as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
-        _torques(style.panels(upper, len(names), 1, sharex=True), found)
+        _torques(_rows(upper, names), found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _groups(left, found)
         _pull(right, found)
@@ -277,24 +239,15 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     )
     yield "<h2>Torques of rows held out</h2>"
     names = found.held_out.names
-    yield _svg(
-        10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(style.panels(drawn, len(names), 1, sharex=True), found)
-    )
+    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(_rows(drawn, names), found))
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
     yield "<h3>In time</h3>"
-    yield _svg(
-        10.0,
-        1.2 * len(names) + 0.6,
-        lambda drawn: draw_residuals(style.panels(drawn, len(names), 1, sharex=True), found),
-    )
+    yield _svg(10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, names), found))
     if count := len(frictional(found)):
         yield "<h2>Friction</h2>"
-        yield _svg(
-            10.0,
-            2.3 * style.panel_grid(count, _ABREAST)[0],
-            lambda drawn: draw_friction(style.panels(drawn, count, _ABREAST), found),
-        )
+        height = 2.3 * style.panel_grid(count, _ABREAST)[0]
+        yield _svg(10.0, height, lambda drawn: draw_friction(style.panels(drawn, count, _ABREAST), found))
     yield "<h2>Groups of parameters</h2>"
     yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
@@ -316,6 +269,11 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     yield "</html>"
 
 
+def _rows(drawn: Any, names: Sequence[str]) -> list[Any]:
+    """A panel for each name, below each other."""
+    return style.panels(drawn, len(names), 1, sharex=True)
+
+
 def _svg(width: float, height: float, draw: Any) -> str:
     """A picture as an element of a page."""
     mpl = style.require_matplotlib(_PURPOSE)
@@ -335,36 +293,27 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
     turning = Coordinates.from_model(found.original.model).angular_velocity
     units = units_of("tau", turning)
-    begin, ends = 0.0, dict[float, float]()
+    ends = dict[float, float]()
     for rows in parts:
         for log in np.unique(rows.log):
             ends[float(log)] = max(ends.get(float(log), 0.0), float(rows.time[rows.log == log].max()))
-    offsets = {}
-    for log, end in sorted(ends.items()):
-        offsets[log], begin = begin, begin + end
+    logs = sorted(ends)
+    offsets = dict(zip(logs, itertools.accumulate((ends[log] for log in logs[:-1]), initial=0.0), strict=True))
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
         colour = style.SERIES[j % len(style.SERIES)]
         for k, rows in enumerate(parts):
             t = rows.time + np.array([offsets[float(log)] for log in rows.log])
-            first = k == 0
-            axes.fill_between(
-                t,
-                rows.predicted[:, j] - _BAND * found.sigma[j],
-                rows.predicted[:, j] + _BAND * found.sigma[j],
-                color=style.PALE,
-                linewidth=0,
-                label="95 %" if first else None,
-            )
-            axes.plot(t, rows.predicted[:, j], color=colour, linewidth=1.6, label="predicted" if first else None)
-            measured = "measured" if first else None
+            x, half = rows.predicted[:, j], _BAND * found.sigma[j]
+            band, predicted, measured = ("95 %", "predicted", "measured") if k == 0 else (None, None, None)
+            axes.fill_between(t, x - half, x + half, color=style.PALE, linewidth=0, label=band)
+            axes.plot(t, x, color=colour, linewidth=1.6, label=predicted)
             axes.plot(t, rows.measured[:, j], ".", color=style.INK, markersize=3.2, markeredgewidth=0, label=measured)
         share = found.held_out.joints[name]
-        axes.set_title(
-            f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
-        )
+        left = f"{percent(share, 3)} left" if math.isfinite(share) else "no torque"
+        axes.set_title(f"{name}: {left}", loc="left")
         axes.set_ylabel(units[j])
     above = (1.0, 0.97)  # of the curves
-    grid[0].legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=above)
+    grid[0].legend(ncols=3, loc="lower right", bbox_to_anchor=above)
     grid[-1].set_xlabel("time [s]")
 
 
@@ -377,10 +326,8 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     for which, colour, name in ((~vague, style.GREEN, "sure"), (vague, style.ORANGE, "vague")):
         if which.any():
             at = k[which]
-            bars = np.clip(half[at] / size[at], 0, 2)
-            axes.errorbar(
-                at, found.values[at] / size[at], bars, fmt="o", markersize=3, linewidth=1, color=colour, label=name
-            )
+            y, bars = found.values[at] / size[at], np.clip(half[at] / size[at], 0, 2)
+            axes.errorbar(at, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=name)
     axes.plot(k, found.prior.mean[k] / size[k], "_", color=style.VERMILION, markersize=7, label="file")
     axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axes.set_ylim(-1.6, 1.6)
@@ -390,7 +337,7 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     else:
         axes.set_xlabel("group, in the order of the table")
     axes.set_ylabel("share of the larger of value and file")
-    axes.legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="lower right")
+    axes.legend(ncols=3, loc="lower right")
 
 
 def _short(group: str) -> str:
@@ -411,4 +358,4 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.set_xlabel("pull to the file γ")
     axes.set_ylabel("% left, held out")
     axes.set_ylim(bottom=0)
-    axes.legend(fontsize=style.SMALL, frameon=False)
+    axes.legend()

@@ -58,6 +58,8 @@ class Energies(NamedTuple):
 def energies(motion: DrawnMotion) -> Energies:
     """Work and energies of a motion: work - friction + wrenches is what kinetic and potential energy gain.
 
+    Works are integrals by the trapezoidal rule over the samples kept.
+
     Parameters
     ----------
     motion : DrawnMotion
@@ -65,10 +67,6 @@ def energies(motion: DrawnMotion) -> Energies:
     Returns
     -------
     energies : Energies
-
-    Notes
-    -----
-    Works are integrals by the trapezoidal rule over the samples kept.
 
     Examples
     --------
@@ -94,21 +92,12 @@ def energies(motion: DrawnMotion) -> Energies:
 def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
     """Plot of what the torque of each joint is made of, over time; the terms add up to τ.
 
+    MR eq. 8.1, with payload, wrenches, springs and friction apart.
+
     Parameters
     ----------
     motion : DrawnMotion
     joints : sequence of str, those that are drawn; none: all
-
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
-
-    Notes
-    -----
-    MR eq. 8.1, with payload, wrenches, springs and friction apart.
 
     Examples
     --------
@@ -123,25 +112,15 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     terms, units = motion.load.terms(motion.states), Coordinates.from_model(motion.load.with_load.model).torque_units
     scale = float(np.abs(motion.torques).max(initial=0.0))
     names = motion.load.with_load.model.velocity_names
+    large = {name: x for name, x in terms.items() if np.abs(x).max(initial=0.0) > _ZERO * scale}
     seen: dict[str, Any] = {}
 
     def draw(axis: style.Axes, k: int) -> None:
-        above, below = np.zeros(len(motion.time)), np.zeros(len(motion.time))
-        for name, values in terms.items():
-            x = values[:, k]
-            if np.abs(values).max(initial=0.0) <= _ZERO * scale:
-                continue
-            label, colour = _TERMS[name]
-            up, down = np.maximum(x, 0.0), np.minimum(x, 0.0)
-            seen[label] = axis.fill_between(motion.time, above, above + up, color=colour, alpha=0.85, linewidth=0)
-            axis.fill_between(motion.time, below, below + down, color=colour, alpha=0.85, linewidth=0)
-            above, below = above + up, below + down
+        areas, _, _ = style.stack(axis, motion.time, ((*_TERMS[name], x[:, k]) for name, x in large.items()))
+        seen.update(areas)
         (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
         axis.axhline(0, color=style.AXIS, linewidth=0.7)
-        axis.set_title(names[k], loc="left", fontweight="bold")
-        axis.set_title(
-            f"peak {quantity(motion.peaks[k], units[k])}", loc="right", color=style.QUIET, fontsize=style.SMALL
-        )
+        style.titles(axis, names[k], f"peak {quantity(motion.peaks[k], units[k])}")
         axis.set_ylabel(torque_word(units[k]), fontsize=style.SMALL)
         axis.margins(x=0)
 
@@ -151,18 +130,11 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     """Plot of the power of each joint, and of work and energies over time.
 
+    Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain.
+
     Parameters
     ----------
     motion : DrawnMotion
-
-    Raises
-    ------
-    UnknownNameError, MissingExtraError, ValueRangeError
-        As :func:`plot_split`.
-
-    Notes
-    -----
-    Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain.
 
     Examples
     --------
@@ -185,17 +157,11 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
         upper.axhline(0, color=style.AXIS, linewidth=0.7)
         upper.set_ylabel("power [W]")
         highest = float(power.sum(axis=1).max(initial=0.0))
-        upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
-        upper.set_title(f"most together {quantity(highest, 'W')}", loc="right", color=style.QUIET, fontsize=style.SMALL)
+        style.titles(upper, "Power of the joints, τ dq", f"most together {quantity(highest, 'W')}")
         lower.fill_between(t, e.kinetic, color=style.SKY, alpha=0.5, linewidth=0, label="kinetic energy")
         lower.plot(t, e.potential - e.potential[0], color=style.ORANGE, label="potential energy gained")
-        lower.plot(
-            t,
-            e.kinetic + e.potential - e.kinetic[0] - e.potential[0],
-            color=style.INK,
-            linewidth=1.6,
-            label="both gained",
-        )
+        gained = e.kinetic + e.potential - e.kinetic[0] - e.potential[0]
+        lower.plot(t, gained, color=style.INK, linewidth=1.6, label="both gained")
         lower.plot(t, e.work, color=style.VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
         for x, colour, label in (
             (e.friction, style.GREY, "lost to friction"),
@@ -207,30 +173,23 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
         lower.axhline(0, color=style.AXIS, linewidth=0.7)
         lower.set_ylabel("energy [J]")
         lower.set_xlabel("time [s]")
-        lower.set_title("Work and energy since the beginning", loc="left", fontweight="bold")
+        style.titles(lower, "Work and energy since the beginning")
         for axis in (upper, lower):
             axis.margins(x=0)
-            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=style.SMALL)
+            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return style.save(drawn, path)
 
 
 def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
     """Phase plot: velocity over position of each joint.
 
+    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near
+    them.
+
     Parameters
     ----------
     motion : DrawnMotion
     joints : sequence of str, those that are drawn; none: all
-
-    Raises
-    ------
-    UnknownNameError, MissingExtraError, ValueRangeError
-        As :func:`plot_split`.
-
-    Notes
-    -----
-    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near
-    them.
 
     Examples
     --------
@@ -262,13 +221,11 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
         points = np.stack([x, motion.dq[:, k]], axis=1)
         colours = share_colours(np.maximum(np.abs(shares[1:, k]), np.abs(shares[:-1, k])))
-        axis.add_collection(
-            LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), colors=colours, linewidths=1.3)
-        )
-        (seen["beginning"],) = axis.plot(*points[0], "o", color=style.INK, markersize=4, linestyle="none")
-        (seen["end"],) = axis.plot(
-            *points[-1], "s", color=style.INK, markersize=4, markerfacecolor="white", linestyle="none"
-        )
+        steps = list(np.stack([points[:-1], points[1:]], axis=1))
+        axis.add_collection(LineCollection(steps, colors=colours, linewidths=1.3))
+        end: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
+        (seen["beginning"],) = axis.plot(*points[0], "o", **end)
+        (seen["end"],) = axis.plot(*points[-1], "s", markerfacecolor="white", **end)
         low, high = points.min(axis=0), points.max(axis=0)
         pad = np.maximum(0.12 * (high - low), 0.02)
         for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
@@ -283,10 +240,9 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
         most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
         used = f"torque {percent_of_limit(most)}" if some[k] else "no torque limit"
-        axis.set_title(used, loc="right", fontsize=style.SMALL, color=style.OVER if over_limit(most) else style.QUIET)
+        style.titles(axis, robot.model.velocity_names[k], used, style.OVER if over_limit(most) else style.QUIET)
         axis.set_ylabel(unit_of("dq", angular), fontsize=style.SMALL)
         axis.set_xlabel(unit_of("q", angular), fontsize=style.SMALL)
 
@@ -298,14 +254,9 @@ PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_p
 
 
 def _panels(
-    motion: DrawnMotion,
-    path: str | Path,
-    joints: Sequence[str],
-    what: str,
-    draw: Callable[[style.Axes, int], None],
-    seen: dict[str, Any],
-    below: str,
-) -> Path:
+    motion: DrawnMotion, path: str | Path, joints: Sequence[str], what: str, draw: Callable[[style.Axes, int], None],
+    seen: dict[str, Any], below: str,
+) -> Path:  # fmt: skip
     """A panel for each joint, and one legend of what was ``seen`` in any."""
     chosen = _chosen(motion, joints)
     rows, columns = style.panel_grid(len(chosen))
@@ -316,14 +267,8 @@ def _panels(
             if below and len(chosen) <= k + columns:
                 axis.tick_params(labelbottom=True)
                 axis.set_xlabel(below, fontsize=style.SMALL)
-        drawn.legend(
-            list(seen.values()),
-            list(seen),
-            loc="outside lower left",
-            ncols=min(int(size[0] // 2), len(seen)),  # inches: the longest label takes two
-            frameon=False,
-            fontsize=style.SMALL,
-        )
+        abreast = min(int(size[0] // 2), len(seen))  # inches: the longest label takes two
+        drawn.legend(list(seen.values()), list(seen), loc="outside lower left", ncols=abreast)
         return style.save(drawn, path)
 
 
@@ -362,13 +307,6 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, 
     ----------
     motion : Motion
 
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
-
     Examples
     --------
     >>> import tempfile, twistwrench as tw
@@ -406,9 +344,7 @@ def legend(axis: style.Axes) -> None:
     >>> len(axis.get_legend().get_texts())
     1
     """
-    axis.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3, frameon=False, fontsize=style.SMALL - 0.5, borderpad=0
-    )
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3, fontsize=style.SMALL - 0.5, borderpad=0)
 
 
 def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tuple[str, ...], what: str) -> None:

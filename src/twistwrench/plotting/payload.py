@@ -23,7 +23,6 @@ from ..statics.force_capability import (
 from ..statics.payload import SLICES, LargestPayload, PayloadMap
 from ..typing import Array
 from . import style
-from .style import figure
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -38,9 +37,7 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
     finite = chart.best[np.isfinite(chart.best)]
-    high = max(
-        float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3
-    )  # a few postures hold a hundred times more
+    high = max(float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3)  # a few hold a hundred times more
     low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
     shades = LogNorm(low, max(high, 1.01 * low))
     titles = ("Payload map, best posture", "Payload map, worst posture")
@@ -48,13 +45,13 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
         image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
         axis.set_aspect("equal")
         axis.grid(visible=False)
-        axis.set_title(title, loc="left", fontweight="bold")
+        style.titles(axis, title)
         names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
         axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
         (cross,) = axis.plot(*place, "x", color=style.OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
     axes[0].set_ylabel(f"{names[1]} [m]")
-    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=style.SMALL)
+    figure.legend([cross], ["the pose above"], loc="outside lower center")
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
     ticks = _round_ticks(low, high)
     bar.set_ticks(ticks, labels=[number(x) for x in ticks], minor=False)
@@ -79,18 +76,14 @@ _ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gr
 
 
 def plot_payload(
-    robot: Robot,
-    q: Array,
-    found: LargestPayload,
-    path: str | Path,
-    *,
-    frame: str | None = None,
-    where: str = "",
-    carried: str = "",
-    limits: ArrayLike | None = None,
+    robot: Robot, q: Array, found: LargestPayload, path: str | Path, *,
+    frame: str | None = None, where: str = "", carried: str = "", limits: ArrayLike | None = None,
     chart: PayloadMap | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Plot of one pose with its largest payload, and of the payload map if there is one.
+
+    Forces are the robot's on the world at zero moment, along the base's axes. The ellipsoid holds where all torques
+    together stay within their limits in norm, without gravity.
 
     Parameters
     ----------
@@ -100,18 +93,6 @@ def plot_payload(
     carried : str, what is carried besides
     chart : PayloadMap, optional
 
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
-
-    Notes
-    -----
-    Forces are the robot's on the world at zero moment, along the base's axes. The ellipsoid holds where all torques
-    together stay within their limits in norm, without gravity.
-
     Examples
     --------
     >>> import tempfile, twistwrench as tw
@@ -119,9 +100,9 @@ def plot_payload(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     plot_payload(ur5, q, tw.statics.largest_payload(ur5, q), f"{folder}/payload.svg")
     """
-    with figure(
-        10.5, 4.6 if chart is None else 9.2, _title(robot, found, where or frame or robot.tip, carried)
-    ) as drawn:
+    mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
+    title = f"{robot.name} · {mass if found.holds else 'no payload'} at {where or frame or robot.tip}"
+    with style.figure(10.5, 4.6 if chart is None else 9.2, title + (f", beside {carried}" if carried else "")) as drawn:
         parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
         _draw_forces(left, robot, q, frame, limits)
@@ -131,17 +112,11 @@ def plot_payload(
         style.save(drawn, path)
 
 
-def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
-    mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
-    return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (
-        f", beside {carried}" if carried else ""
-    )
-
-
 def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
     try:
         polytope = wrench_polytope(robot, q, frame, limits=limits)
-        ellipsoid = wrench_ellipsoid(robot, q, frame, limits=_own(robot, limits))
+        # One of shares of the limits, given or the robot's own.
+        ellipsoid = wrench_ellipsoid(robot, q, frame, limits=robot.limits.effort if limits is None else limits)
     except ValueRangeError as problem:
         axis = part.subplots()
         axis.set_axis_off()
@@ -163,17 +138,11 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
     if weakest.magnitude > 0:
         draw = _draw_weakest_in_space if flat == 0 else _draw_weakest_in_plane
         limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
-        draw(
-            axis,
-            polytope,
-            weakest.magnitude * weakest.wrench[3:],
-            f"weakest, {number(weakest.magnitude)} N, by {limited}",
-        )
-    axis.set_title("Forces the robot can apply, at zero moment", loc="left", fontweight="bold")
-    place = (
-        {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}
-    )  # in space there is room beside the figure, in a plane none
-    axis.legend(loc="upper left", frameon=False, fontsize=style.SMALL, **place)
+        label = f"weakest, {number(weakest.magnitude)} N, by {limited}"
+        draw(axis, polytope, weakest.magnitude * weakest.wrench[3:], label)
+    style.titles(axis, "Forces the robot can apply, at zero moment")
+    place = {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}  # only in space there is room beside the figure
+    axis.legend(loc="upper left", **place)
 
 
 def _flat_words(polytope: WrenchPolytope) -> str:
@@ -189,17 +158,13 @@ def _flat_words(polytope: WrenchPolytope) -> str:
     )
 
 
-def _own(robot: Robot, limits: ArrayLike | None) -> ArrayLike:
-    """The limits given, or the robot's own, so that the ellipsoid is one of shares."""
-    return robot.limits.effort if limits is None else limits
-
-
 def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    faces = Poly3DCollection(
-        _faces(polytope), facecolor=style.SKY, edgecolor=style.LINE, linewidth=0.8, alpha=0.22, zorder=1
-    )
+    every = (_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True))
+    polygons = [face for face in every if len(face) >= 3]
+    look: dict[str, Any] = {"facecolor": style.SKY, "edgecolor": style.LINE, "linewidth": 0.8, "alpha": 0.22}
+    faces = Poly3DCollection(polygons, zorder=1, **look)
     faces.set_label(_POLYTOPE)
     axis.add_collection3d(faces)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
@@ -209,8 +174,8 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
         shell[..., 0], shell[..., 1], shell[..., 2], color=style.ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
         label=_ELLIPSOID,
     )  # fmt: skip
-    every = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
-    low, high = every.min(axis=0), every.max(axis=0)
+    points = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
+    low, high = points.min(axis=0), points.max(axis=0)
     middle, reach = (low + high) / 2, 0.5 * (high - low).max()
     for k, letter in enumerate("xyz"):
         getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
@@ -218,12 +183,6 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
     axis.tick_params(labelsize=7, pad=1)
     axis.tick_params(axis="z", pad=4)
     axis.set_box_aspect((1, 1, 1))
-
-
-def _faces(polytope: WrenchPolytope) -> list[Array]:
-    """The polygons of a bounded polytope in three dimensions, corners in order."""
-    every = (_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True))
-    return [face for face in every if len(face) >= 3]
 
 
 def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
@@ -278,21 +237,12 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     n = tip / np.linalg.norm(tip)
     nearest = _face(polytope, n, float(n @ tip))
     if len(nearest) >= 3:
-        shade = Poly3DCollection(
-            [nearest], facecolor=style.OVER, edgecolor=style.OVER, linewidth=1.2, alpha=0.25, zorder=3
-        )
-        axis.add_collection3d(shade)
+        look: dict[str, Any] = {"facecolor": style.OVER, "edgecolor": style.OVER, "linewidth": 1.2, "alpha": 0.25}
+        axis.add_collection3d(Poly3DCollection([nearest], zorder=3, **look))
     rim = [Stroke(linewidth=6, foreground="white"), Normal()]
     axis.plot(*([0, x] for x in tip), color=style.OVER, linewidth=3, label=label, zorder=10, path_effects=rim)
-    for place, shape, size in (((0, 0, 0), "o", 6), (tip, "o", 9)):
-        axis.plot(
-            *([x] for x in place),
-            shape,
-            color=style.OVER if size > 6 else style.INK,
-            markersize=size,
-            markeredgecolor="white",
-            zorder=11,
-        )
+    for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.OVER, 9)):
+        axis.plot(*([x] for x in place), "o", color=colour, markersize=size, markeredgecolor="white", zorder=11)
 
 
 def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
@@ -325,16 +275,10 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.set_ylim(max(len(rows), 4) - 0.5, -0.5)
     axis.set_xlabel("torque as a share of its limit")
     axis.grid(visible=False, axis="y")
-    axis.set_title("Holding torques", loc="left", fontweight="bold")
-    meanings = {
-        "robot as it is" if carried else "robot alone": style.LINE,
-        "with the payload": style.SKY,
-        "at its limit or over": style.OVER,
-    }
-    patches = [Patch(color=colour, label=label) for label, colour in meanings.items()]
-    axis.legend(
-        handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=style.SMALL
-    )
+    style.titles(axis, "Holding torques")
+    labels = ("robot as it is" if carried else "robot alone", "with the payload", "at its limit or over")
+    patches = [Patch(color=c, label=x) for x, c in zip(labels, (style.LINE, style.SKY, style.OVER), strict=True)]
+    axis.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3)
 
 
 complete(globals())

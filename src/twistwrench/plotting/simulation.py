@@ -32,13 +32,6 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     ----------
     result : SimulationResult
 
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
-
     Examples
     --------
     >>> import tempfile, twistwrench as tw
@@ -110,17 +103,13 @@ def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
 def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
     axis.plot(result.times, result.drift, color=style.OVER)
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
-    axis.set_title(
-        f"Drift [J]: gain of energy that no work accounts for; at most {residual(result.relative_drift)} of what moved",
-        loc="left",
-    )
+    drift = residual(result.relative_drift)
+    axis.set_title(f"Drift [J]: gain of energy that no work accounts for; at most {drift} of what moved", loc="left")
     axis.set_xlabel("time [s]")
 
 
 def _legend(axis: style.Axes) -> None:
-    cast("Any", axis).legend(
-        fontsize=style.SMALL, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2
-    )
+    cast("Any", axis).legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
 # ── A trajectory: shares of limits, binding limits, phase plane
@@ -137,13 +126,6 @@ def plot_trajectory(
     ----------
     trajectory : Trajectory
     bounds : Bounds, optional, limits that are drawn
-
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
 
     Examples
     --------
@@ -182,24 +164,13 @@ def plot_trajectory(
 def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     for touch in fast.limit_contacts:
         k = names.index(touch.joint)
-        axis.barh(
-            0,
-            touch.end - touch.begin,
-            left=touch.begin,
-            color=style.SERIES[k % len(style.SERIES)],
-            height=0.8,
-            hatch="///" if touch.kind == "velocity" else None,
-            edgecolor="white",
-            linewidth=0,
-        )
+        look: dict[str, Any] = {"color": style.SERIES[k % len(style.SERIES)], "edgecolor": "white", "linewidth": 0}
+        hatch = "///" if touch.kind == "velocity" else None
+        axis.barh(0, touch.end - touch.begin, left=touch.begin, height=0.8, hatch=hatch, **look)
     axis.set_yticks([])
     axis.grid(visible=False)
-    axis.set_title(
-        "what is at its limit: torques plain, velocities hatched (dotted beside)",
-        loc="left",
-        color=style.QUIET,
-        fontsize=style.SMALL,
-    )
+    caption = "what is at its limit: torques plain, velocities hatched (dotted beside)"
+    axis.set_title(caption, loc="left", color=style.QUIET, fontsize=style.SMALL)
     axis.set_xlim(0, fast.duration)
 
 
@@ -210,23 +181,12 @@ def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> Non
     bound = np.minimum(np.minimum(curves.torque, curves.velocity), 10 * top)
     axis.fill_between(curves.s, bound, 10 * top, color=style.OVER, alpha=0.08, linewidth=0)
     axis.fill_between(curves.s, 0, bound, color=style.GREEN, alpha=0.07, linewidth=0)
-    if curves.torque.min() < top:
-        axis.plot(
-            curves.s,
-            np.minimum(curves.torque, 10 * top),
-            color=style.OVER,
-            linewidth=1.2,
-            label="limit curve: torques leave one acceleration",
-        )
-    if np.isfinite(curves.velocity).any():
-        axis.plot(
-            curves.s,
-            np.minimum(curves.velocity, 10 * top),
-            color=style.QUIET,
-            linewidth=1.2,
-            linestyle="--",
-            label="largest joint velocity",
-        )
+    for shown, curve, colour, dashes, label in (
+        (curves.torque.min() < top, curves.torque, style.OVER, "-", "limit curve: torques leave one acceleration"),
+        (np.isfinite(curves.velocity).any(), curves.velocity, style.QUIET, "--", "largest joint velocity"),
+    ):
+        if shown:
+            axis.plot(curves.s, np.minimum(curve, 10 * top), dashes, color=colour, linewidth=1.2, label=label)
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
     for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
@@ -236,8 +196,8 @@ def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> Non
         *curves.switches, "o", color="white", markeredgecolor=style.LINE, markersize=5, label="another limit takes over"
     )
     axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
-    axis.set_title("phase plane", loc="left", fontweight="bold")
-    axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=style.SMALL)
+    style.titles(axis, "phase plane")
+    axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none")
 
 
 complete(globals())

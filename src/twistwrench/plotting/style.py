@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from ..core.files import picture_path, replacing
 from ..core.glossary import complete
 from ..errors import MissingExtraError
+from ..typing import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
@@ -42,6 +45,8 @@ STYLE = MappingProxyType(
         "grid.linewidth": 0.7,
         "axes.axisbelow": True,
         "figure.dpi": 150,
+        "legend.fontsize": SMALL,
+        "legend.frameon": False,
         "text.parse_math": False,  # names of robots, joints and files may have dollars
     }
 )
@@ -142,6 +147,26 @@ def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
     except ImportError:
         raise MissingExtraError.from_extra("matplotlib", "plot", purpose) from None
     return mpl
+
+
+def titles(axis: Axes, name: str, remark: str = "", colour: str = QUIET) -> None:
+    """Write the name of a panel at its left, and a small remark at its right."""
+    axis.set_title(name, loc="left", fontweight="bold")
+    if remark:
+        axis.set_title(remark, loc="right", color=colour, fontsize=SMALL)
+
+
+def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tuple[dict[str, Any], Array, Array]:
+    """Draw terms (label, colour, values) on each other, above and below zero; the areas, the lower and the upper edge."""
+    areas: dict[str, Any] = {}
+    below, above = np.zeros(len(x)), np.zeros(len(x))
+    for label, colour, values in terms:
+        look: dict[str, Any] = {"color": colour, "alpha": 0.85, "linewidth": 0}
+        up, down = np.maximum(values, 0.0), np.minimum(values, 0.0)
+        areas[label] = axis.fill_between(x, above, above + up, label=label, **look)
+        axis.fill_between(x, below, below + down, **look)
+        below, above = below + down, above + up
+    return areas, below, above
 
 
 # ── Grids of panels

@@ -41,13 +41,6 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     ----------
     report : TorqueReport
     path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-    ValueRangeError
-        The file cannot be written.
     """
     count = len(report.joints)
     rows, columns = style.panel_grid(count)
@@ -108,15 +101,8 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
         axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
     bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
     _frame_limits(axis, joint, bottom, top, most=2 * report.scale)
-    axis.plot(
-        joint.time,
-        0.0 if report.is_zero(joint.peak) else joint.peak,
-        "o",
-        color=colour,
-        markersize=4.5,
-        markeredgecolor="white",
-        zorder=5,
-    )
+    peak = 0.0 if report.is_zero(joint.peak) else joint.peak
+    axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor="white", zorder=5)
     late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
     axis.annotate(
         report.label(joint.peak),
@@ -129,15 +115,8 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
         fontsize=style.SMALL,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
-    axis.set_title(joint.joint, loc="left", fontweight="bold")
-    limit = (
-        f"{percent_of_limit(joint.share)} of {number(joint.limit)} {joint.unit}"
-        if math.isfinite(joint.limit)
-        else joint.unit
-    )
-    axis.set_title(
-        limit, loc="right", color=style.OVER if over_limit(joint.share) else style.QUIET, fontsize=style.SMALL
-    )
+    limit = f"{percent_of_limit(joint.share)} of {number(joint.limit)} " if math.isfinite(joint.limit) else ""
+    style.titles(axis, joint.joint, limit + joint.unit, style.OVER if over_limit(joint.share) else style.QUIET)
     axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL)
     axis.margins(x=0)
     if last:
@@ -156,7 +135,7 @@ def _draw_key(figure_: Any, report: TorqueReport) -> None:
         Line2D([], [], color=style.LINE, marker="|", markersize=8, linestyle="none", label="95 % interval of the peak"),
     ]
     key += [Patch(color=style.PALE, label="raw")] if report.derived is not None else []
-    figure_.legend(handles=key, loc="outside upper right", ncols=4, frameon=False, fontsize=style.SMALL)
+    figure_.legend(handles=key, loc="outside upper right", ncols=4)
 
 
 def _draw_band(
@@ -195,37 +174,24 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
     joint, states = report.joints[k], report.around
     terms = {name: values[:, k] for name, values in report.load.terms(states).items()}
     time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
-    terms = dict(zip(terms, parts, strict=True))
-    above, below = np.zeros(len(time)), np.zeros(len(time))
-    lowest = highest = 0.0
-    for name, values in terms.items():
-        if np.nanmax(np.abs(values), initial=0.0) <= ZERO * report.scale:
-            continue
-        up, down = np.maximum(values, 0.0), np.minimum(values, 0.0)
-        area: dict[str, Any] = {"color": _COLOURS[name], "alpha": 0.85, "linewidth": 0}
-        axis.fill_between(time, above, above + up, label=cause_label(name), **area)
-        axis.fill_between(time, below, below + down, **area)
-        above, below = above + up, below + down
-        lowest, highest = float(np.nanmin(below)), float(np.nanmax(above))
-    axis.plot(time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
+    large = {
+        name: x for name, x in zip(terms, parts, strict=True) if np.nanmax(np.abs(x), initial=0.0) > ZERO * report.scale
+    }
+    _, below, above = style.stack(axis, time, ((cause_label(name), _COLOURS[name], x) for name, x in large.items()))
+    axis.plot(time, np.sum(parts, axis=0), color="black", linewidth=1.3, label="total")
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
-    _frame_limits(axis, joint, lowest, highest, most=2 * report.scale)
+    _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=2 * report.scale)
     whole = len(states) == report.rows
     part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
-    some = not report.is_zero(joint.largest)
-    axis.set_title(
-        f"{joint.joint}: {'what its torque is made of' if some else 'no torque to give'}{part}",
-        loc="left",
-        fontweight="bold",
-    )
+    what = "no torque to give" if report.is_zero(joint.largest) else "what its torque is made of"
     doubt = f" ± {deviation(report.reach(joint))}" if report.noisy else ""
     peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {seconds(joint.time)} s"
-    axis.set_title(peak, loc="right", color=style.QUIET, fontsize=style.SMALL)
+    style.titles(axis, f"{joint.joint}: {what}{part}", peak)
     axis.set_xlabel("time [s]")
     axis.set_ylabel(torque_word(joint.unit))
     axis.margins(x=0)
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="medium")
 
 
 # ── Operating points of motors. Modern Robotics figure 8.10
@@ -246,11 +212,6 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     Returns
     -------
     path : Path of the file written
-
-    Raises
-    ------
-    MissingExtraError, ValueRangeError
-        As :func:`twistwrench.plotting.style.save`.
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
     rows, columns = style.panel_grid(len(motors), _ABREAST)
@@ -259,7 +220,7 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
         for axis, motor in zip(axes, motors, strict=True):
             _draw(axis, motor)
         handles, labels = axes[0].get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, fontsize=style.SMALL)
+        drawn.legend(handles, labels, loc="outside lower left", ncols=4)
         drawn.supxlabel("speed [rad/s]", fontsize=style.SMALL)
         drawn.supylabel("torque at the rotor [N m]", fontsize=style.SMALL)
         return style.save(drawn, path)
@@ -267,18 +228,18 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
 
 def _draw(axis: style.Axes, use: MotorUse) -> None:
     motor, speed, torque = use.motor, use.speed, use.torque
-    top = _top_speed(use)
+    edge, seen = min(motor.voltage / motor.torque_constant, motor.speed), float(np.abs(speed).max(initial=0.0))
+    top = 1.05 * max(seen, edge if math.isfinite(edge) else 1.5 * seen) or 1.0
     w = np.linspace(-top, top, 401)
     bounds = [motor.torque_constant * x for x in (motor.current_continuous, motor.current_peak) if math.isfinite(x)]
     reach = 1.1 * max([*bounds, float(np.abs(torque).max(initial=0.0))]) or 1.0
-    for current, colour, name in (
-        (motor.current_peak, _SHORT, "for a while"),
-        (motor.current_continuous, _LONG, "for ever"),
-    ):
+    spells = ((motor.current_peak, _SHORT, "for a while"), (motor.current_continuous, _LONG, "for ever"))
+    for current, colour, name in spells:
         high = np.clip(motor.greatest_torque(w, current), -reach, reach)
         low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
         axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0, label=name)
-    within = _within(use)
+    most, least = motor.greatest_torque(speed), motor.greatest_torque(-speed)
+    within = np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))
     axis.plot(speed, torque, color=style.LINE, linewidth=0.7, alpha=0.8, label="this motion")
     if not within.all():
         axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
@@ -291,19 +252,6 @@ def _draw(axis: style.Axes, use: MotorUse) -> None:
     axis.set_xlim(-top, top)
     axis.set_ylim(-reach, reach)
     axis.locator_params(axis="x", nbins=5)
-    axis.set_title(use.joint, loc="left", fontweight="bold")
     d = use.tightest
     used = f"{d.what} {percent_of_limit(d.share)}" if d.share else ""
-    axis.set_title(used, loc="right", fontsize=style.SMALL, color=style.OVER if use.too_small else style.QUIET)
-
-
-def _top_speed(use: MotorUse) -> float:
-    edge = min(use.motor.voltage / use.motor.torque_constant, use.motor.speed)
-    seen = float(np.abs(use.speed).max(initial=0.0))
-    return 1.05 * max(seen, edge if math.isfinite(edge) else 1.5 * seen) or 1.0
-
-
-def _within(use: MotorUse) -> Array:
-    motor, w, torque = use.motor, use.speed, use.torque
-    most, least = motor.greatest_torque(w), motor.greatest_torque(-w)
-    return np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))
+    style.titles(axis, use.joint, used, style.OVER if use.too_small else style.QUIET)

@@ -24,24 +24,8 @@ from .payload import (
 )
 
 __all__ = [
-    "Contact",
-    "Equilibrium",
-    "LargestPayload",
-    "LargestWrench",
-    "PayloadMap",
-    "RegionPayload",
-    "TorqueWrench",
-    "WrenchEllipsoid",
-    "WrenchPolytope",
-    "body_equilibrium",
-    "largest_payload",
-    "largest_wrench",
-    "payload_in_region",
-    "payload_map",
-    "robot_equilibrium",
-    "torques_per_kilogram",
-    "weakest_direction",
-    "wrench_ellipsoid",
-    "wrench_from_torques",
-    "wrench_polytope",
-]
+    "Contact", "Equilibrium", "LargestPayload", "LargestWrench", "PayloadMap", "RegionPayload", "TorqueWrench",
+    "WrenchEllipsoid", "WrenchPolytope", "body_equilibrium", "largest_payload", "largest_wrench", "payload_in_region",
+    "payload_map", "robot_equilibrium", "torques_per_kilogram", "weakest_direction", "wrench_ellipsoid",
+    "wrench_from_torques", "wrench_polytope",
+]  # fmt: skip

@@ -67,6 +67,8 @@ class Contact:
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Edges of a pyramid that lies inside the friction cone, or ``around`` it: forces with unit normal part.
 
+        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
+
         Parameters
         ----------
         count : int, 3 or more
@@ -75,10 +77,6 @@ class Contact:
         Returns
         -------
         forces : (count, 3) array; (1, 3) for μ = 0
-
-        Notes
-        -----
-        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
 
         Examples
         --------
@@ -207,28 +205,15 @@ def unresisted_motion(
     resisted = np.block([[-E.T, np.zeros((E.shape[1], n))], [one, -one], [-one, -one]])
     drive = np.concatenate([-load / size, motors])  # times (V, abs(V)): less than nothing for a motion that is driven
     bounds: Any = [(-1, 1) if m else (0, 0) for m in moves] + [(0, 1)] * n
-    most = linprog(
-        drive,
-        A_ub=resisted,
-        b_ub=np.zeros(len(resisted)),
-        bounds=bounds,
-        method="highs",
-    )
+    most = linprog(drive, A_ub=resisted, b_ub=np.zeros(len(resisted)), bounds=bounds, method="highs")
     if most.status != 0 or most.x is None or (power := float(-drive @ most.x)) <= _TOLERANCE:
         return None, 0.0
     # Of all motions that take as much, the one with the least sum of entries: it has few, and is read more easily.
     bounds = [(None, None) if m else (0, 0) for m in moves] + [(0, None)] * n
-    plain = linprog(
-        [0.0] * n + [1.0] * n,
-        A_ub=np.vstack([resisted, drive]),
-        b_ub=np.append(np.zeros(len(resisted)), -power),
-        bounds=bounds,
-        method="highs",
-    )
+    A, b = np.vstack([resisted, drive]), np.append(np.zeros(len(resisted)), -power)
+    plain = linprog([0.0] * n + [1.0] * n, A_ub=A, b_ub=b, bounds=bounds, method="highs")
     for found in (plain, most):
-        if (
-            found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5
-        ):  # 1 at least, but for rounding
+        if found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5:  # 1 but for rounding
             continue
         motion = found.x[:n] / peak + 0.0  # no minus zeros
         power = float(load @ motion - size * motors @ np.abs(motion))

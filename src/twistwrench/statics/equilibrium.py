@@ -88,27 +88,20 @@ class Equilibrium:
 
 
 def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, edges: int = 8) -> Equilibrium:
-    """Force closure of one body: decides if contacts can balance a wrench on it.
+    """Force closure of one body: decides if contacts can balance a wrench on it (MR section 12.2).
+
+    Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V with F·V > 0 along
+    which no contact force does negative work. One wrench at a time, as each is a linear programme.
 
     Parameters
     ----------
     contacts : sequence of Contact, in the frame of the wrench
     wrench_on_body : (6,) array_like, (m, f) [N m, N]
-    edges : int, edges of each friction cone to begin with
-
-    Returns
-    -------
-    answer : Equilibrium
 
     Raises
     ------
     FrameError
         A contact has a ``frame``: that is a link of a robot, and its normal in the base frame.
-
-    Notes
-    -----
-    MR section 12.2. Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V
-    with F·V > 0 along which no contact force does negative work. One wrench at a time, as each is a linear programme.
 
     Examples
     --------
@@ -130,7 +123,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     # About the middle of the contacts, lest far away a moment be the small difference of large ones.
     points = np.array([c.point for c in contacts]).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
-    maps = [np.vstack([_hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
+    maps = [np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
     about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
     turning = np.arange(6) < 3
     found = _decide(contacts, maps, about, np.zeros(6), turning, edges, TWIST, _OF_A_BODY)
@@ -141,31 +134,19 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
 
 
 def robot_equilibrium(
-    robot: Robot,
-    q: ArrayLike,
-    contacts: Sequence[Contact],
-    *,
-    limits: ArrayLike | None = None,
-    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
-    edges: int = 8,
-) -> Equilibrium:
+    robot: Robot, q: ArrayLike, contacts: Sequence[Contact], *,
+    limits: ArrayLike | None = None, wrench_on_robot: Mapping[str, ArrayLike] | None = None, edges: int = 8,
+) -> Equilibrium:  # fmt: skip
     """Static equilibrium of a robot: decides if it holds itself at one pose by contacts and by torques within limits.
 
-    Parameters
-    ----------
-    contacts : sequence of Contact, each at a link of the robot
-    edges : int, edges of each friction cone to begin with
-
-    Returns
-    -------
-    answer : Equilibrium
-
-    Notes
-    -----
     Forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits, 0 on a floating base, and the
     largest share of a limit made least; or a motion dq with -τ₀·dq - Σ L abs(dq) > 0 (τ₀ the torques without contacts)
     along which no contact force does negative work. Joints without a limit bear anything. One pose at a time, as each
     is a linear programme of its own.
+
+    Parameters
+    ----------
+    contacts : sequence of Contact, each at a link of the robot
 
     Examples
     --------
@@ -186,7 +167,7 @@ def robot_equilibrium(
     for c in contacts:
         J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
         arm = np.asarray(robot.forward_kinematics(q, c.frame))[:3, :3] @ c.point
-        maps.append((J[3:] - _hat(arm) @ J[:3]).T)  # f → J_point' f
+        maps.append((J[3:] - so3.hat(arm) @ J[:3]).T)  # f → J_point' f
     turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
     torques = effort_limits(robot, limits)
     return _decide(contacts, maps, -unloaded, torques, turning, edges, robot.model.velocity_names, _OF_A_ROBOT)
@@ -204,15 +185,9 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
 
 
 def _decide(
-    contacts: Sequence[Contact],
-    maps: list[Array],
-    load: Array,
-    limits: Array,
-    turning: Array,
-    edges: int,
-    names: tuple[str, ...],
-    frame: str,
-) -> Equilibrium:
+    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, turning: Array, edges: int,
+    names: tuple[str, ...], frame: str,
+) -> Equilibrium:  # fmt: skip
     """Cut the cones ever finer until forces inside them, or a motion against cones around them, settle it.
 
     The ``turning`` rows are worked on as forces at the length of the contacts' levers, so that all rows are in N.
@@ -250,10 +225,6 @@ def _of_size_one(no: Equilibrium) -> Equilibrium:
     size = float(np.abs(np.asarray(no.motion)).max())
     motion, velocities = (np.asarray(x) / size + 0.0 for x in (no.motion, no.velocities))
     return replace(no, motion=motion, velocities=velocities, power=float(no.power or 0.0) / size)
-
-
-def _hat(p: Array) -> Array:
-    return np.asarray(so3.hat(p))
 
 
 # ── Wrench from torques: produced, borne by the structure, and unbalanced
@@ -331,6 +302,10 @@ def wrench_from_torques(
 ) -> TorqueWrench:
     r"""Wrench from joint torques: the wrench that the robot at rest applies at a frame with torques ``tau``.
 
+    Solves τ - g(q) = J' F by singular values, MR eq. 5.26, section 5.2; right at singular poses and for any number of
+    joints. The smallest of many wrenches is that with the least \|f\|² + \|m\|² / length²; what torques and structure
+    can do does not depend on ``length``. One state at a time, as the rank differs from pose to pose.
+
     Parameters
     ----------
     length : float, by which moments and forces are compared [m]
@@ -338,12 +313,6 @@ def wrench_from_torques(
     Returns
     -------
     found : TorqueWrench, ``wrench`` (6,) and its company
-
-    Notes
-    -----
-    Solves τ - g(q) = J' F by singular values, MR eq. 5.26, section 5.2; right at singular poses and for any number of
-    joints. The smallest of many wrenches is that with the least \|f\|² + \|m\|² / length²; what torques and structure
-    can do does not depend on ``length``. One state at a time, as the rank differs from pose to pose.
 
     Examples
     --------
@@ -453,20 +422,12 @@ class BeyondStop:
 
 
 def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) -> tuple[BeyondStop, ...]:
-    """The joints of one pose (nq,) outside their position limits, the robot's own or those given, farthest first.
-
-    >>> import twistwrench as tw
-    >>> [found] = joints_beyond_stops(tw.robots.ur5(), [0, 0, 7.0, 0, 0, 0])
-    >>> found.joint, round(found.by, 3)
-    ('elbow_joint', 3.858)
-    """
+    """The joints of one pose (nq,) outside their position limits, the robot's own or those given, farthest first."""
     limits = robot.limits if limits is None else limits
     beyond = limits.exceeded(robot.model.positions(q))
     found = []
     for b in robot.model.leaders:
-        if b.joint.nq != 1:  # ball, planar and floating joints have no stops
-            continue
-        if beyond[b.v_index]:
+        if b.joint.nq == 1 and beyond[b.v_index]:  # ball, planar and floating joints have no stops
             value, low, high = float(q[b.q_index]), float(limits.lower[b.v_index]), float(limits.upper[b.v_index])
             stop = low if value < low else high
             found.append(BeyondStop(b.joint.name, value, stop, bool(b.joint.axes[0][:3].any())))

@@ -94,15 +94,13 @@ class WrenchEllipsoid:
 
 
 def wrench_ellipsoid(
-    robot: Robot,
-    q: ArrayLike,
-    frame: str | None = None,
-    *,
-    part: str = "force",
-    kind: Kind = "world_aligned",
-    limits: ArrayLike | None = None,
-) -> WrenchEllipsoid:
-    """Force ellipsoid: the wrenches whose torques have norm at most 1, without gravity.
+    robot: Robot, q: ArrayLike, frame: str | None = None, *,
+    part: str = "force", kind: Kind = "world_aligned", limits: ArrayLike | None = None,
+) -> WrenchEllipsoid:  # fmt: skip
+    """Force ellipsoid: the wrenches whose torques have norm at most 1, without gravity (MR section 5.4).
+
+    With ``limits`` the ellipsoid lies inside the polytope of :func:`~twistwrench.statics.wrench_polytope` without
+    gravity.
 
     Parameters
     ----------
@@ -114,11 +112,6 @@ def wrench_ellipsoid(
     Returns
     -------
     ellipsoid : WrenchEllipsoid, with n semi-axes, for any batch of q; rows with NaN have NaN
-
-    Notes
-    -----
-    MR section 5.4. With ``limits`` the ellipsoid lies inside the polytope of
-    :func:`~twistwrench.statics.wrench_polytope` without gravity.
 
     Examples
     --------
@@ -194,15 +187,13 @@ class LargestWrench:
 
 
 def largest_wrench(
-    robot: Robot,
-    q: ArrayLike,
-    direction: ArrayLike,
-    *,
-    frame: str | None = None,
-    kind: Kind = "world_aligned",
-    limits: ArrayLike | None = None,
-) -> LargestWrench:
+    robot: Robot, q: ArrayLike, direction: ArrayLike, *,
+    frame: str | None = None, kind: Kind = "world_aligned", limits: ArrayLike | None = None,
+) -> LargestWrench:  # fmt: skip
     """Largest force or wrench along a direction: the largest s with s · direction within the torque limits, at rest.
+
+    Closed form: the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
+    gravity and of springs. MR section 5.2.
 
     Parameters
     ----------
@@ -211,11 +202,6 @@ def largest_wrench(
     Returns
     -------
     found : LargestWrench, ``magnitude`` () [N, moments: N m]
-
-    Notes
-    -----
-    Closed form: the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
-    gravity and of springs. MR section 5.2.
 
     Examples
     --------
@@ -232,28 +218,17 @@ def largest_wrench(
 
 
 def weakest_direction(
-    robot: Robot,
-    q: ArrayLike,
-    *,
-    frame: str | None = None,
-    part: str = "force",
-    kind: Kind = "world_aligned",
-    limits: ArrayLike | None = None,
-) -> LargestWrench:
+    robot: Robot, q: ArrayLike, *,
+    frame: str | None = None, part: str = "force", kind: Kind = "world_aligned", limits: ArrayLike | None = None,
+) -> LargestWrench:  # fmt: skip
     """Weakest direction: the one in which the robot at rest can apply least.
+
+    The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i
+    is the joint's column of J, and its normal ±J_i / |J_i| is the direction. Any batch of q; rows with NaN have NaN.
 
     Parameters
     ----------
     part : "force", "moment" or "wrench", as in :func:`wrench_ellipsoid`
-
-    Returns
-    -------
-    found : LargestWrench
-
-    Notes
-    -----
-    The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i
-    is the joint's column of J, and its normal ±J_i / |J_i| is the direction. Any batch of q; rows with NaN have NaN.
 
     Examples
     --------
@@ -385,16 +360,14 @@ class WrenchPolytope:
 
 
 def wrench_polytope(
-    robot: Robot,
-    q: ArrayLike,
-    frame: str | None = None,
-    *,
-    part: str = "force",
-    rest: str = "zero",
-    kind: Kind = "world_aligned",
-    limits: ArrayLike | None = None,
-) -> WrenchPolytope:
+    robot: Robot, q: ArrayLike, frame: str | None = None, *,
+    part: str = "force", rest: str = "zero", kind: Kind = "world_aligned", limits: ArrayLike | None = None,
+) -> WrenchPolytope:  # fmt: skip
     """Wrench polytope (force polytope): every x with abs(g(q) + J' F) ≤ limits, at one pose.
+
+    Joints without a limit bound nothing. One pose at a time, as poses differ in how many corners they have;
+    :func:`~twistwrench.statics.largest_wrench`, :func:`~twistwrench.statics.weakest_direction` and
+    :func:`~twistwrench.statics.wrench_ellipsoid` take any batch.
 
     Parameters
     ----------
@@ -410,12 +383,6 @@ def wrench_polytope(
     ------
     ValueRangeError
         No wrench keeps the limits, the base floats, or there are no limits.
-
-    Notes
-    -----
-    Joints without a limit bound nothing. One pose at a time, as poses differ in how many corners they have;
-    :func:`~twistwrench.statics.largest_wrench`, :func:`~twistwrench.statics.weakest_direction` and
-    :func:`~twistwrench.statics.wrench_ellipsoid` take any batch.
 
     Examples
     --------
@@ -482,13 +449,8 @@ def _deepest_point(H: Array, b: Array) -> Array:
 
     scale = np.abs(b).max(initial=1e-300)
     size = H.shape[1]
-    found = linprog(
-        [0.0] * size + [-1.0],
-        A_ub=np.column_stack([H, np.ones(len(H))]),
-        b_ub=b / scale,
-        bounds=[(None, None)] * size + [(0.0, 1e3)],
-        method="highs",
-    )
+    A, bounds = np.column_stack([H, np.ones(len(H))]), [(None, None)] * size + [(0.0, 1e3)]
+    found = linprog([0.0] * size + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
     if found.status != 0 or found.x is None or found.x[-1] <= 1e-9:
         raise ValueRangeError(
             "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs ask for more. "

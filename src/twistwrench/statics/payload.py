@@ -92,18 +92,12 @@ def torques_per_kilogram(
 ) -> Array:
     """Holding torques of one kilogram at a point of a frame, the robot's own weight left out.
 
-    Parameters
-    ----------
-    com : (3,) array_like, centre of mass of the payload in the frame [m]
+    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of
+    q and com broadcasts.
 
     Returns
     -------
     tau : (nv,) array [N m/kg, sliding joints: N/kg]
-
-    Notes
-    -----
-    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of
-    q and com broadcasts.
 
     Examples
     --------
@@ -153,9 +147,8 @@ def largest_payload(
 ) -> LargestPayload:
     """Largest payload: the largest mass held at rest within the torque limits.
 
-    Parameters
-    ----------
-    com : (3,) array_like, centre of mass of the payload in the frame [m]
+    Any batch of q and com broadcasts. Joint friction, which helps to hold, is left out, and a torque per kilogram below
+    1e-6 of the robot's reach times gravity is zero.
 
     Returns
     -------
@@ -165,11 +158,6 @@ def largest_payload(
     ------
     ValueRangeError
         There are no effort limits, or the base floats.
-
-    Notes
-    -----
-    Any batch of q and com broadcasts. Joint friction, which helps to hold, is left out, and a torque per kilogram below 1e-6
-    of the robot's reach times gravity is zero.
 
     Examples
     --------
@@ -193,17 +181,8 @@ def largest_payload(
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
     mass = np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0))
-    return LargestPayload(
-        mass,
-        np.where(holds, s.joint, -1),
-        np.where(holds, s.side, 0),
-        holds,
-        unloaded,
-        per_kilogram,
-        s.per_joint,
-        L,
-        names,
-    )
+    joint, side = np.where(holds, s.joint, -1), np.where(holds, s.side, 0)
+    return LargestPayload(mass, joint, side, holds, unloaded, per_kilogram, s.per_joint, L, names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,18 +204,12 @@ def payload_in_region(
 ) -> RegionPayload:
     """Largest payload with its centre of mass in the convex hull of a region, at one pose.
 
+    What is held surely is the least of the corners, since torques are affine in the centre of mass. The best place is a
+    linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, where m = Σ λ and m c = Σ λ_k c_k.
+
     Parameters
     ----------
     region : (k, 3) array_like, corners in the frame [m]
-
-    Returns
-    -------
-    found : RegionPayload
-
-    Notes
-    -----
-    What is held surely is the least of the corners, since torques are affine in the centre of mass. The best place is a
-    linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, where m = Σ λ and m c = Σ λ_k c_k.
 
     Examples
     --------
@@ -322,18 +295,11 @@ class PayloadMap:
 
 
 def payload_map(
-    robot: Robot,
-    plane: str = "rz",
-    *,
-    at: float = 0.0,
-    thickness: float = 0.1,
-    cells: int | None = None,
-    samples: int = 200_000,
-    com: ArrayLike = (0.0, 0.0, 0.0),
-    frame: str | None = None,
-    limits: ArrayLike | None = None,
+    robot: Robot, plane: str = "rz", *,
+    at: float = 0.0, thickness: float = 0.1, cells: int | None = None, samples: int = 200_000,
+    com: ArrayLike = (0.0, 0.0, 0.0), frame: str | None = None, limits: ArrayLike | None = None,
     rng: np.random.Generator | int | None = 0,
-) -> PayloadMap:
+) -> PayloadMap:  # fmt: skip
     """Payload map: the best and worst :func:`largest_payload` in each cell of a slice of the workspace.
 
     Parameters
@@ -346,11 +312,6 @@ def payload_map(
     cells : int, optional, along the longer side
         If None as many as the configurations in the slice fill, 8 to 60, so that extremes are not those of a handful.
     samples : int, random configurations within the limits
-    com : (3,) array_like, centre of mass of the payload in the frame [m]
-
-    Returns
-    -------
-    found : PayloadMap
 
     Examples
     --------
@@ -366,10 +327,7 @@ def payload_map(
     if not np.isfinite(at):
         raise ValueRangeError(f"at is {printed(at)}. Give where the slice lies on the axis across it [m].")
     require_fixed_base(robot, "a payload map")
-    try:
-        rng = np.random.default_rng(rng)
-    except (TypeError, ValueError):
-        raise ValueRangeError(f"rng={rng!r}: give a seed or a numpy Generator.") from None
+    rng = arguments.generator(rng)
     parts = []
     for begin in range(0, samples, _CHUNK):
         q = robot.random_configuration(rng, min(_CHUNK, samples - begin))

@@ -31,16 +31,11 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     carries what its motor gives, so the motor's limit is the joint's. Raises
     :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot
     has one.
-
-    >>> import twistwrench as tw
-    >>> effort_limits(tw.robots.ur5()).tolist()
-    [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
     """
     names = robot.model.velocity_names
     try:
-        effort = arguments.one(
-            robot.limits.effort if limits is None else limits, "limits", robot.nv, names=names
-        ).copy()
+        given = robot.limits.effort if limits is None else limits
+        effort = arguments.one(given, "limits", robot.nv, names=names).copy()
     except ShapeError as problem:
         listed = f"{', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
         raise ShapeError(
@@ -48,8 +43,10 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         ) from None
     free = floating_entries(robot)
     effort[free] = 0.0
-    for joint, motor in _elastic(robot):
-        effort[joint] = min(effort[joint], effort[motor])
+    at = {body.joint.name: body.v_index for body in robot.model.leaders}
+    for motor, a in robot.actuators.items():
+        if motor != a.joint and a.joint in at:  # an elastic joint
+            effort[at[a.joint]] = min(effort[at[a.joint]], effort[at[motor]])
     if np.isnan(effort).any() or (effort < 0).any():
         k = int(np.argmax(~(effort >= 0)))
         raise ValueRangeError(
@@ -68,32 +65,19 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
 
     Elastic gears are stretched as that needs, wherever q has their motors, so that they add nothing: see
     :func:`effort_limits`.
-
-    >>> import twistwrench as tw
-    >>> resting_torques(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
-    [29.43, 9.81]
     """
     tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
     motors = {name for name, a in robot.actuators.items() if name != a.joint}
     gears = tuple(s for s in robot.model.springs if any(joint in motors for joint, _ in s.terms))
     if not gears:
         return tau
-    x, at = (
-        np.asarray(robot.subtract(q, robot.neutral)),
-        {body.joint.name: body.v_index for body in robot.model.leaders},
-    )
-    tau = tau.copy()
+    x, tau = np.asarray(robot.subtract(q, robot.neutral)), tau.copy()
+    at = {body.joint.name: body.v_index for body in robot.model.leaders}
     for spring in gears:
         stretch = sum(weight * x[..., at[joint]] for joint, weight in spring.terms) - spring.rest
         for joint, weight in spring.terms:
             tau[..., at[joint]] -= weight * spring.stiffness * stretch
     return tau
-
-
-def _elastic(robot: Robot) -> Iterator[tuple[int, int]]:
-    """(joint, motor), by their places in τ, of every elastic joint."""
-    at = {body.joint.name: body.v_index for body in robot.model.leaders}
-    return ((at[a.joint], at[name]) for name, a in robot.actuators.items() if name != a.joint and a.joint in at)
 
 
 def floating_entries(robot: Robot) -> Array:
@@ -142,10 +126,6 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     """Range of s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
 
     Joint by joint, s lies between (∓L - sign(a) τ₀) / abs(a), with a the step and τ₀ the start.
-
-    >>> g = growth(np.array([1.0, 0.0]), np.array([2.0, -1.0]), np.array([5.0, 1.5]))
-    >>> float(g.most), int(g.joint), int(g.side)
-    (1.5, 1, -1)
     """
     start, step = np.broadcast_arrays(start, step)
     size = np.abs(step)
@@ -220,13 +200,6 @@ def unit_slips(
 
     A place is more than 1 m out; a joint that turns more than a turn beyond its limits, or a turn beyond a whole one where it
     has none, unless angles are in ``degrees`` anyway; a joint that slides more than 1 m beyond.
-
-    >>> import twistwrench as tw
-    >>> ur5 = tw.robots.ur5()
-    >>> for slip in unit_slips(ur5, np.array([0, 0, 90.0, 0, 0, 0]), ur5.limits, {"--com": np.array([0, 0, 80.0])}):
-    ...     print(slip)
-    --com is 80 m from its frame: lengths are in metres. If those are mm, write 0,0,0.08.
-    elbow_joint at 90 rad is more than a turn beyond its limits: angles are in radians. If those are degrees, add --degrees.
     """
     for name, place in places.items():
         if (far := float(np.linalg.norm(place))) > _FAR:
