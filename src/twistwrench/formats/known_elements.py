@@ -453,6 +453,14 @@ class Unread:
         return f"{said}; did you mean {near[0]}?" if near else said
 
 
+def unread(format_name: str, *elements: Element) -> list[str]:
+    """Notes on all in the elements that is not read."""
+    found = Unread(format_name)
+    for element in elements:
+        found.walk(element)
+    return found.remarks
+
+
 def _texts(element: Element) -> list[str]:
     """Texts and ``value`` attributes in an element."""
     inside = [text for one in element.walk() for text in (one.content, one.attributes.get("value", ""))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,7 @@ from .edit import ELSEWHERE, FOUND, Edit, TextChanges
 from .mjcf import bodies as mjcf
 from .mjcf.preprocess import Defaults, Folders, Meshes, Settings, expand
 from .urdf import ENTRIES, IN_MJCF
-from .xml import MOST_BODIES, Element, Place
+from .xml import MOST_BODIES, Element, Place, exact
 
 _LAWS = {"viscous": "damping", "coulomb": "friction"}
 _MJCF_DRIVES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
@@ -97,11 +97,6 @@ class WrittenInertia:
         return (*found, *(Edit(self.places[name], in_file(wanted[name])) for name in more))
 
 
-def plain(values: Sequence[float] | Array) -> str:
-    """Text of numbers, exact to the last digit."""
-    return " ".join(repr(float(x)) for x in values)
-
-
 def _products(moments: Array) -> dict[str, str]:
     """Entries of a tensor (3, 3), made symmetric, as text."""
     return {name: repr(value) for name, value in urdf.entries_of(0.5 * (moments + moments.T)).items()}
@@ -158,7 +153,7 @@ class UrdfText(RobotText):
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         link = self.links[name]
-        inertial, com, mass = link.child("inertial"), plain(inertia.com), plain([inertia.mass])
+        inertial, com, mass = link.child("inertial"), exact(inertia.com), exact([inertia.mass])
         if not inertia.parameters.any():
             if inertial is None:
                 return
@@ -183,7 +178,7 @@ class UrdfText(RobotText):
         """Give a joint other friction, ``viscous`` and ``coulomb``."""
         joint = self.joints[name]
         dynamics = joint.child("dynamics")
-        said = {_LAWS[kind]: plain([value]) for kind, value in values.items() if kind in _LAWS}
+        said = {_LAWS[kind]: exact([value]) for kind, value in values.items() if kind in _LAWS}
         if dynamics is not None:
             for attribute, text in said.items():
                 changes.set(dynamics, attribute, text, why)
@@ -233,7 +228,7 @@ class SdfText(RobotText):
         inertial = link.child("inertial")
         place = inertial.child("pose") if inertial is not None else None
         R = sdf.pose(place)[:3, :3]
-        com, mass = plain(inertia.com), plain([inertia.mass])
+        com, mass = exact(inertia.com), exact([inertia.mass])
         entries = _products(R.T @ inertia.moment_about_com @ R)
         tensor = "".join(f"<{name}>{text}</{name}>" for name, text in entries.items())
         if inertial is None:
@@ -263,13 +258,13 @@ class SdfText(RobotText):
         dynamics = axis.child("dynamics")
         if dynamics is not None:
             for tag, value in given.items():
-                changes.set_child(dynamics, tag, plain([value]), why)
+                changes.set_child(dynamics, tag, exact([value]), why)
         elif any(given.values()):
-            text = "".join(f"<{tag}>{plain([value])}</{tag}>" for tag, value in given.items())
+            text = "".join(f"<{tag}>{exact([value])}</{tag}>" for tag, value in given.items())
             changes.add(axis, f"<dynamics>{text}</dynamics>")
         gear = sdf.number(joint, "drake:gear_ratio", 1.0)
         if "motor_inertia" in values and joint.child(_ROTOR) is not None and gear:
-            changes.set_child(joint, _ROTOR, plain([values["motor_inertia"] / gear**2]), why)
+            changes.set_child(joint, _ROTOR, exact([values["motor_inertia"] / gear**2]), why)
 
 
 class MjcfText(RobotText):
@@ -354,9 +349,9 @@ class MjcfText(RobotText):
         some = bool(own.parameters.any())  # MuJoCo refuses a fullinertia of zeros
         kept, other = ("fullinertia", "diaginertia") if some else ("diaginertia", "fullinertia")
         said = {
-            "pos": plain(own.com) if some else "0 0 0",
-            "mass": plain([own.mass]),
-            kept: plain([I[ENTRIES[name]] for name in IN_MJCF]) if some else "0 0 0",
+            "pos": exact(own.com) if some else "0 0 0",
+            "mass": exact([own.mass]),
+            kept: exact([I[ENTRIES[name]] for name in IN_MJCF]) if some else "0 0 0",
         }
         if given is None:
             attributes = " ".join(f'{name}="{text}"' for name, text in said.items())
@@ -372,7 +367,7 @@ class MjcfText(RobotText):
         """Give a joint other friction and armature; zeros only if the file or a class gives another value."""
         for kind, attribute in _MJCF_DRIVES.items():
             if kind in values and (values[kind] or attribute in self.joints[name].attributes):
-                changes.set(self._raw[name], attribute, plain([values[kind]]), why)
+                changes.set(self._raw[name], attribute, exact([values[kind]]), why)
 
 
 def _joints_in(element: Element) -> Iterator[Element]:

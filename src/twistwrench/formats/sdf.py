@@ -18,7 +18,7 @@ from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic, ModelNote
 from ..typing import Array
-from .known_elements import Unread
+from .known_elements import unread
 from .urdf import ENDLESS, rotation_of_rpy, tensor_of
 from .xml import Element
 
@@ -303,12 +303,7 @@ class _SdfReader:
         for name, frame in self.parts.named.items():
             carrier = self.parts.link_of(name, frame)
             builder.add_site(name, carrier, self.parts.between(carrier, name, frame), where=frame.place)
-        unread = Unread("SDF")
-        for element in (self.world, self.model):
-            if element is not None:
-                unread.walk(element)
-        for text in unread.remarks:
-            builder.remark(text)
+        builder.remark(*unread("SDF", *filter(None, (self.world, self.model))))
         return builder
 
     def _add_roots(self, held: set[str]) -> None:

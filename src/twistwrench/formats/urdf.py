@@ -19,7 +19,7 @@ from ..model.assembly import DEFAULT_SNAP, snap_rotation
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..typing import Array
-from .known_elements import Unread
+from .known_elements import unread
 from .xml import Element
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
@@ -71,14 +71,12 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
     :class:`~twistwrench.model.builder.ModelBuilder` raises for what no robot can mean.
     """
     builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
-    unread = Unread("URDF")
-    unread.walk(robot)
+    notes = unread("URDF", robot)
     for link in robot.all("link"):
         add_link(builder, link, snap)
     for joint in robot.all("joint"):
         add_joint(builder, joint)
-    for text in unread.remarks:
-        builder.remark(text)
+    builder.remark(*notes)
     return builder
 
 

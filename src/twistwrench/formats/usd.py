@@ -481,8 +481,7 @@ class _Reader:
         ):
             for prim in prims:
                 _note_unread(unread, kind, prim)
-        for text in unread.remarks:
-            self.builder.remark(text)
+        self.builder.remark(*unread.remarks)
         return self.builder, bool(self.floating_base) and start is None
 
     def _name(self, prim: Any) -> str:

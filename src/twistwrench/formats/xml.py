@@ -60,19 +60,20 @@ class Element:
 
     @property
     def place(self) -> str:
-        """Position in messages: ``line 12`` or ``common/parts.xml, line 12``."""
-        return f"{self.file}, line {self.line}" if self.file else f"line {self.line}"
+        """Position in messages: ``line 12`` or ``common/parts.xml, line 12``; empty where no file has it."""
+        return f"{self.file}, line {self.line}" if self.file else f"line {self.line}" if self.line else ""
 
     def __str__(self) -> str:
         """Name in messages: ``<mass> of link 'arm' (line 12)``."""
+        place = f" ({self.place})" if self.place else ""
         if "name" in self.attributes:
-            return f"<{clipped(self.tag)} name={clipped(self.attributes['name'])!r}> ({self.place})"
+            return f"<{clipped(self.tag)} name={clipped(self.attributes['name'])!r}>{place}"
         owner = self.parent
         while owner is not None and not _NAMES & owner.attributes.keys():
             owner = owner.parent
         name = None if owner is None else owner.attributes.get("name", owner.attributes.get("reference", ""))
         of = f" of {clipped(owner.tag)} {clipped(name)!r}" if owner is not None and name is not None else ""
-        return f"<{clipped(self.tag)}>{of} ({self.place})"
+        return f"<{clipped(self.tag)}>{of}{place}"
 
     def locate(self, attribute: str = "", position: int = -1) -> Place:
         """Place of an attribute, of one of its numbers, or of the text."""
@@ -379,6 +380,11 @@ def figures(values: ArrayLike) -> str:
     '1 0 0.1 1e-09'
     """
     return " ".join(_figure(float(x)) for x in np.ravel(np.asarray(values, float)))
+
+
+def exact(values: ArrayLike) -> str:
+    """Numbers with blanks between, exact to the last digit and the sign of zero."""
+    return " ".join(repr(x) for x in np.ravel(np.asarray(values, float)).tolist())
 
 
 def _figure(x: float) -> str:

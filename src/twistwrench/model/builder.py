@@ -78,12 +78,12 @@ class ModelBuilder:
         """Names of the sites added so far."""
         return tuple(self._additions.sites)
 
-    def remark(self, text: str) -> None:
+    def remark(self, *texts: str) -> None:
         """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects.
 
         Parameters
         ----------
-        text : str, a sentence
+        texts : str, sentences
 
         Examples
         --------
@@ -96,7 +96,7 @@ class ModelBuilder:
         ...     builder.build().defects
         ('this is an example',)
         """
-        self._remarks.append(text)
+        self._remarks.extend(texts)
 
     def add_link(
         self,

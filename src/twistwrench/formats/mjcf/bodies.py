@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ...core.numbers import printed
 from ...errors import RobotFileError
 from ...lie import quaternion, se3, so3
 from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
+from ...model.description import label
 from ...typing import Array
 from ..known_elements import LEFT_OUT
 from ..urdf import IN_MJCF, tensor_of
@@ -233,22 +233,19 @@ class MjcfJoint:
     rest: float
     """Rest position of its spring."""
     stiffness: float
-    options: dict[str, Any] = field(default_factory=dict)
-    """Options of :meth:`ModelBuilder.add_joint`: limits, damping, friction, armature."""
+    damping: float
+    friction: float
+    armature: float
+    lower: float | None = None
+    upper: float | None = None
     remarks: list[str] = field(default_factory=list)
     """Notes on properties that are left out."""
 
     @property
-    def where(self) -> str:
-        """Position in the file; empty for compiled models."""
-        return self.element.place if self.element.line else ""
-
-    @property
     def who(self) -> str:
         """Name in messages."""
-        if self.where and "name" in self.element.attributes:
-            return str(self.element)
-        return f"joint {self.name!r}" + (f" ({self.where})" if self.where else "")
+        place = self.element.place
+        return str(self.element) if place and "name" in self.element.attributes else label("joint", self.name, place)
 
     @property
     def single(self) -> bool:
@@ -293,27 +290,23 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
         reference=unit * e.floats("ref", (0.0,))[0],
         rest=unit * e.floats("springref", (0.0,))[0],
         stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0],
+        damping=e.floats("damping", (0.0, 0.0, 0.0))[0],
+        friction=e.floats("frictionloss", (0.0,))[0],
+        armature=e.floats("armature", (0.0,))[0],
     )
-    if e.tag == "freejoint":
-        if e.word("align", ("true", "false", "auto"), "auto") == "true" or settings.align_free:
-            joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")
-        return joint
+    aligned = e.tag == "freejoint" and e.word("align", ("true", "false", "auto"), "auto") == "true"
+    if aligned or (e.tag == "freejoint" and settings.align_free):
+        joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")
     for attribute in ("stiffness", "damping"):
         if any(e.floats(attribute, (0.0, 0.0, 0.0))[1:]):
             joint.remarks.append(LEFT_OUT[f"joint/{attribute}"])
     if e.floats("springyield", (0.0,))[0]:
         joint.remarks.append(LEFT_OUT["joint/springyield"])
-    joint.options = {
-        "damping": e.floats("damping", (0.0, 0.0, 0.0))[0],
-        "friction": e.floats("frictionloss", (0.0,))[0],
-        "armature": e.floats("armature", (0.0,))[0],
-    }
-    if joint.single:
-        lower, upper = (unit * x for x in e.floats("range", (0.0, 0.0)))
-        if limited(e, "limited", "range", settings):
-            joint.options |= {"lower": lower, "upper": upper}
-    elif kind == "ball" and limited(e, "limited", "range", settings):
-        joint.remarks.append(LEFT_OUT["ball/range"])
+    if kind != "floating" and limited(e, "limited", "range", settings):
+        if joint.single:
+            joint.lower, joint.upper = (unit * x for x in e.floats("range", (0.0, 0.0)))
+        else:
+            joint.remarks.append(LEFT_OUT["ball/range"])
     if not joint.single and joint.stiffness:
         joint.remarks.append(LEFT_OUT["ball/stiffness"])
     if any(e.floats("springdamper", (0.0, 0.0))):

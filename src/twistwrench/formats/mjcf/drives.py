@@ -12,7 +12,7 @@ from ...core.numbers import number, printed
 from ...errors import RobotFileError
 from ...lie import quaternion, se3
 from ...model.builder import ModelBuilder
-from ...model.description import Mimic, ModelNote
+from ...model.description import Mimic, ModelNote, label
 from ...model.model import OfferedClosure
 from ...typing import Array
 from ..known_elements import ACTUATORS, LEFT_OUT
@@ -64,7 +64,7 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
             given = np.clip(given, *_range(joint.element, "actuatorfrcrange"))
         effort, remark = effort_of(given)
         if remark and (name in totals or effort is not None):
-            drives.remarks.append(ModelNote(f"joint {name!r} ({joint.element.place})", remark))
+            drives.remarks.append(ModelNote(label("joint", name, joint.element.place), remark))
         if effort is not None:
             drives.efforts[name] = effort
     return drives
