@@ -76,7 +76,7 @@ def test_results_compose():
     law = tw.control.PD(robot, result, 100.0, 10.0)
     assert np.isfinite(law(0.1, result.q[0], result.dq[0])).all()
     heavy = robot.with_payload(tw.SpatialInertia.from_com(5.0))
-    assert np.abs(result.motion.of(heavy).torques()).max() > np.abs(result.motion.torques()).max()
+    assert np.abs(result.motion.with_robot(heavy).torques()).max() > np.abs(result.motion.torques()).max()
 
 
 def test_limits_are_checked_with_one_tolerance():
@@ -290,7 +290,7 @@ def test_times_in_milliseconds_are_doubted():
         ),
         (lambda _: ur5_motion()[0].at(np.nan), tw.ValueRangeError, "Motion.at"),
         (lambda r: r.rollout([0] * 6, [0] * 6, steps=2).motion("a"), tw.ValueRangeError, "one index"),
-        (lambda r: ur5_motion()[0].of(tw.robots.panda()), tw.ValueRangeError, "coordinates are others"),
+        (lambda r: ur5_motion()[0].with_robot(tw.robots.panda()), tw.ValueRangeError, "coordinates are others"),
     ],
 )
 def test_what_is_no_motion_is_refused(given, error, words):

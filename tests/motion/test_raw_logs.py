@@ -183,7 +183,7 @@ def test_the_report_of_a_noisy_log_is_of_one_instant_and_one_estimate(arm, tmp_p
         if k == report.worst:
             at = int(np.argmin(np.abs(report.around.time - j.time)))
             assert report.around.time[at] == j.time
-            assert report.load.explain(report.around.at(at)).torque[k] == pytest.approx(j.largest)
+            assert report.load.explain(report.around[at]).torque[k] == pytest.approx(j.largest)
         least, greatest = (edge[:, k] for edge in report.envelope[1:])
         assert max(-least.min(), greatest.max()) == pytest.approx(abs(j.largest))
 

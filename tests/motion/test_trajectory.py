@@ -17,6 +17,7 @@ from twistwrench.motion import csv_reader as csv_module
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.csv_reader import Dialect, parse_block
 from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.log_table import excerpts
 from twistwrench.motion.motion_log import MotionLog
 
 pytest_plugins = ("motion_fixtures",)
@@ -156,9 +157,9 @@ def test_lines_are_counted_with_the_comments_and_blanks_between_rows(model, writ
 def test_excerpts_of_a_file_are_of_its_ends_too(model, write):
     rows = "".join(f"{k},0.5,0.25\n" for k in range(10_000, 30_000))
     log = MotionLog.open(write("time,joint1,joint2\n" + rows), model)
-    excerpts = [table[:, 0] for table in log.excerpts(5, 100)]
-    assert (excerpts[0][0], excerpts[-1][-1]) == (10_000, 29_999)
-    for k, times in enumerate(excerpts):
+    runs = [table[:, 0] for table in excerpts(log.table, 5, 100)]
+    assert (runs[0][0], runs[-1][-1]) == (10_000, 29_999)
+    for k, times in enumerate(runs):
         assert len(times) == 100
         assert abs(times.mean() - (10_050 + k * 19_900 / 4)) < 60  # evenly spread
 

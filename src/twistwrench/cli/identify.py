@@ -12,11 +12,11 @@ import click
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..core.cluster import workers_of
 from ..core.files import check_outputs, picture_path, replacing
 from ..core.numbers import estimate, number, percent, plus_minus
 from ..core.tables import CsvWriter
 from ..core.text import listed
+from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
 from ..formats.actuators import actuator_content

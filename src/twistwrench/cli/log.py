@@ -12,8 +12,8 @@ import click
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..core.cluster import Failure, workers_of
 from ..core.numbers import number, percent
+from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
 from ..reports.log_quality import LogColumn, LogQuality
 from .console import expand_paths, progress_bar, show, worker_options

@@ -14,10 +14,10 @@ import numpy as np
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.text import Text
 
-from ..core.cluster import Failure, workers_of
 from ..core.files import check_outputs, picture_path, replacing
 from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, quantity, seconds, torque
 from ..core.text import listed
+from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
 from ..joints.units import unit_of
@@ -367,7 +367,7 @@ def _beside_measured(report: TorqueReport) -> PlainTable:
 def _why(report: TorqueReport, k: int) -> PlainTable:
     """The worst joint's peak, by link and by term."""
     joint, states = report.joints[k], report.around
-    why = report.load.explain(states.at(int(np.argmin(np.abs(states.time - joint.time)))))
+    why = report.load.explain(states[int(np.argmin(np.abs(states.time - joint.time)))])
     if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
         why = why.with_term("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
     heads, *rows, together = why.rows(why.joints[k])

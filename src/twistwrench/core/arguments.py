@@ -412,8 +412,8 @@ def taking_the_arguments_of(
 ) -> Callable[[Callable[..., Result]], Callable[Arguments, Result]]:
     """Decorator: names, types and defaults are those of ``other``, for people, checkers and ``inspect.signature``."""
 
-    def of(function: Callable[..., Result]) -> Callable[Arguments, Result]:
+    def decorate(function: Callable[..., Result]) -> Callable[Arguments, Result]:
         function.__wrapped__ = other  # type: ignore[attr-defined]
         return function
 
-    return of
+    return decorate

@@ -105,17 +105,16 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     """
     import html
 
+    def text(value: Any) -> str:
+        return number(value) if value is None or isinstance(value, float) else str(value)
+
     cells = [list(row) for row in rows]
     words = [any(isinstance(row[k], str) for row in cells) for k in range(len(header))]
     sides = [' style="text-align: left"' if word else "" for word in words]
     head = "".join(f"<th{side}>{html.escape(name)}</th>" for side, name in zip(sides, header, strict=True))
     body = "".join(
-        f"<tr>{''.join(f'<td{s}>{html.escape(_said(x))}</td>' for s, x in zip(sides, row, strict=True))}</tr>"
+        f"<tr>{''.join(f'<td{s}>{html.escape(text(x))}</td>' for s, x in zip(sides, row, strict=True))}</tr>"
         for row in cells
     )
     above = f"<p>{html.escape(title)}</p>" if title else ""
     return f"{above}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _said(value: Any) -> str:
-    return number(value) if value is None or isinstance(value, float) else str(value)

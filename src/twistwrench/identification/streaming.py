@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..core.cluster import Failure, Workers
 from ..core.numbers import percent
+from ..core.third_party import Failure, Workers
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..estimation.cross_validation import HeldOut, HeldOutRows
 from ..estimation.least_squares import Method
@@ -154,7 +154,7 @@ def accumulate(
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
     sources = [LogSource.from_log(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
     checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
-    team, tell = Workers.on(client), progress or (lambda _share: None)
+    team, tell = Workers.from_client(client), progress or (lambda _share: None)
     failed: dict[str, str] = {}
     clocks = _succeeded(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed)
     if like is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,94 +33,51 @@ _FEWEST = 3
 _DEGREE = math.radians(1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class AngleUnits:
-    """The turning joints of a log, (k,) each: what is read of them [rad], and how."""
+def angle_doubts(
+    names: Sequence[str], least: Array, most: Array, limits: tuple[Array, Array], factor: Array, known: Array
+) -> tuple[list[str], list[str]]:
+    """Doubts about the unit of angles: contradictions, where it is wrong for near certain, and hints.
 
-    names: Sequence[str]
-    least: Array
-    most: Array
-    endless: Array
-    """bool: the joint has no limits, so that it may turn as far as it likes."""
-    lower: Array
-    upper: Array
-    """Limits; infinite where they are not known."""
-    factor: Array
-    """Factor from the file's numbers to radians."""
-    stated: Array
-    """bool: the file gives that unit."""
+    Of the turning joints (k,) each: what is read of them [rad], their limits, infinite where there are none, the factor from
+    the file's numbers to radians, and whether the file gives that unit.
+    """
+    size, reach = np.maximum(np.abs(least), np.abs(most)), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+    bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
+    far = bounded & (size > _FAR * np.maximum(np.where(bounded, reach, 1.0), _FULL_TURN / _FAR))
+    wound = size > _MANY_TURNS
+    degrees, written = (factor == _DEGREE) & ~known, size / factor
+    moves = (most - least) / factor > _SURE_MOVE
+    if degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any():
+        small = [
+            f"read in degrees, no angle is beyond {printed(written[degrees].max(), 3)} degrees: the file seems to be in "
+            "radians. Leave --degrees out, or name the unit of its columns, as 'JOINT [deg]'"
+        ]
+    else:
+        small = []
+    if far.any() and 2 * far.sum() >= bounded.sum() and 2 * (far & wound).sum() > far.sum():
+        return [_too_far(names, size, limits, reach, far)], []
+    if small and degrees.sum() >= _FEWEST:
+        return small, []
+    if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
+        return [], [_too_far(names, size, limits, reach, wound)]
+    return [], [_too_far(names, size, limits, reach, far)] if far.any() else small
 
-    @property
-    def contradictions(self) -> tuple[str, ...]:
-        """A sentence where the unit is wrong for near certain."""
-        far, bounded = self._far
-        wound = far & (self._size > _MANY_TURNS)
-        if far.any() and 2 * far.sum() >= bounded.sum() and 2 * wound.sum() > far.sum():
-            return (self._too_far(far),)
-        return (self._too_small(),) if self._tiny.sum() >= _FEWEST else ()
 
-    @property
-    def hints(self) -> tuple[str, ...]:
-        """A sentence where the unit is in doubt, and no more."""
-        if self.contradictions:
-            return ()
-        far, _ = self._far
-        beyond = self._size > _MANY_TURNS
-        if 2 * beyond.sum() > len(self.names) and not self.stated.any() and (self.factor == 1.0).all():
-            return (self._too_far(beyond),)
-        if far.any():
-            return (self._too_far(far),)
-        return (self._too_small(),) if self._tiny.any() else ()
-
-    @property
-    def _size(self) -> Array:
-        return np.maximum(np.abs(self.least), np.abs(self.most))
-
-    @property
-    def _reach(self) -> Array:
-        return np.maximum(np.abs(self.lower), np.abs(self.upper))
-
-    @property
-    def _far(self) -> tuple[Array, Array]:
-        """(k,) bool: joints far beyond their limits, and all that could be, read in radians for want of a unit."""
-        bounded = ~self.endless & np.isfinite(self._reach) & (self._reach > 0) & (self.factor == 1.0) & ~self.stated
-        reach = np.maximum(np.where(bounded, self._reach, 1.0), _FULL_TURN / _FAR)
-        return bounded & (self._size > _FAR * reach), bounded
-
-    @property
-    def _tiny(self) -> Array:
-        """(k,) bool, of all or none: joints read in degrees whose numbers are all such as radians are."""
-        asked = (self.factor == _DEGREE) & ~self.stated
-        written = self._size / self.factor
-        moves = (self.most - self.least) / self.factor > _SURE_MOVE
-        alike = bool(asked.any() and (written[asked] <= _FULL_TURN).all() and moves[asked].any())
-        return asked & alike
-
-    def _too_far(self, far: Array) -> str:
-        reach = np.where(np.isfinite(self._reach), self._reach, 1.0)
-        k = int(np.flatnonzero(far)[(self._size / reach)[far].argmax()])
-        limit = (
-            f", and its limits are at {printed(self.lower[k], 3)} and {printed(self.upper[k], 3)}"
-            if np.isfinite(self._reach[k])
-            else ""
-        )
-        degrees = bool((self._size[far] * _DEGREE <= _WITHIN * self._reach[far]).all())
-        others = int(far.sum()) - 1
-        more = f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else ""
-        asked = "Did you mean --degrees? Or are" if degrees else "Are"
-        counts = "" if degrees else ", or counts of an encoder"
-        return (
-            f"{self.names[k]} goes to {printed(self._size[k], 4)} rad{limit}{more}: the angles seem to be in another unit. "
-            f"{asked} they those of the motors, before their gears{counts}? Positions are those of the joints, in radians, "
-            "or in the unit that a column names, as 'JOINT [deg]'"
-        )
-
-    def _too_small(self) -> str:
-        largest = float((self._size / self.factor)[self._tiny].max())
-        return (
-            f"read in degrees, no angle is beyond {printed(largest, 3)} degrees: the file seems to be in radians. Leave "
-            "--degrees out, or name the unit of its columns, as 'JOINT [deg]'"
-        )
+def _too_far(names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array) -> str:
+    """Sentence on angles that are ``far`` (k,) out."""
+    k = int(np.flatnonzero(far)[(size / np.where(np.isfinite(reach), reach, 1.0))[far].argmax()])
+    lower, upper = (printed(limit[k], 3) for limit in limits)
+    limit = f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else ""
+    degrees = bool((size[far] * _DEGREE <= _WITHIN * reach[far]).all())
+    others = int(far.sum()) - 1
+    more = f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else ""
+    question = "Did you mean --degrees? Or are" if degrees else "Are"
+    counts = "" if degrees else ", or counts of an encoder"
+    return (
+        f"{names[k]} goes to {printed(size[k], 4)} rad{limit}{more}: the angles seem to be in another unit. "
+        f"{question} they those of the motors, before their gears{counts}? Positions are those of the joints, in radians, "
+        "or in the unit that a column names, as 'JOINT [deg]'"
+    )
 
 
 # ── Angles logged within one turn, unwrapped and held against the limits
@@ -290,7 +246,7 @@ class Contradictions:
 
     def sentences(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
         """Contradictions, a sentence each; velocity limits help to distinguish a jump from a fast motion."""
-        time, angles = self._of_time(limits), self._angle_units(limits).contradictions
+        time, (angles, _) = self._of_time(limits), self._angle_doubts(limits)
         jumps: list[str] = []
         if not angles:
             jumps = self._of_jumps(limits)
@@ -306,25 +262,21 @@ class Contradictions:
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """A sentence for each thing that is odd, and may yet be meant."""
-        found = list(self._angle_units(limits).hints)
+        _, found = self._angle_doubts(limits)
         step = float(np.median(self._usual)) if self._usual else 0.0
         if step >= _LONG_STEP and not self._time_stated and not self._of_time(limits):
             found.append(f"the usual time step is {printed(step, 4)} s. Is time in ms? It is taken to be in seconds")
         return tuple(found)
 
-    def _angle_units(self, limits: Limits | None) -> AngleUnits:
-        k, places = self._single[self._turns], self.places[self._turns]
-        none = np.full(len(k), np.inf)
-        return AngleUnits(
-            names=[self._names[j] for j in k.tolist()],
-            least=self._least[self._turns],
-            most=self._greatest[self._turns],
-            endless=~self._bounded[self._turns],
-            lower=-none if limits is None else limits.lower[k],
-            upper=none if limits is None else limits.upper[k],
-            factor=self._factor[places],
-            stated=self._stated[places],
-        )
+    def _angle_doubts(self, limits: Limits | None) -> tuple[list[str], list[str]]:
+        """Contradictions and hints of :func:`angle_doubts`."""
+        turns = self._turns
+        k, places, bounded = self._single[turns], self.places[turns], self._bounded[turns]
+        lower = np.where(bounded, -np.inf if limits is None else limits.lower[k], -np.inf)
+        upper = np.where(bounded, np.inf if limits is None else limits.upper[k], np.inf)
+        names = [self._names[j] for j in k.tolist()]
+        factor, known = self._factor[places], self._stated[places]
+        return angle_doubts(names, self._least[turns], self._greatest[turns], (lower, upper), factor, known)
 
     def _of_time(self, limits: Limits | None) -> list[str]:
         if self._time_stated or (found := self.slow_steps(limits)) is None:

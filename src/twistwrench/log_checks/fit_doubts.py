@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -128,45 +128,29 @@ _COARSE = 0.15
 def column_doubts(seen: FittedLog) -> list[Doubt]:
     """Doubts about columns; gains of exchanged columns are meaningless."""
     exchanged = _exchanged(seen)
-    return [
-        *_dead(seen),
-        *_saturated(seen),
-        *_coarse(seen),
-        *(exchanged or ([] if seen.payload_only else _gains(seen))),
-    ]
+    gains = [] if exchanged or seen.payload_only else _gains(seen)
+    return [*_dead(seen), *_saturated(seen), *_coarse(seen), *exchanged, *gains]
 
 
-def _dead(seen: FittedLog) -> list[Doubt]:
-    found = []
-    names = [n for n, d in zip(seen.names, seen.dead, strict=True) if d]
-    if names:
-        found.append(
-            Doubt(
-                "dead-torque",
-                f"the torque of {', '.join(names)} is one number in nearly all rows: nothing is measured there. What only "
-                "these joints feel keeps the file's values.",
-                tuple(names),
-            )
+def _dead(seen: FittedLog) -> Iterator[Doubt]:
+    if names := [n for n, d in zip(seen.names, seen.dead, strict=True) if d]:
+        yield Doubt(
+            "dead-torque",
+            f"the torque of {', '.join(names)} is one number in nearly all rows: nothing is measured there. What only "
+            "these joints feel keeps the file's values.",
+            tuple(names),
         )
-    still = [
-        n
-        for k, n in enumerate(seen.names)
-        if not seen.dead[k] and all(np.ptp(motion.q[:, k]) == 0 for motion in seen.motions)
-    ]
-    if still:
-        found.append(
-            Doubt(
-                "dead-position",
-                f"the position of {', '.join(still)} is one number throughout: it did not move, or its channel is dead. Its "
-                "friction and its motor's inertia cannot be told.",
-                tuple(still),
-            )
+    moved = np.any([np.ptp(motion.q[:, : len(seen.names)], axis=0) > 0 for motion in seen.motions], axis=0)
+    if still := [n for n, d, m in zip(seen.names, seen.dead, moved, strict=True) if not d and not m]:
+        yield Doubt(
+            "dead-position",
+            f"the position of {', '.join(still)} is one number throughout: it did not move, or its channel is dead. Its "
+            "friction and its motor's inertia cannot be told.",
+            tuple(still),
         )
-    return found
 
 
-def _saturated(seen: FittedLog) -> list[Doubt]:
-    found = []
+def _saturated(seen: FittedLog) -> Iterator[Doubt]:
     for k, name in enumerate(seen.names):
         if seen.dead[k]:
             continue
@@ -174,50 +158,39 @@ def _saturated(seen: FittedLog) -> list[Doubt]:
         for extreme in (float(tau.max()), float(tau.min())):
             count = int((tau == extreme).sum())
             if extreme != 0 and count >= _SATURATED_ROWS and count >= _SATURATED * len(tau):
-                found.append(
-                    Doubt(
-                        "saturated",
-                        f"the torque of {name} is exactly {number(extreme)} in {percent(count / len(tau), 3)} of the rows: it "
-                        "is cut off there. Leave these rows out, or log what the motor really gives.",
-                        (name,),
-                    )
+                yield Doubt(
+                    "saturated",
+                    f"the torque of {name} is exactly {number(extreme)} in {percent(count / len(tau), 3)} of the rows: it "
+                    "is cut off there. Leave these rows out, or log what the motor really gives.",
+                    (name,),
                 )
                 break
-    return found
 
 
-def _coarse(seen: FittedLog) -> list[Doubt]:
-    found, cutoff = [], seen.settings.cutoff
+def _coarse(seen: FittedLog) -> Iterator[Doubt]:
+    cutoff = seen.settings.cutoff
     for k, name in enumerate(seen.names):
         step = quantum([motion.q[:, k] for motion in seen.motions])
         size = float(np.sqrt((seen.acceleration[:, k] ** 2).mean()))
         # White noise of that size, below the cut-off, differentiated twice: sqrt(∫ (2 π f)^4 df) over 0 to the cut-off.
         noise = step / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / seen.rate / 5.0)
         if step > 0 and size > 0 and noise > _COARSE * size:
-            found.append(
-                Doubt(
-                    "quantised",
-                    f"positions of {name} lie on a grid of {number(step, 3)}, which makes {percent(noise / size, 3)} of its "
-                    f"accelerations below {printed(cutoff)} Hz noise. Log more digits, move faster, or lower the cut-off.",
-                    (name,),
-                )
+            yield Doubt(
+                "quantised",
+                f"positions of {name} lie on a grid of {number(step, 3)}, which makes {percent(noise / size, 3)} of its "
+                f"accelerations below {printed(cutoff)} Hz noise. Log more digits, move faster, or lower the cut-off.",
+                (name,),
             )
-    return found
 
 
 def _of_folds(seen: FittedLog, columns: Array, tau: Array) -> tuple[Array, float]:
     """Coefficients of a torque ``tau`` (m,) in given columns (m, k), and |residual|² / |τ|² of fifths left out."""
+    folds = [seen.fold == b for b in range(FOLDS)]
+    parts = [NormalEquations.from_rows(columns[fold, None, :], tau[fold, None]) for fold in folds if fold.any()]
+    total = sum(parts[1:], parts[0])
     left = 0.0
-    parts = [
-        NormalEquations.from_rows(columns[seen.fold == b, None, :], tau[seen.fold == b, None]) for b in range(FOLDS)
-    ]
-    parts = [p for p in parts if p.rows]
-    total = parts[0]
-    for p in parts[1:]:
-        total = total + p
     for p in parts:
-        rest = total - p if len(parts) > 1 else total
-        left += float(p.squares(least(rest))[0])
+        left += float(p.squares(least(total - p if len(parts) > 1 else total))[0])
     return least(total), left / max(float((tau**2).sum()), 1e-300)
 
 
@@ -242,44 +215,36 @@ def _file_part(seen: FittedLog) -> Array:
     return np.asarray(seen.W @ own)
 
 
-def _gains(seen: FittedLog) -> list[Doubt]:
+def _gains(seen: FittedLog) -> Iterator[Doubt]:
     """Columns whose size or sign no robot has. The file's bodies may be wrong by much, so that they alone accuse nothing."""
-    found = []
-    file, drives = _file_part(seen), seen.base.drives
-    limits = np.asarray(seen.base.unknown.model.limits.effort, float)
+    file, limits = _file_part(seen), np.asarray(seen.base.unknown.model.limits.effort, float)
     for j, name in enumerate(seen.names):
         if seen.dead[j] or not file[:, j].any():
             continue
-        own = [d for d in drives if seen.W[:, j, d].any()]
-        others = seen.W[:, j][:, own]
-        with_file = np.concatenate([file[:, j, None], others], axis=1)
-        gains, left = _of_folds(seen, with_file, seen.tau[:, j])
-        _, without = _of_folds(seen, others, seen.tau[:, j])
+        drives = seen.W[:, j][:, [d for d in seen.base.drives if seen.W[:, j, d].any()]]
+        gains, left = _of_folds(seen, np.concatenate([file[:, j, None], drives], axis=1), seen.tau[:, j])
+        _, without = _of_folds(seen, drives, seen.tau[:, j])
         gain = float(gains[0])
         if left > _TOLD * without:
             continue  # the file's bodies explain little of it either way
+        largest = max(float(np.abs(np.asarray(motion.tau)[:, j]).max()) for motion in seen.motions)
         if gain < 0 and _inertia(seen, j) < 0:
-            found.append(
-                Doubt(
-                    "sign",
-                    f"the torque of {name} has the wrong sign: {number(gain, 2)} times the file's rigid bodies with friction "
-                    f"left free explain it, to {percent(np.sqrt(left), 3)}, and the joint's inertia comes out negative. Turn "
-                    "its sign, or that of its position.",
-                    (name,),
-                    refuses=True,
-                )
+            yield Doubt(
+                "sign",
+                f"the torque of {name} has the wrong sign: {number(gain, 2)} times the file's rigid bodies with friction "
+                f"left free explain it, to {percent(np.sqrt(left), 3)}, and the joint's inertia comes out negative. Turn "
+                "its sign, or that of its position.",
+                (name,),
+                refuses=True,
             )
-        elif 0 < gain < _LEAST_GAIN or (gain > _MOST_GAIN and _largest(seen, j) > _OF_LIMIT * limits[j]):
-            found.append(
-                Doubt(
-                    "gain",
-                    f"the torque of {name} is {number(gain, 3)} times that of the file's rigid bodies, friction left free: it "
-                    "is in another unit, before the gear, or a current.",
-                    (name,),
-                    refuses=True,
-                )
+        elif 0 < gain < _LEAST_GAIN or (gain > _MOST_GAIN and largest > _OF_LIMIT * limits[j]):
+            yield Doubt(
+                "gain",
+                f"the torque of {name} is {number(gain, 3)} times that of the file's rigid bodies, friction left free: it "
+                "is in another unit, before the gear, or a current.",
+                (name,),
+                refuses=True,
             )
-    return found
 
 
 def _inertia(seen: FittedLog, j: int) -> float:
@@ -293,11 +258,6 @@ def _inertia(seen: FittedLog, j: int) -> float:
         for ddq in (one, still)
     )
     return float((moved - rest).mean())
-
-
-def _largest(seen: FittedLog, j: int) -> float:
-    """Largest torque of joint j that was measured."""
-    return max(float(np.abs(np.asarray(motion.tau)[:, j]).max()) for motion in seen.motions)
 
 
 def _exchanged(seen: FittedLog) -> list[Doubt]:
@@ -338,7 +298,7 @@ def _exchanged(seen: FittedLog) -> list[Doubt]:
 # ── The log as a whole, and the way that it was read
 
 _LATE = 8e-3
-_UNTOLD = 0.2
+_UNDETERMINED = 0.2
 _MOTION, _UNSURE = 200, 0.1
 """States of another motion, and the share of its torques that deviations of the groups may make."""
 _WITHOUT = 0.5
@@ -356,7 +316,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     columns = column_doubts(seen)
     signs = {joint for doubt in columns if doubt.kind == "sign" for joint in doubt.joints}
     negative = [doubt for doubt in _negative(seen) if not signs >= set(doubt.joints)]  # said already
-    unexciting = _unexciting(seen) or _untold(seen)
+    unexciting = _unexciting(seen) or _undetermined(seen)
     found = [
         *_contradictions(seen),
         *columns,
@@ -369,27 +329,24 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
 
 
-def _contradictions(seen: FittedLog) -> list[Doubt]:
+def _contradictions(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts found while the logs were read."""
-    said = [note.removeprefix(_SAID) for motion in seen.motions for note in motion.notes if note.startswith(_SAID)]
+    for motion in seen.motions:
+        yield from (contradiction(note.removeprefix(_SAID)) for note in motion.notes if note.startswith(_SAID))
     for motion in seen.motions:
         if all(note.startswith(LEFT_OUT) for note in motion.notes):  # those of files were looked at when they were read
-            said += motion.contradictions
-    return [contradiction(sentence) for sentence in said]
+            yield from map(contradiction, motion.contradictions)
 
 
-def _late(seen: FittedLog) -> list[Doubt]:
+def _late(seen: FittedLog) -> Iterator[Doubt]:
     shift = seen.settings.shift
-    if abs(shift) < _LATE:
-        return []
-    when = "after" if shift > 0 else "before"
-    return [
-        Doubt(
+    if abs(shift) >= _LATE:
+        when = "after" if shift > 0 else "before"
+        yield Doubt(
             "late",
             f"torques fit best {number(abs(shift) * 1e3, 3)} ms {when} the positions of their rows: the two were stamped by "
             "different clocks, or filtered differently. The offset is taken off.",
         )
-    ]
 
 
 def _without(seen: FittedLog) -> list[Doubt]:
@@ -437,8 +394,8 @@ def _less(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
 
 def _unexciting(seen: FittedLog) -> list[Doubt]:
     free = ~seen.base.held
-    unknown = (seen.deviations > _UNTOLD * seen.prior.size)[free]
-    if unknown.sum() <= _UNTOLD * len(unknown):
+    unknown = (seen.deviations > _UNDETERMINED * seen.prior.size)[free]
+    if unknown.sum() <= _UNDETERMINED * len(unknown):
         return []
     worst = np.argsort(-(seen.deviations / seen.prior.size * free))[:3]
     names = "; ".join(seen.base.names[k].split(" ")[0] for k in worst)
@@ -451,7 +408,7 @@ def _unexciting(seen: FittedLog) -> list[Doubt]:
     ]
 
 
-def _untold(seen: FittedLog) -> list[Doubt]:
+def _undetermined(seen: FittedLog) -> list[Doubt]:
     """Joints whose torques the groups do not predict in another motion, as wide and as fast as the logs'."""
     base, rng = seen.base, np.random.default_rng(0)
     q = np.concatenate([motion.q for motion in seen.motions])

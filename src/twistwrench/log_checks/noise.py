@@ -51,7 +51,8 @@ def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Arra
     """
     steps = np.concatenate([np.diff(t) for t in times])
     quanta = np.array([quantum([x[:, k] for x in parts]) for k in range(parts[0].shape[1])])
-    found = np.where(_moves(parts), noise(times, parts if curves is None else curves, quanta), 0.0)
+    moves = np.any([np.ptp(x, axis=0) > 0 for x in parts if len(x)], axis=0)
+    found = np.where(moves, noise(times, parts if curves is None else curves, quanta), 0.0)
     # Rounding makes noise. Without it the steps are the motion's own, as those of a steady speed are.
     quanta = np.where(found > _LEAST_SEEN * quanta / math.sqrt(12.0), quanta, 0.0)
     return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, found)
@@ -120,10 +121,6 @@ def deviation(residuals: Array, floor: Array) -> Array:
         many |= (~kept).sum(axis=0) > few
         found = np.where(many, whole, found)
     return np.asarray(np.sqrt(found))
-
-
-def _moves(parts: Sequence[Array]) -> Array:
-    return np.asarray(np.any([np.ptp(x, axis=0) > 0 for x in parts if len(x)], axis=0))
 
 
 def differences(t: Array, x: Array, order: int) -> Array:

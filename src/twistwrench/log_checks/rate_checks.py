@@ -85,11 +85,6 @@ class RateScale:
         stands = ~moves & (self._summed > _MOVES) & (self._range < _STANDS * self._summed)
         return np.where(stands, np.inf, gain)
 
-    @property
-    def range(self) -> Array:
-        """(k,) how far each curve moves within a segment at most."""
-        return self._range
-
 
 # ── How late the column is that claims to be the rate of a curve
 

@@ -168,7 +168,7 @@ def choose(
         )
     header, notes = Header(cells, where, coordinates.names), list[str]()
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
-    told = _told(header, names, columns)
+    told = _requested(header, names, columns)
     time = _time(header, told.pop(("time", 0), None), rate, notes, look)
     given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
     for (part, k), choice in told.items():
@@ -182,7 +182,7 @@ def choose(
         for k, follower in enumerate(coordinates.mimic_joints)
         for c in [c for c in header.free if header.split[c][0] == follower.name][:1]
     }
-    of_locked = [k for k in header.free if _of(locked, header.split[k][0])]
+    of_locked = [k for k in header.free if _belongs(header.split[k][0], locked)]
     # Torques are for comparison only, and may be those of some joints.
     if len(given["tau"]) < len(names["tau"]):
         given["tau"] = {}
@@ -219,7 +219,7 @@ def absent_joints(
     return tuple(j for j in joints if not any(n == j or n.startswith(f"{j}.") for n in have))
 
 
-def _told(
+def _requested(
     header: Header, names: Mapping[str, Sequence[str]], columns: Mapping[str, str]
 ) -> dict[tuple[str, int], Choice]:
     """Columns of the option ``columns``, by part and number of the coordinate."""
@@ -362,7 +362,7 @@ def _by_number(
         )
 
 
-def _of(locked: Sequence[str], text: str) -> bool:
+def _belongs(text: str, locked: Sequence[str]) -> bool:
     return any(text == j or text.startswith(f"{j}.") for j in locked) or NamedJoints(locked).meaning(text) is not None
 
 
@@ -479,7 +479,7 @@ class Columns:
             ),
         )
 
-    def take(self, table: Array, part: str) -> Any:
+    def in_si(self, table: Array, part: str) -> Any:
         """The columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns), in SI units; None if absent."""
         where = self.places[part]
         return None if where is None else table[:, where] * self.factors[part]

@@ -49,19 +49,8 @@ class Coordinates:
     """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
-        """Names of the columns of a quantity in files written here; with ``degrees`` they name that unit.
+        """Names of the columns of "q", "dq", "ddq" or "tau" in files written here; with ``degrees`` they name that unit.
 
-        Parameters
-        ----------
-        part : "q", "dq", "ddq" or "tau"
-        degrees : bool, whether angles are in degrees there
-
-        Returns
-        -------
-        headers : list of str, (nq,) or (nv,)
-
-        Examples
-        --------
         >>> import twistwrench as tw
         >>> Coordinates.from_model(tw.robots.pendulum().model).headers("dq", degrees=True)
         ['hinge.vel [deg/s]']
@@ -73,36 +62,17 @@ class Coordinates:
 
     @classmethod
     def from_model(cls, model: Model) -> Coordinates:
-        """Names and units of a model's coordinates.
-
-        Parameters
-        ----------
-        model : Model
-
-        Returns
-        -------
-        coordinates : Coordinates
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> Coordinates.from_model(tw.robots.planar_2r().model).names
-        ('joint1', 'joint2')
-        """
-        found = _KEPT.get(model)
-        if found is None:
-            found = _KEPT[model] = cls._made(model)
-        return found
-
-    @classmethod
-    def _made(cls, model: Model) -> Coordinates:
+        """Names and units of a model's coordinates."""
+        found = _CACHE.get(model)
+        if found is not None:
+            return found
         joints = [b.joint for b in model.leaders]
         endless = np.array([k in j.wraps for j in joints for k in range(j.nq)], bool)
         position_of = np.full(model.nv, -1)
         for b in model.leaders:
             if b.joint.nv == 1:
                 position_of[b.v_index] = b.q_index
-        return cls(
+        found = _CACHE[model] = cls(
             names=model.coordinate_names,
             velocity_names=model.velocity_names,
             angular=np.array([unit == "rad" for j in joints for unit in j.coordinate_units], bool),
@@ -116,6 +86,7 @@ class Coordinates:
                 if b.follows and not endless[b.q_index]
             ),
         )
+        return found
 
     @property
     def torque_units(self) -> tuple[str, ...]:
@@ -137,7 +108,7 @@ def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[A
     return np.concatenate(velocities, axis=1), np.concatenate(accelerations, axis=1)
 
 
-_KEPT: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
+_CACHE: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
 """Coordinates of each model in use: simulations need them in every run."""
 
 

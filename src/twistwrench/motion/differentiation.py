@@ -14,7 +14,7 @@ from ..log_checks.noise import SampleErrors, Survey, sample_errors, survey
 from ..model.model import Model
 from ..typing import Array
 from .coordinates import Continuity, Coordinates, joint_rates
-from .log_table import windows
+from .log_table import excerpts, windows
 from .motion_log import LogRows, MotionLog
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
@@ -90,56 +90,17 @@ class MotionSamples:
     def __len__(self) -> int:
         return len(self.time)
 
-    def at(self, rows: Any) -> MotionSamples:
-        """Some of the rows.
-
-        Parameters
-        ----------
-        rows : slice, mask or indices
-
-        Returns
-        -------
-        states : MotionSamples
-
-        Examples
-        --------
-        >>> MotionSamples.none(2, 2).at(slice(0)).q.shape
-        (0, 2)
-        """
+    def __getitem__(self, rows: Any) -> MotionSamples:
+        """Some of the rows, by a slice, a mask or indices."""
         return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def copy(self) -> MotionSamples:
-        """The same, holding on to no larger arrays.
-
-        Returns
-        -------
-        states : MotionSamples
-
-        Examples
-        --------
-        >>> MotionSamples.none(2, 2).copy().dq.shape
-        (0, 2)
-        """
+        """The same, holding on to no larger arrays."""
         return MotionSamples(*(getattr(self, f.name).copy() for f in fields(self)))
 
     @classmethod
     def none(cls, nq: int, nv: int) -> MotionSamples:
-        """No states at all.
-
-        Parameters
-        ----------
-        nq : int
-        nv : int
-
-        Returns
-        -------
-        states : MotionSamples
-
-        Examples
-        --------
-        >>> len(MotionSamples.none(2, 2).time)
-        0
-        """
+        """No states at all."""
         q, v = np.zeros((0, nq)), np.zeros((0, nv))
         return cls(np.zeros(0), q, v, v, q, v.astype(bool), np.zeros((0, 0)))
 
@@ -291,15 +252,15 @@ class Differentiation:
         places = has[differentiated] if derives else None
         places = np.zeros(0, int) if places is None else places
 
-        excerpts = trajectory.excerpts(_EXCERPTS, _EXCERPT_ROWS)
-        times = [table[:, trajectory.columns.time] for table in excerpts]
-        parts = curves = [table[:, places] for table in excerpts]
+        runs = excerpts(trajectory.table, _EXCERPTS, _EXCERPT_ROWS)
+        times = [table[:, trajectory.columns.time] for table in runs]
+        parts = curves = [table[:, places] for table in runs]
         longest = max(map(len, times))  # runs of a large file have so many rows of different times
         if derives and longest < FEWEST:
             raise _too_few(trajectory, longest, "accelerations" if source != "given" else "velocities")
         coordinates, turn = Coordinates.from_model(model), math.tau / trajectory.columns.angle
         where = has["q"]
-        continuity = Continuity.from_parts(coordinates, [table[:, where] for table in excerpts], turn)
+        continuity = Continuity.from_parts(coordinates, [table[:, where] for table in runs], turn)
         if differentiated == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
@@ -348,7 +309,7 @@ class Differentiation:
         )
 
     def smoothed(self, progress: Callable[[float], None] | None = None) -> Differentiation:
-        """The same of the same file, smoothed."""
+        """The plan of the same file, smoothed."""
         return Differentiation.plan(self.trajectory, self.model, smoothing=True, progress=progress)
 
     @property
@@ -377,7 +338,7 @@ class Differentiation:
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
         """Samples of the motion in runs of about ``core`` rows; values do not depend on ``core``, to round-off."""
         for states, _, inner in self.surrounded_states(core, progress):
-            yield states.at(inner)
+            yield states[inner]
 
     def surrounded_states(
         self, core: int, progress: Callable[[int], None] | None = None

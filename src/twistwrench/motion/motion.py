@@ -434,7 +434,7 @@ class Motion(MotionFiles):
 
         return plot_motion(self, path, bounds, friction=friction)
 
-    def of(self, robot: Robot) -> Motion:
+    def with_robot(self, robot: Robot) -> Motion:
         """The same states of another robot with the same coordinates, such as one that carries a payload.
 
         Examples
@@ -442,11 +442,11 @@ class Motion(MotionFiles):
         >>> import numpy as np, twistwrench as tw
         >>> t = np.linspace(0, 1, 101)
         >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> loaded = motion.of(motion.robot.with_payload(tw.SpatialInertia.from_com(1.0)))
+        >>> loaded = motion.with_robot(motion.robot.with_payload(tw.SpatialInertia.from_com(1.0)))
         >>> bool((abs(loaded.torques()) > abs(motion.torques())).all())
         True
         """
-        if require_robot(robot, "Motion.of").coordinate_names != self.robot.coordinate_names:
+        if require_robot(robot, "Motion.with_robot").coordinate_names != self.robot.coordinate_names:
             raise ValueRangeError(
                 f"the motion is of robot {self.robot.name!r}, whose coordinates are others than those of {robot.name!r}."
             )

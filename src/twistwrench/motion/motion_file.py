@@ -6,6 +6,7 @@ Columns that are called alike in several files get the quantity that their file'
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -68,7 +69,7 @@ class JoinedFile:
         cells = [parts[k].header[c] for k, c in places]
         twice = {cell for cell, count in Counter(filter(None, cells)).items() if count > 1}
         header = [
-            _told_apart(cell, parts[k].path) if cell in twice else cell
+            _distinct(cell, parts[k].path) if cell in twice else cell
             for cell, (k, _) in zip(cells, places, strict=True)
         ]
         size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
@@ -158,7 +159,7 @@ def _seconds(cell: str) -> float:
     return (time_factor(said) or 1.0) if said else 1.0
 
 
-def _told_apart(cell: str, path: Path) -> str:
+def _distinct(cell: str, path: Path) -> str:
     stem = path.name.split(".")[0]
     said = {SUFFIX[_PART_OF[word]] for word in re.findall(r"[^\W\d_]+", stem.casefold()) if word in _PART_OF}
     if len(said) != 1:
@@ -175,10 +176,8 @@ _PARTS = (("position", "q"), ("velocity", "dq"), ("effort", "tau"))
 
 def is_recording(path: Path) -> bool:
     """True if it is named like recordings of ROS: .mcap, .bag, or a folder with a metadata.yaml."""
-    try:
-        return path.suffix.lower() in (".mcap", ".bag") or (path / "metadata.yaml").is_file()
-    except (OSError, ValueError):
-        return False
+    metadata = path / "metadata.yaml"
+    return path.suffix.lower() in (".mcap", ".bag") or os.path.isfile(metadata)  # noqa: PTH113  it may be no path at all
 
 
 def ros_file(path: Path) -> ArrayFile:
@@ -205,7 +204,7 @@ def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
     names = list(messages[0].name)
     mine = [m for m in messages if set(m.name) >= set(names)]
     begin = mine[0].header.stamp
-    time = [_seconds_of_ros_file(m.header.stamp, begin) for m in mine]
+    time = [_ros_seconds(m.header.stamp, begin) for m in mine]
     order = [[list(m.name).index(n) for n in names] for m in mine]
     header, columns = ["time [s]"], [np.array(time)[:, None]]
     for field, part in _PARTS:
@@ -218,7 +217,7 @@ def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
     return header, np.concatenate(columns, axis=1)
 
 
-def _seconds_of_ros_file(stamp: Any, begin: Any) -> float:
+def _ros_seconds(stamp: Any, begin: Any) -> float:
     """Since the first stamp: whole nanoseconds since 1970 do not fit into a float."""
     nano = "nanosec" if hasattr(stamp, "nanosec") else "nsecs" if hasattr(stamp, "nsecs") else "nanosec"
     sec = "sec" if hasattr(stamp, "sec") else "secs"
@@ -265,20 +264,13 @@ MotionFile = CsvFile | ArrayFile | JoinedFile
 def open_motion_file(path: str | Path) -> MotionFile:
     """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
     place = as_path(path)
-    if JOINS in str(path) and not _is_there(place):
+    if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is no path at all
         return JoinedFile.open(path, open_motion_file)
     if is_recording(place):
         return ros_file(place)
     if (arrays := array_file(place)) is not None:
         return arrays
     return simulation_file(place) if is_archive(place) else CsvFile.open(place)
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # no path at all
-        return False
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

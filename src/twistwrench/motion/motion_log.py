@@ -23,7 +23,7 @@ from . import log_table
 from .columns import Columns, varying_columns
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
-from .log_table import excerpts, slices, table_of, without_times
+from .log_table import slices, table_of, without_times
 from .motion_file import MotionFile, open_motion_file
 
 _MOST = 10_000
@@ -313,46 +313,9 @@ class MotionLog:
             found.add(self.motion(table[first : s.stop]), s.start - first)
         return found
 
-    def excerpts(self, count: int, rows: int) -> list[Array]:
-        """Runs of consecutive rows spread evenly over the log, its ends included.
-
-        Parameters
-        ----------
-        count : int, up to so many runs
-        rows : int, rows of each; a short log comes whole, as one
-
-        Returns
-        -------
-        tables : list of (n, columns) arrays
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> len(log.excerpts(2, 10))
-        2
-        """
-        return excerpts(self.table, count, rows)
-
     def motion(self, table: Array) -> LogRows:
-        """Columns of a table sorted into q, dq, ddq and torques, in SI units.
-
-        Parameters
-        ----------
-        table : (n, columns) array
-
-        Returns
-        -------
-        rows : LogRows
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> log.motion(log.table).q.shape[1]
-        6
-        """
-        return LogRows(table[:, 0].copy(), *(self.columns.take(table, part) for part in ("q", "dq", "ddq", "tau")))
+        """Rows of a table (n, columns) of the log, or of some of its rows, sorted into q, dq, ddq and torques, in SI units."""
+        return LogRows(table[:, 0].copy(), *(self.columns.in_si(table, part) for part in ("q", "dq", "ddq", "tau")))
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import gzip
 import io
+import os
 import stat
 import tempfile
 import weakref
@@ -12,7 +13,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 from ..errors import NotFoundError, TrajectoryError
 
@@ -38,20 +39,24 @@ class TextSource:
     path: Path
     size: int
     """Size of the plain text [bytes]."""
-    _copy: IO[bytes] | None = None
+    _copy: BinaryIO | None = None
 
     @classmethod
     def from_path(cls, path: Path) -> TextSource:
         """Look at the file; raises NotFoundError, and TrajectoryError where it cannot be read."""
-        if _is_folder(path):
+        if os.path.isdir(path):  # noqa: PTH112  False where the text is no path at all
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
         try:
             with path.open("rb") as file:
-                regular = stat.S_ISREG(path.stat().st_mode)
-                head = file.read(_LOOK)
-                if regular and head[:2] != _GZIP and _encoding(head) is None and not _old_line_ends(head):
-                    return cls(path, file.seek(0, 2))
-                return _copied(path, head, file)
+                copy = None if stat.S_ISREG(path.stat().st_mode) else _copied(_portions(file))
+                raw = copy or file
+                packed, _ = raw.read(2) == _GZIP, raw.seek(0)
+                text = cast("BinaryIO", gzip.GzipFile(fileobj=raw)) if packed else raw
+                head, _ = text.read(_LOOK), text.seek(0)
+                encoding, old = _encoding(head), b"\r" in head and b"\n" not in head
+                if packed or encoding or old:
+                    copy = text = _copied(_plain(text, encoding, old=old))
+                source = cls(path, text.seek(0, 2), copy)
         except FileNotFoundError:
             raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
         except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
@@ -65,6 +70,9 @@ class TextSource:
         except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
             said = getattr(problem, "strerror", None) or problem
             raise TrajectoryError(f"{path}: cannot be read: {said}. A file that can be read is needed.") from None
+        if copy is not None:
+            weakref.finalize(source, copy.close)
+        return source
 
     def open(self) -> BinaryIO:
         """The text from its beginning; several may be open at once."""
@@ -76,7 +84,7 @@ class TextSource:
 class _Window(io.RawIOBase):
     """A file with a place of its own in another one."""
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: BinaryIO) -> None:
         self._file, self._at = file, 0
 
     def readable(self) -> bool:
@@ -100,70 +108,32 @@ class _Window(io.RawIOBase):
         return self._at
 
 
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):  # no path at all; opening it says so
-        return False
-
-
-def _copied(path: Path, head: bytes, file: BinaryIO) -> TextSource:
-    copy = cast("IO[bytes]", tempfile.SpooledTemporaryFile(_KEPT_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
-    size = 0
-    try:
-        for portion in _plain(head, file):
-            size += copy.write(portion)
-    except BaseException:
-        copy.close()
-        raise
-    source = TextSource(path, size, copy)
-    weakref.finalize(source, copy.close)
-    return source
-
-
-def _plain(head: bytes, file: BinaryIO) -> Iterator[bytes]:
-    """The text in portions, unpacked, in UTF-8."""
-    portions = _portions(head, file)
-    if head[:2] == _GZIP:
-        packed = gzip.GzipFile(fileobj=cast("BinaryIO", _Joined(head, file)))
-        portions = iter(lambda: packed.read(_PORTION), b"")
-        head = next(portions, b"")
-        portions = _chained(head, portions)
-    encoding = _encoding(head)
-    decoder = codecs.getincrementaldecoder(encoding)() if encoding else None
-    old = decoder is None and _old_line_ends(head)
-    for portion in portions:
-        text = decoder.decode(portion).encode("utf-8") if decoder else portion
-        yield text.replace(b"\r", b"\n") if old else text
-    if decoder:
-        yield decoder.decode(b"", final=True).encode("utf-8")
-
-
-def _portions(head: bytes, file: BinaryIO) -> Iterator[bytes]:
-    yield head
+def _portions(file: BinaryIO) -> Iterator[bytes]:
     while portion := file.read(_PORTION):
         yield portion
 
 
-def _chained(first: bytes, rest: Iterator[bytes]) -> Iterator[bytes]:
-    yield first
-    yield from rest
+def _copied(portions: Iterator[bytes]) -> BinaryIO:
+    """A copy in memory, or in a nameless temporary file if it is long, at its beginning."""
+    copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_KEPT_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
+    try:
+        for portion in portions:
+            copy.write(portion)
+    except BaseException:
+        copy.close()
+        raise
+    copy.seek(0)
+    return copy
 
 
-class _Joined(io.RawIOBase):
-    """Bytes that were read already, then the rest of their file."""
-
-    def __init__(self, head: bytes, rest: BinaryIO) -> None:
-        self._head, self._rest = head, rest
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        text = self._head[: len(buffer)] or self._rest.read(len(buffer))
-        self._head = self._head[len(buffer) :]
-        buffer[: len(text)] = text
-        return len(text)
+def _plain(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:
+    """The text in portions, in UTF-8; ``old`` lines end in returns."""
+    decoder = codecs.getincrementaldecoder(encoding)() if encoding else None
+    for portion in _portions(file):
+        text = decoder.decode(portion).encode("utf-8") if decoder else portion
+        yield text.replace(b"\r", b"\n") if old else text
+    if decoder:
+        yield decoder.decode(b"", final=True).encode("utf-8")
 
 
 def _encoding(head: bytes) -> str | None:
@@ -176,7 +146,3 @@ def _encoding(head: bytes) -> str | None:
     if len(head) >= 4 and not head[0] and head[1] and not head[2] and head[3]:
         return "utf-16-be"
     return None
-
-
-def _old_line_ends(head: bytes) -> bool:
-    return b"\r" in head and b"\n" not in head

@@ -279,7 +279,7 @@ class MotionTally:
 
     def add(self, states: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
         """Add an overlapping run: its states, the torques (n, nv) of its new rows, and the rows of the log."""
-        s = states.at(inner)
+        s = states[inner]
         noisy = bool(self.plan.sigma_ddq.any())
         sigma = self._sigma(s) if noisy and (self.search or motion.tau is not None) else np.zeros_like(torques)
         if self.search is not None:
@@ -303,7 +303,7 @@ class MotionTally:
             self.outliers.add(s.time, s.outlier, self._may_pass(s, torques))
         if self.load.with_load.actuators:
             self.motors.add(s.time, self.load.motor_loads(s))
-        some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
+        some = s[:: max(1, len(s) // _MASS_SAMPLES)]
         if self.plan.sigma_ddq.any():
             M = self.load.with_load.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
@@ -352,11 +352,11 @@ class MotionTally:
         if not fresh:
             return
         joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
-        for name, values in self.load.terms(s.at(rows)).items():
+        for name, values in self.load.terms(s[rows]).items():
             self.terms[name][joints] = values[np.arange(len(joints)), joints]
         self.signed["effort"][joints] = torques[rows, joints]
         for joint, row in fresh:
-            self.around[joint] = s.at(slice(max(0, row - self._reach), row + self._reach)).copy()
+            self.around[joint] = s[max(0, row - self._reach) : row + self._reach].copy()
 
     def _look_at_limits(self, s: MotionSamples) -> None:
         at, limits = self.coordinates.position_of, self.limits
@@ -477,13 +477,13 @@ class _Run:
         header = _csv_header(tally.coordinates.velocity_names, self.split, derived=beside is not None)
         with nullcontext() if self.csv is None or not write else csv_table(self.csv, header) as table:
             for states, motion, inner in plan.surrounded_states(self.chunk, told):
-                s = states.at(inner)
+                s = states[inner]
                 torques = self.load.torques(s)
                 _check_finite(torques, s)
                 tally.add(states, torques, motion, inner)
                 if table is not None:
                     parts = list(self.load.terms(s).values()) if self.split else []
-                    parts += [] if beside is None else [self.load.torques(beside.complete(motion).at(inner))]
+                    parts += [] if beside is None else [self.load.torques(beside.complete(motion)[inner])]
                     table.numbers(np.concatenate([s.time[:, None], torques, *parts], axis=1))
         return tally
 

@@ -68,7 +68,7 @@ class Rollout:
         Notes
         -----
         Its robot is the one that was rolled out, whatever ``parameters=`` said for the sample: for torques with a
-        sample's payload, ``motion.of(robot.with_payload(…))``.
+        sample's payload, ``motion.with_robot(robot.with_payload(…))``.
 
         Examples
         --------

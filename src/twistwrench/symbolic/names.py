@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.numbers import printed
-from ..core.optional import lazy_module
+from ..core.third_party import lazy_module
 from ..errors import MissingExtraError, UnknownNameError, ValueRangeError
 from ..model.model import BASE, Body, Model
 

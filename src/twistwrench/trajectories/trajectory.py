@@ -59,7 +59,7 @@ def violations(
             raise ValueRangeError(
                 f"violations: the motion is {arguments.shown(trajectory)}: give a Trajectory, a tw.Motion, or a simulation."
             )
-        return motion.of(robot).violations(bounds, friction=friction)
+        return motion.with_robot(robot).violations(bounds, friction=friction)
     samples, friction = arguments.whole(samples, "samples"), arguments.flag(friction, "friction")
     t = np.linspace(0.0, trajectory.duration, samples)
     q, dq, ddq = trajectory(t)
