@@ -100,7 +100,7 @@ def test_verdicts_and_exit_codes(tmp_path):
 def test_why_splits_the_worst_peak_by_link(robot):
     report, _, load = analysed(robot, 5.0)
     k = report.worst
-    row = report.around.at(int(np.argmin(np.abs(report.around.time - report.joints[k].time))))
+    row = report.around[int(np.argmin(np.abs(report.around.time - report.joints[k].time)))]
     why = load.explain(row)
     assert why.torque[k] == pytest.approx(report.joints[k].peak, rel=1e-12)
     assert why.of("payload at tool0")[k] == pytest.approx(report.joints[k].terms["payload"], rel=1e-9)

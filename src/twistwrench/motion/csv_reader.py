@@ -18,8 +18,7 @@ from ..core.files import as_path
 from ..core.tables import unescape_cell
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..typing import Array
-from .log_table import table_of
-from .text_source import TextSource
+from .log_table import TextSource, table_of
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _SEPARATORS = (";", "\t", ",", None)
