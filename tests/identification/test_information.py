@@ -17,8 +17,7 @@ from twistwrench.identification import chunks as log_source
 from twistwrench.identification.chunks import LogClock, LogSource, steady_windows
 from twistwrench.identification.hyperparameters import BoundedMemory
 from twistwrench.identification.normal_equation_blocks import MOST_BLOCKS
-from twistwrench.identification.rows import FilteredRows
-from twistwrench.identification.zero_phase import SteadySamples
+from twistwrench.identification.rows import FilteredRows, SteadySamples
 
 ARM = tw.robots.planar_2r()
 FIXED = {"cutoff": 8.0, "shift": 0.003, "friction_speed": 0.05}

@@ -11,7 +11,7 @@ from scipy import special
 from twistwrench.formats.yaml import UNITS, in_si
 from twistwrench.motion.column_names import unit_factor
 from twistwrench.motion.differentiation import residual_spread
-from twistwrench.sensing.compensation import MIXUPS
+from twistwrench.sensing.contact_detection import MIXUPS
 from twistwrench.sensing.files import read_log
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.log import ReadingLog

@@ -11,7 +11,7 @@ from sensor_logs import NOISES as NOISE
 
 import twistwrench as tw
 from twistwrench.sensing import contact_detection
-from twistwrench.sensing.compensation import compensation
+from twistwrench.sensing.contact_detection import compensation
 from twistwrench.sensing.fit import Problem, SensorState, Unknowns, fit, uncertainty_of
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog

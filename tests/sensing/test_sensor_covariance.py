@@ -8,11 +8,10 @@ import numpy as np
 from sensor_logs import AT_REST, NOISE, drifting
 
 from twistwrench.estimation.covariance import by_clusters, plug_in
-from twistwrench.sensing.compensation import compensation
-from twistwrench.sensing.contact_detection import CollisionThreshold
+from twistwrench.sensing.contact_detection import CollisionThreshold, compensation
 from twistwrench.sensing.fit import Problem, Unknowns, fit
+from twistwrench.sensing.identification import whiteness
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.observability import whiteness
 from twistwrench.sensing.outliers import static_poses
 from twistwrench.sensing.poses import propose_poses
 

@@ -10,7 +10,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.lie import quaternion
-from twistwrench.sensing.compensation import log_doubt
+from twistwrench.sensing.contact_detection import log_doubt
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import lively_motion, simulate

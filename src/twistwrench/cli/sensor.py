@@ -22,7 +22,7 @@ from ..errors import ModelWarning, ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..lie import quaternion, so3
 from ..lie.labelled import WRENCH
-from ..sensing.compensation import Compensation, compensation, left_over
+from ..sensing.contact_detection import Compensation, compensation, left_over
 from ..sensing.files import read_log, read_sensor_file, write_sensor
 from ..sensing.log import ReadingLog
 from ..sensing.outliers import runs

@@ -1,9 +1,10 @@
-"""Covariance of weighted least squares with correlated rows: sandwich estimates over clusters and over blocks of time."""
+"""Covariance of weighted least squares with correlated rows: sandwiches over clusters and blocks of time; whiteness tests."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,17 +116,17 @@ def by_clusters(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array
     Sources: Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples",
     Survey Methodology 28, 2002; Pustejovsky and Tipton, J. Business & Economic Statistics 36, 2018.
     """
-    p = Q.shape[-1]
+    return by_moments(*cluster_moments(lambda rows: Q[rows].reshape(-1, Q.shape[-1]), left, label), half)
+
+
+def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array) -> tuple[Array, Array]:
+    """Q_g'Q_g (g, p, p) and Q_g'e_g (g, p) of each cluster; ``columns`` are those of Q in some rows, all their entries."""
     place = cluster_numbers(label)
-    count = int(place.max()) + 1
-    M, s = np.zeros((count, p, p)), np.zeros((count, p))
     order = np.argsort(place, kind="stable")
-    starts = np.searchsorted(place[order], np.arange(count))
-    np.add.reduceat(np.einsum("gc,gcp->gp", left, Q)[order], starts, axis=0, out=s)
-    for g, (a, b) in enumerate(zip(starts, [*starts[1:], len(order)], strict=True)):
-        q = Q[order[a:b]].reshape(-1, p)
-        M[g] = q.T @ q
-    return by_moments(M, s, half)
+    parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
+    pairs = [(Q.T @ Q, Q.T @ left[rows].reshape(-1)) for rows in parts for Q in (columns(rows),)]
+    M, s = zip(*pairs, strict=True)
+    return np.stack(M), np.stack(s)
 
 
 def cluster_numbers(label: Array) -> Array:
@@ -169,7 +170,7 @@ _PORTION = 1000
 
 @dataclass(frozen=True, eq=False)
 class GroupCovariance:
-    """Covariance of the groups.
+    """Covariance of groups of parameters.
 
     Attributes
     ----------
@@ -205,9 +206,14 @@ class GroupCovariance:
         >>> GroupCovariance(np.eye(1), np.array([1e9]), np.ones(1), 1.0).half_width().round(2).tolist()
         [1.96]
         """
-        from scipy.special import stdtrit
+        return np.asarray(student_quantile(np.maximum(self.freedom, 1.0), level) * self.deviations)
 
-        return np.asarray(stdtrit(np.maximum(self.freedom, 1.0), 0.5 + 0.5 * level) * self.deviations)
+
+def student_quantile(freedom: Array | float, level: float) -> Array:
+    """Half the width of Student's intervals, in standard deviations."""
+    from scipy.special import stdtrit
+
+    return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.5 + 0.5 * level))
 
 
 def group_covariance(
@@ -226,53 +232,20 @@ def group_covariance(
     ``time`` and ``log`` (n,) are those of each row. ``chosen`` (n, nv, k) are the changes of the predicted torques with each
     setting that was chosen on the same rows, such as the offset of the clock: the fit is not surer than they are.
     """
-    groups = W.shape[2]
-    left = tau - W @ x
-    size = np.sqrt((chosen**2).mean(axis=(0, 1)))
-    rows = _WhitenedRows(W, chosen[..., size > 0] / size[size > 0], np.sqrt(weights) / sigma)
-    prior = Prior(np.zeros(rows.count), np.concatenate([prior.size, np.full(int((size > 0).sum()), sigma.max() * 1e3)]))
-    found = _covariance(rows, left * rows.root, prior, time, log)
-    matrix = found.matrix[:groups, :groups] * _huber_factor(left, weights) ** 2
-    return GroupCovariance(matrix, found.freedom[:groups], found.textbook[:groups], found.block)
+    r, left, root = W.shape[2], tau - W @ x, np.sqrt(weights) / sigma
+    change = np.sqrt((chosen**2).mean(axis=(0, 1)))
+    beside = chosen[..., change > 0] / change[change > 0]
+    sizes = np.concatenate([prior.size, np.full(beside.shape[2], sigma.max() * 1e3)])
 
+    def whitened(rows: Array | slice) -> Array:
+        """All columns (m nv, r + k) of some rows."""
+        A = np.concatenate([W[rows], beside[rows]], axis=2)
+        A *= root[rows][..., None]
+        return A.reshape(-1, len(sizes))
 
-@dataclass(frozen=True, eq=False)
-class _WhitenedRows:
-    """Columns W (n, nv, r) and beside them others (n, nv, k), times the roots (n, nv) of their weights: some rows at a time."""
-
-    W: Array
-    beside: Array
-    root: Array
-
-    @property
-    def count(self) -> int:
-        """Number of all columns."""
-        return int(self.W.shape[2] + self.beside.shape[2])
-
-    def of(self, rows: Array | slice) -> Array:
-        """(m nv, r + k) of some of the rows."""
-        A = np.concatenate([self.W[rows], self.beside[rows]], axis=2)
-        A *= self.root[rows][..., None]
-        return A.reshape(-1, self.count)
-
-    def factor(self, size: Array) -> Array:
-        """R (r + k, r + k) with R'R = 1 + A'A of the columns in units of their sizes: of the rows so far and the next ones."""
-        R: Array = np.eye(self.count)
-        for begin in range(0, len(self.W), _PORTION):
-            more = self.of(slice(begin, begin + _PORTION)) * size
-            R = np.asarray(np.linalg.qr(np.concatenate([R, more]), mode="r"))
-        return R
-
-    def moments(self, left: Array, half: Array, label: Array) -> tuple[Array, Array]:
-        """Q_g'Q_g (g, r + k, r + k) and Q_g'e_g (g, r + k) of each cluster, Q = A half and e (n, nv) the residuals."""
-        place = cluster_numbers(label)
-        order = np.argsort(place, kind="stable")
-        parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
-        M, s = np.zeros((len(parts), self.count, self.count)), np.zeros((len(parts), self.count))
-        for g, rows in enumerate(parts):
-            Q = self.of(rows) @ half
-            M[g], s[g] = Q.T @ Q, Q.T @ left[rows].reshape(-1)
-        return M, s
+    found = _covariance(whitened, left * root, sizes, time, log)
+    matrix = found.matrix[:r, :r] * _huber_factor(left, weights) ** 2
+    return GroupCovariance(matrix, found.freedom[:r], found.textbook[:r], found.block)
 
 
 def _huber_factor(left: Array, weights: Array) -> float:
@@ -287,40 +260,119 @@ def _huber_factor(left: Array, weights: Array) -> float:
     return float(weights[:, live].mean() / (weights[:, live] == 1.0).mean())
 
 
-def _covariance(rows: _WhitenedRows, left: Array, prior: Prior, time: Array, log: Array) -> GroupCovariance:
-    """The sandwich of all columns, ``left`` (n, nv) the whitened residuals."""
-    (n, nv), r = left.shape, rows.count
-    half = prior.size[:, None] * np.linalg.inv(rows.factor(prior.size))
+def _covariance(
+    whitened: Callable[[Array | slice], Array], left: Array, sizes: Array, time: Array, log: Array
+) -> GroupCovariance:
+    """The sandwich of all columns, ``left`` (n, nv) the whitened residuals, under priors of those ``sizes`` about zero."""
+    n, nv = left.shape
+    R: Array = np.eye(len(sizes))  # R'R = 1 + A'A of columns in units of their sizes
+    for begin in range(0, n, _PORTION):
+        R = np.asarray(np.linalg.qr(np.concatenate([R, whitened(slice(begin, begin + _PORTION)) * sizes]), mode="r"))
+    half = sizes[:, None] * np.linalg.inv(R)
     step = float(np.median(np.diff(time)[np.diff(log) == 0])) if n > 1 else 1.0
-    textbook = np.sqrt(np.maximum(((half @ half.T).diagonal()) * float((left**2).sum()) / max(1, n * nv - r), 0.0))
+    squares, freedom = float((left**2).sum()), max(1, n * nv - len(sizes))
+    textbook = np.sqrt(np.maximum((half @ half.T).diagonal() * squares / freedom, 0.0))
     apart = max(_LENGTHS * autocorrelation_length(left), _SECONDS / step)
     apart = float(np.clip(apart, n / _MOST_BLOCKS, n / _FEWEST_BLOCKS))
     for _ in range(8):
         label = np.arange(n) // max(1, math.ceil(apart))
-        found = by_moments(*rows.moments(left, half, label + (label.max() + 1) * log), half)
+        label += (label.max() + 1) * log
+        found = by_moments(*cluster_moments(lambda rows: whitened(rows) @ half, left, label), half)
         if found is not None:
-            matrix, freedom = found
-            return GroupCovariance(matrix, freedom, textbook, apart * step)
+            return GroupCovariance(*found, textbook, apart * step)
         apart /= 2.0
         if apart < 1.0:
             break
     inflated = half @ half.T * autocorrelation_length(left)
-    return GroupCovariance(inflated, np.full(r, 1e9), textbook, 0.0)
+    return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
+
+
+# ── Residuals in the order of the log: their autocorrelation, and tests of it
+
+_CHANCE = 1e-3  # that white residuals are called otherwise, in any channel
+_LAGS = 20  # of Ljung and Box's test
+_LONG = 100  # rows from which that test is made
+
+
+def autocorrelation(e: Array, lags: int) -> Array:
+    """Autocorrelation of a series (n,) about zero at lags 0 to ``lags``."""
+    spectrum = np.fft.rfft(e, 2 * len(e))
+    return np.asarray(np.fft.irfft(spectrum * spectrum.conj())[: lags + 1] / max(float(e @ e), 1e-300))
 
 
 def autocorrelation_length(left: Array) -> float:
     """Integrated autocorrelation time of residuals (n, nv) in rows: 1 + 2 Σ ρ until ρ is lost in noise; the largest joint's."""
-    n = len(left)
+    n, longest = len(left), 1.0
     lags = min(n // 4, 400)
-    longest = 1.0
     for column in left.T:
-        e = column - column.mean()
-        size = float(e @ e)
-        if size <= 0:
-            continue
-        spectrum = np.fft.rfft(e, 2 * n)
-        rho = np.fft.irfft(spectrum * spectrum.conj())[: lags + 1] / size
+        rho = autocorrelation(column - column.mean(), lags)
         below = np.flatnonzero(rho < 2.0 / math.sqrt(n))
         stop = int(below[0]) if below.size else lags
         longest = max(longest, 1.0 + 2.0 * float(rho[1:stop].sum()))
     return longest
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Whiteness of residuals: the result of the tests, of the channel that is least white."""
+
+    axis: str
+    lag1: float
+    """Autocorrelation of neighbouring rows."""
+    chance: float
+    """Probability that white noise has as much in any channel."""
+    length: int
+    """Rows over which residuals are correlated; 1 if they are white."""
+    test: str
+
+    @property
+    def white(self) -> bool:
+        """True if noise alone may cause it."""
+        return self.chance > _CHANCE
+
+    @classmethod
+    def from_residuals(cls, e: Array, Q: Array, names: Sequence[str]) -> Whiteness:
+        """Test whitened residuals e (n, c) of a fit with the orthonormal columns Q (n, c, p).
+
+        For each channel c, e_c' D e_c with D the mean of the two shifts by one row: the numerator of the lag-1
+        autocorrelation, as in Durbin and Watson's test, against its mean and variance under white noise, -tr Q_c' D Q_c and
+        2 (tr D² - 2 tr Q_c' D² Q_c + tr (Q_c' D Q_c)²). From 100 rows on also Ljung and Box's test, of 20 lags.
+        Sources: Durbin and Watson, Biometrika 37, 1950; Ljung and Box, Biometrika 65, 1978.
+        """
+        from scipy import special
+
+        n, found = len(e), list[Whiteness]()
+        for axis, q, r in zip(names, np.moveaxis(Q, 1, 0), e.T, strict=True):
+            left = max(float(r @ r), 1e-300)
+            variance = left / max(n - float((q * q).sum()), 1.0)
+            Dq, product = _neighbours(q), float(r @ _neighbours(r))
+            mean = -float((q * Dq).sum())
+            spread = 2.0 * (0.5 * (n - 1) - 2.0 * float((Dq * Dq).sum()) + float(((q.T @ Dq) ** 2).sum()))
+            z = (product / variance - mean) / np.sqrt(max(spread, 1e-12))
+            tests = [(float(special.ndtr(-z)), "lag-1 autocorrelation")]
+            if n >= _LONG:
+                rho = autocorrelation(r, _LAGS)[1:]
+                box = n * (n + 2) * float((rho**2 / (n - np.arange(1, _LAGS + 1))).sum())
+                tests.append((float(special.chdtrc(_LAGS, box)), "Ljung-Box of 20 lags"))
+            chance, test = min(tests)
+            chance = min(len(names) * len(tests) * chance, 1.0)
+            found.append(cls(axis, product / left, chance, 1, test))
+        least = min(found, key=lambda one: one.chance)
+        return least if least.white else replace(least, length=_correlated_rows(e))
+
+
+def _neighbours(x: Array) -> Array:
+    """D x: half the row before and half the row after."""
+    out = np.zeros_like(x)
+    out[1:] += 0.5 * x[:-1]
+    out[:-1] += 0.5 * x[1:]
+    return out
+
+
+def _correlated_rows(e: Array) -> int:
+    """Twice the lag at which the largest autocorrelation first falls into the noise, at most a tenth of the rows."""
+    n = len(e)
+    most = max(2, n // 10)
+    lags = np.max([autocorrelation(column, min(most, n - 2))[1:] for column in e.T], axis=0)
+    below = np.flatnonzero(lags < 2.0 / np.sqrt(n))
+    return int(min(2 * (int(below[0]) + 1), most)) if below.size else most

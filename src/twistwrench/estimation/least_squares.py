@@ -23,6 +23,8 @@ _LEAST_SHARE = 1e-12
 _LEAST_VARIANCE = 1e-7
 """Least variance of residuals, as a share of the torques' squares: weights of rows without noise stay finite."""
 _ROUNDING = 1e-13
+_NO_INFORMATION = 1e-6
+"""Share of the largest singular value, below which another one is rounding of the rows, not information."""
 
 Information = tuple[Array, Array, float]
 """N, c and |τ|² of weighted rows."""
@@ -117,6 +119,10 @@ class NormalEquations:
         """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals."""
         return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
+    def weighted(self, weights: Array) -> tuple[Array, Array]:
+        """N (r, r) and c (r,) of all joints, of equations with weights (nv,)."""
+        return np.einsum("jkl,j->kl", self.N, weights), (self.c * weights[:, None]).sum(axis=0)
+
     def squares(self, x: Array) -> Array:
         """Sums of squared residuals (nv,) at x (r,)."""
         found = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
@@ -127,7 +133,7 @@ class NormalEquations:
         variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
         x = prior.mean
         for _ in range(_ROUNDS):
-            x = prior.solve(np.einsum("jkl,j->kl", self.N, 1.0 / variance), (self.c / variance[:, None]).sum(axis=0))
+            x = prior.solve(*self.weighted(1.0 / variance))
             new = np.maximum(
                 self.squares(x) / max(self.rows, 1.0), _LEAST_VARIANCE * self.y / max(self.rows, 1.0) + 1e-300
             )
@@ -208,3 +214,45 @@ def weighted_fit(
         if done:
             break
     return x, sigma, weights
+
+
+# ── Least squares by orthogonal columns, and what rows cannot tell
+
+
+def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array, Array, Array]:
+    """Weighted least squares: estimate (p,), half its covariance (p, p), orthonormal columns Q (n, c, p).
+
+    A (n, c, p) W^(1/2) = Q U,  x = U⁻¹ Q' W^(1/2) y,  C = U⁻¹ U⁻ᵀ, with ``root`` (n, c) the roots of the weights and
+    ``sizes`` (p,) of the unknowns. Unknowns whose columns are zero are zero.
+    """
+    p = A.shape[-1]
+    free = A.any(axis=(0, 1))
+    q, upper = np.linalg.qr((A[..., free] * root[..., None]).reshape(y.size, -1) * sizes[free])
+    x, half, Q = np.zeros(p), np.zeros((p, p)), np.zeros((y.size, p))
+    inverse = sizes[free][:, None] * np.linalg.inv(upper)
+    x[free] = inverse @ (q.T @ (y * root).ravel())
+    half[np.ix_(free, free)] = inverse
+    Q[:, free] = q
+    return x, half, Q.reshape(A.shape)
+
+
+def null_combinations(A: Array) -> Array:
+    """Combinations (k, p) of the columns of A (n, p) that are zero, in reduced echelon form: few entries, leading ones."""
+    if len(A) > A.shape[1]:
+        A = np.asarray(np.linalg.qr(A)[1])  # the same singular values and rows, of a small matrix
+    _, values, rows = np.linalg.svd(A)
+    rank = int((values > _NO_INFORMATION * values[0]).sum()) if values.size else 0
+    rows, lead = rows[rank:].copy(), 0
+    for column in range(rows.shape[1]):
+        if lead == len(rows):
+            break
+        pivot = lead + int(np.abs(rows[lead:, column]).argmax())
+        if abs(rows[pivot, column]) < 1e-6:
+            continue
+        rows[[lead, pivot]] = rows[[pivot, lead]]
+        rows[lead] /= rows[lead, column]
+        others = np.arange(len(rows)) != lead
+        rows[others] -= np.outer(rows[others, column], rows[lead])
+        lead += 1
+    rows[np.abs(rows) < 1e-5 * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)] = 0.0
+    return rows

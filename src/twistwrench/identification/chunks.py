@@ -23,17 +23,18 @@ from ..typing import Array
 from .hyperparameters import FitSettings
 from .parameters import BaseParameters, speed_owner
 from .payload import MotorSide
-from .rows import BaseColumns, of_springs
-from .zero_phase import (
+from .rows import (
     FEWEST,
     GAP,
     PAUSE,
     ROW_RATE,
     STATE_RATE,
     STEADY,
+    BaseColumns,
     Filtered,
     border_of,
     low_pass,
+    of_springs,
     resampled,
     states_below_of,
 )

@@ -67,40 +67,23 @@ def pseudo_inertia(parameters: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PositiveFit:
-    """Parameters of bodies that can exist, of one strength.
+    """Parameters of bodies that can exist, of one strength."""
 
-    Attributes
-    ----------
-    strength : float, γ
-    values : (p,) array, of all unknown parameters
-    cost : float, f there, the constant of the residuals included
-    steps : int, Newton's steps of this strength
-    above : float, how far the cost is above the least, by Newton's last decrement
-    """
-
-    strength: float
-    values: Array
-    cost: float
-    steps: int
-    above: float = 0.0
+    strength: float  # γ
+    values: Array  # (p,), of all unknown parameters
+    cost: float  # f there, the constant of the residuals included
+    steps: int  # Newton's steps of this strength
+    above: float = 0.0  # how far the cost is above the least, by Newton's last decrement
 
 
 @dataclass(frozen=True, eq=False)
 class PositivePrior:
-    """Prior bodies and drives, to which a fit is kept near.
+    """Prior bodies and drives, to which a fit is kept near."""
 
-    Attributes
-    ----------
-    bodies : (n, 4, 4) array, pseudo-inertias above 0, of the links that move
-    drives : (p,) array, positive; 1 where the parameter is free
-    positive : (p,) bool array, parameters of drives that cannot be negative
-    repaired : tuple of str, links whose inertia in the file is on the border of what can exist
-    """
-
-    bodies: Array
-    drives: Array
-    positive: Array
-    repaired: tuple[str, ...]
+    bodies: Array  # (n, 4, 4), pseudo-inertias above 0, of the links that move
+    drives: Array  # (p,), positive; 1 where the parameter is free
+    positive: Array  # (p,) bool, parameters of drives that cannot be negative
+    repaired: tuple[str, ...]  # links whose inertia in the file is on the border of what can exist
 
     @classmethod
     def from_values(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:

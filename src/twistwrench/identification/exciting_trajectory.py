@@ -21,9 +21,16 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .capsules import CapsuleDistances, LinkCapsules
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
-from .trajectory_constraints import DENSE, Clear, TrajectoryConstraints, half_and_middle, shared_bounds
+from .trajectory_constraints import (
+    DENSE,
+    CapsuleDistances,
+    Clear,
+    LinkCapsules,
+    TrajectoryConstraints,
+    half_and_middle,
+    shared_bounds,
+)
 from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, WindowedFourierSeries
 
 _JUDGED = 2001

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -14,8 +15,7 @@ from ..estimation.cross_validation import FOLDS
 from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
 from ..typing import Array
 from .parameters import BaseParameters, speed_owner
-from .rows import MOST_ROWS, FilteredRows, JudgedStates
-from .zero_phase import SteadySamples, cutoffs, torques_below
+from .rows import MOST_ROWS, FilteredRows, JudgedStates, SteadySamples, cutoffs, torques_below
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +55,35 @@ class Trial:
     """Normal equations of all blocks under settings that change one at a time."""
 
     def __init__(self, source: SettingRows, settings: FitSettings) -> None:
-        self.settings, self._asked = settings, source.asked
-        self._source, self.felt = source, source.base.felt
+        self.settings, self._source, self.felt = settings, source, source.base.felt
         self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
-        self._blocks = source.kept_blocks(settings, self._made)
+        self._blocks = source.kept_blocks(settings, self._fresh_blocks)
 
     @cached_property
-    def _rows(self) -> FilteredRows:
+    def rows(self) -> FilteredRows:
+        """Rows at the cut-off, with the usual speed of friction."""
         return self._source.rows(self.settings.cutoff)
 
     @cached_property
+    def fold(self) -> Array:
+        """(m,) the block of time of each row."""
+        return self._source.folds(self.rows.log, self.rows.time)
+
+    @cached_property
     def _places(self) -> list[Array | slice]:
-        fold = self._source.folds(self._rows.log, self._rows.time)
-        return [_as_slice(np.flatnonzero(fold == b)) for b in range(FOLDS)]
+        """Rows of each block; those that follow each other as a slice, which copies nothing."""
+        places = [np.flatnonzero(self.fold == b) for b in range(FOLDS)]
+        return [slice(p[0], p[-1] + 1) if len(p) and p[-1] - p[0] == len(p) - 1 else p for p in places]
 
     @cached_property
-    def _tau(self) -> Array:
-        return self._rows.torques(self.settings.shift)
+    def tau(self) -> Array:
+        """(m, nv)."""
+        return self.rows.torques(self.settings.shift)
 
     @cached_property
-    def _W(self) -> Array:
-        rows, settings = self._rows, self.settings
+    def W(self) -> Array:
+        """(m, nv, r)."""
+        rows, settings = self.rows, self.settings
         if np.array_equal(settings.friction_speed, self._source.usual_speed):
             return rows.W
         W = rows.W.copy()
@@ -83,50 +91,33 @@ class Trial:
             W[:, :, c] = rows.coulomb(c, joints, settings.friction_speed)
         return W
 
-    def _made(self) -> list[NormalEquations]:
-        return [NormalEquations.from_rows(self._W[p], self._tau[p], self.felt) for p in self._places]
-
-    @property
-    def W(self) -> Array:
-        """(m, nv, r)."""
-        return self._W
-
-    @property
-    def tau(self) -> Array:
-        """(m, nv)."""
-        return self._tau
+    def _fresh_blocks(self) -> list[NormalEquations]:
+        return [NormalEquations.from_rows(self.W[p], self.tau[p], self.felt) for p in self._places]
 
     def changes(self, x: Array) -> Array:
         """(m, nv, k) what the predicted torques change by with each chosen setting: the clock's offset, speeds of friction."""
-        found = []
-        settings = self.settings
-        if self._asked.shift is None:
+        found, settings, asked = [], self.settings, self._source.asked
+        if asked.shift is None:
             step = 0.1 / settings.cutoff
-            later, sooner = self._rows.torques(settings.shift + step), self._rows.torques(settings.shift - step)
+            later, sooner = self.rows.torques(settings.shift + step), self.rows.torques(settings.shift - step)
             found.append((later - sooner) / (2 * step))
-        if self._asked.friction_speed is None:
-            for j in range(self._W.shape[1]):
-                speed = np.where(np.arange(self._W.shape[1]) == j, 1.1, 1.0) * settings.friction_speed
-                mine = [(c, joints) for c, joints in self.coulomb if speed_owner(joints) == j]
-                change = np.zeros(self._tau.shape)
-                for c, joints in mine:
-                    change += (self._rows.coulomb(c, joints, speed) - self._W[:, :, c]) * x[c]
+        if asked.friction_speed is None:
+            for j, faster in enumerate(
+                np.where(np.eye(len(self.felt), dtype=bool), 1.1, 1.0) * settings.friction_speed
+            ):
+                change = np.zeros(self.tau.shape)
+                for c, joints in self.coulomb:
+                    if speed_owner(joints) == j:
+                        change += (self.rows.coulomb(c, joints, faster) - self.W[:, :, c]) * x[c]
                 found.append(change)
-        return np.stack(found, axis=-1) if found else np.zeros((*self._tau.shape, 0))
+        return np.stack(found, axis=-1) if found else np.zeros((*self.tau.shape, 0))
 
     def fits(self, prior: Prior, blocks: Sequence[int]) -> list[tuple[int, Array]]:
         """Each block, and what the others of ``blocks`` give."""
-        total = self._blocks[blocks[0]]
-        for b in blocks[1:]:
-            total = total + self._blocks[b]
-        x, sigma = total.solve(prior)
-        found = []
-        for b in blocks:
-            rest = total - self._blocks[b] if len(blocks) > 1 else total
-            weight = 1.0 / sigma**2
-            x = prior.solve(np.einsum("jkl,j->kl", rest.N, weight), (rest.c * weight[:, None]).sum(axis=0))
-            found.append((b, x))
-        return found
+        total = reduce(operator.add, (self._blocks[b] for b in blocks))
+        _, sigma = total.solve(prior)
+        rests = ((b, total - self._blocks[b] if len(blocks) > 1 else total) for b in blocks)
+        return [(b, prior.solve(*rest.weighted(1.0 / sigma**2))) for b, rest in rests]
 
     def score(self, prior: Prior, blocks: Sequence[int]) -> float:
         """The sum of log |residual|² over the joints, of blocks predicted from the others."""
@@ -135,38 +126,31 @@ class Trial:
 
     def shift(self, shift: float) -> None:
         """Take torques from another time."""
-        _ = self._W  # of the settings before
-        self._tau = self._rows.torques(shift)
+        _ = self.W  # of the settings before
+        self.tau = self.rows.torques(shift)
         self.settings = replace(self.settings, shift=shift)
         for k, p in enumerate(self._places):
-            W, tau = self._W[p], self._tau[p]
+            W, tau = self.W[p], self.tau[p]
             c = np.stack([W[:, j].T @ tau[:, j] for j in range(W.shape[1])])
-            self._blocks[k] = replace(self._blocks[k], c=c, y=(self._tau[p] ** 2).sum(axis=0))
+            self._blocks[k] = replace(self._blocks[k], c=c, y=(tau**2).sum(axis=0))
 
     def speed(self, friction_speed: Array) -> None:
         """Take other speeds of friction."""
-        changed, _, _ = friction_speed != self.settings.friction_speed, self._W, self._tau
+        changed, _ = friction_speed != self.settings.friction_speed, self.tau
+        if self.W is self.rows.W:
+            self.W = self.W.copy()
         self.settings = replace(self.settings, friction_speed=friction_speed)
-        if self._W is self._rows.W:
-            self._W = self._W.copy()
         for c, joints in self.coulomb:
             if not changed[speed_owner(joints)]:
                 continue
-            self._W[:, :, c] = self._rows.coulomb(c, joints, friction_speed)
+            self.W[:, :, c] = self.rows.coulomb(c, joints, friction_speed)
             for k, p in enumerate(self._places):
                 N, right = self._blocks[k].N.copy(), self._blocks[k].c.copy()
-                W, tau = self._W[p], self._tau[p]
+                W, tau = self.W[p], self.tau[p]
                 for j in np.flatnonzero(joints):
                     N[j, :, c] = N[j, c, :] = W[:, j].T @ W[:, j, c]
                     right[j, c] = W[:, j, c] @ tau[:, j]
                 self._blocks[k] = replace(self._blocks[k], N=N, c=right)
-
-
-def _as_slice(places: Array) -> Array | slice:
-    """Rows that follow each other as a slice, which copies nothing."""
-    if len(places) and places[-1] - places[0] == len(places) - 1:
-        return slice(int(places[0]), int(places[-1]) + 1)
-    return places
 
 
 # ── Essential parameters: the fewest groups that predict rows held out as well as all of them
@@ -207,7 +191,8 @@ def essential_groups(
     names: Sequence[str], folds: Sequence[Information], size: Array, held: Array, values: Array
 ) -> EssentialGroups:
     """The fewest groups that predict as well as any."""
-    parts = [_less_known(fold, held, values) for fold in folds if fold[2] > 0]
+    x = np.where(held, values, 0.0)  # what known groups do is taken off the torques
+    parts = [(N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)) for N, c, y in folds if y > 0]
     total = sum_of(parts)
     order = _order(total, size, held)
     sets = [np.sort(order[k:]) for k in range(len(order))]
@@ -221,13 +206,6 @@ def essential_groups(
     found = _solved(total, kept, size)
     curve = tuple((len(one), float(share)) for one, share in zip(sets, shares, strict=True))
     return EssentialGroups(tuple(names[k] for k in kept), kept, found, float(shares[chosen]), curve)
-
-
-def _less_known(fold: Information, held: Array, values: Array) -> Information:
-    """The information with what known groups do taken off the torques."""
-    N, c, y = fold
-    x = np.where(held, values, 0.0)
-    return N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)
 
 
 def _solved(information: Information, which: Array, size: Array) -> Array:
@@ -439,20 +417,17 @@ class SettingRows:
         return least
 
     def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
-        """By predictions of torques below the highest cut-off."""
-        top = max(self.tried)
-        torques = [torques_below(s, top) for s in self.samples]
-        scores = np.array(
-            [self._judged_score(prior, blocks, replace(settings, cutoff=cutoff), torques) for cutoff in self.tried]
-        )
-        good = np.flatnonzero(scores <= scores.min() + _WORTH * len(self.dead))
-        return self.tried[int(good[0])]
+        """By predictions of torques below the highest cut-off; the lowest that is nearly as good as any."""
+        torques = [torques_below(s, max(self.tried)) for s in self.samples]
+        trials = (Trial(self, replace(settings, cutoff=cutoff)) for cutoff in self.tried)
+        scores = np.array([self._judged_score(prior, blocks, trial, torques) for trial in trials])
+        return self.tried[int(np.flatnonzero(scores <= scores.min() + _WORTH * len(self.dead))[0])]
 
     def _judged_score(
-        self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
+        self, prior: Prior, blocks: tuple[int, ...], trial: Trial, torques: Sequence[tuple[Array, Array]]
     ) -> float:
         """The sum of log |residual|² over the joints, of torques that are given with their times for each log."""
-        trial, judged = Trial(self, settings), self.judged(settings.cutoff)
+        settings, judged = trial.settings, self.judged(trial.settings.cutoff)
         tau = np.concatenate(
             [
                 np.stack([np.interp(s.time + settings.shift, time, x) for x in tau.T], axis=1)
@@ -462,12 +437,11 @@ class SettingRows:
         fold = self.folds(judged.log, judged.time)
         W = judged.W.copy() if trial.coulomb else judged.W
         for c, joints in trial.coulomb:
-            kept = self.base.kept[c : c + 1]
-            new = [
-                self.base.unknown.columns(kept, s.q, s.dq, s.ddq, settings.friction_speed)[..., 0]
+            of_states = (
+                self.base.unknown.drive(int(self.base.kept[c]), s.dq, s.ddq, settings.friction_speed)
                 for s in judged.states
-            ]
-            W[:, joints, c] = np.concatenate(new)[:, joints]
+            )
+            W[:, joints, c] = np.concatenate([value[:, None] * share[joints] for value, share in of_states])
         left = np.zeros(W.shape[1])
         for block, x in trial.fits(prior, blocks):
             here = fold == block

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_
 from ..log_checks.fit_doubts import FittedLog, doubts_of
 from ..log_checks.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
 from ..motion.motion import Motion
+from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
@@ -23,8 +26,7 @@ from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
-from .rows import MOST_ROWS, FilteredRows
-from .zero_phase import SteadySamples, pauses
+from .rows import MOST_ROWS, FilteredRows, SteadySamples, pauses
 
 MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
@@ -155,7 +157,7 @@ def identified(
 ) -> Identified:
     """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
     base = BaseParameters.from_unknowns(unknown)
-    samples = [piece for k, motion in enumerate(trained) for piece in _samples(motion, k, "logs")]
+    samples = _samples(trained, "logs")
     if asked.cutoff is not None:  # pieces too short for it
         samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
     dead = _dead(trained)
@@ -168,15 +170,20 @@ def identified(
     settings = source.choose(prior, range(FOLDS))
     tell(0.4)
     trial = Trial(source, settings)
-    rows = source.rows(settings.cutoff)
-    fold = source.folds(rows.log, rows.time)
+    rows, fold = trial.rows, trial.fold
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
-    names = unknown.model.velocity_names
-    settings_of = _settings_anew(source, prior, tell) if anew and not tested else lambda _: settings
-    among = _five_fold(source, prior, method, names, settings_of)
-    held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
+
+    def settings_without(block: int) -> FitSettings:
+        if tested or not anew:
+            return settings
+        chosen = source.choose(prior, [b for b in range(FOLDS) if b != block])
+        tell(0.6 + 0.1 * block)
+        return chosen
+
+    among = _five_fold(source, prior, method, settings_without)
+    held_out = _predicted(base, tested, asked, dead, settings, x) if tested else among
     seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
@@ -205,10 +212,12 @@ def identified(
 
 def fit_options(cutoff: float | None, friction_speed: float | None, shift: float | None) -> FitOptions:
     """Settings fixed by the caller; raises ValueRangeError for invalid frequencies, speeds and times."""
+    if shift is not None and not np.isfinite(shift):
+        raise ValueRangeError(f"shift {shift!r} is not a time. Give seconds, such as -0.002.")
     return FitOptions(
         None if cutoff is None else check_speed(cutoff),
         None if friction_speed is None else check_speed(friction_speed),
-        None if shift is None else _finite(shift),
+        None if shift is None else float(shift),
     )
 
 
@@ -232,11 +241,12 @@ def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -
     return motions
 
 
-def _samples(motion: Motion, number: int, what: str) -> list[SteadySamples]:
-    from ..motion.smoothing import continuous
-
-    q = continuous(motion.robot.model, motion.q)
-    return SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {number + 1}")
+def _samples(motions: Sequence[Motion], what: str) -> list[SteadySamples]:
+    found = list[SteadySamples]()
+    for k, motion in enumerate(motions):
+        q = continuous(motion.robot.model, motion.q)
+        found += SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {k + 1}")
+    return found
 
 
 def _believed(motion: Motion) -> Motion:
@@ -272,72 +282,32 @@ def _dead(motions: Sequence[Motion]) -> Array:
     return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _DEAD)))
 
 
-def _finite(value: float) -> float:
-    if not np.isfinite(value):
-        raise ValueRangeError(f"shift {value!r} is not a time. Give seconds, such as -0.002.")
-    return float(value)
-
-
 def _five_fold(
-    source: SettingRows,
-    prior: Prior,
-    method: Method,
-    names: Sequence[str],
-    settings_of: Callable[[int], FitSettings],
+    source: SettingRows, prior: Prior, method: Method, settings_without: Callable[[int], FitSettings]
 ) -> HeldOut:
-    """Each fifth of the time predicted from the others."""
-    found: HeldOut | None = None
+    """Each fifth of the time predicted from the others; one that has no rows, or all, is left out."""
+    found = list[HeldOut]()
     for block in range(FOLDS):
-        one = _one_fold(source, settings_of(block), prior, method, names, block)
-        if one is not None:
-            found = one if found is None else found + one
-    if found is None:
+        trial = Trial(source, settings_without(block))
+        here = trial.fold == block
+        if not here.any() or here.all():
+            continue
+        x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
+        left = HeldOutRows(trial.rows.time[here], trial.rows.log[here], trial.tau[here], trial.W[here] @ x)
+        found.append(HeldOut.from_rows("five-fold", left, source.base.unknown.model.velocity_names))
+    if not found:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
-    return found
-
-
-def _settings_anew(source: SettingRows, prior: Prior, tell: Callable[[float], None]) -> Callable[[int], FitSettings]:
-    """Settings for each held-out fifth, chosen on the others; progress goes from a half to all."""
-    done = 0
-
-    def of(block: int) -> FitSettings:
-        nonlocal done
-        chosen = source.choose(prior, [b for b in range(FOLDS) if b != block])
-        done += 1
-        tell(0.5 + 0.1 * done)
-        return chosen
-
-    return of
-
-
-def _one_fold(
-    source: SettingRows, settings: FitSettings, prior: Prior, method: Method, names: Sequence[str], block: int
-) -> HeldOut | None:
-    """One fifth; None where it has no rows, or all."""
-    trial, rows = Trial(source, settings), source.rows(settings.cutoff)
-    here = source.folds(rows.log, rows.time) == block
-    if not here.any() or here.all():
-        return None
-    x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
-    left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
-    return HeldOut.from_rows("five-fold", left, names)
+    return reduce(operator.add, found)
 
 
 def _predicted(
-    base: BaseParameters,
-    tested: Sequence[Motion],
-    asked: FitOptions,
-    dead: Array,
-    settings: FitSettings,
-    x: Array,
-    names: Sequence[str],
+    base: BaseParameters, tested: Sequence[Motion], asked: FitOptions, dead: Array, settings: FitSettings, x: Array
 ) -> HeldOut:
     """Logs of their own, with the settings of the training logs."""
-    samples = [piece for k, motion in enumerate(tested) for piece in _samples(motion, k, "test")]
-    source = SettingRows(base, samples, FitOptions(settings.cutoff, asked.friction_speed, settings.shift), dead)
-    trial = Trial(source, settings)
-    rows = source.rows(settings.cutoff)
-    return HeldOut.from_rows("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
+    options = FitOptions(settings.cutoff, asked.friction_speed, settings.shift)
+    trial = Trial(SettingRows(base, _samples(tested, "test"), options, dead), settings)
+    rows = HeldOutRows(trial.rows.time, trial.rows.log, trial.tau, trial.W @ x)
+    return HeldOut.from_rows("test", rows, base.unknown.model.velocity_names)
 
 
 def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:

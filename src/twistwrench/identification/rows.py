@@ -1,41 +1,203 @@
-"""Rows of equations τ = W x from logs: regressor columns by one kernel, states and torques filtered alike, then decimated.
+"""Rows of equations τ = W x from logs: states and torques without delay, regressor columns filtered alike, then decimated.
 
-Row j of τ = W x has entries for the groups that joint j feels, and zeros else; of seven joints with 69 groups each 214 of 483
-are left. The kernel gives those of the bodies, traced with all else folded away; drives' columns are put beside them.
+The filter is Butterworth's, run over the samples and back over the result, so that phases cancel (Gustafsson, "Determining the
+initial states in forward-backward filtering", IEEE Trans. Signal Processing 44(4), 1996); derivatives are central differences.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..algorithms.inverse_dynamics import regressor
+from ..errors import TrajectoryError
 from ..ir.tracer import trace
 from ..robot.engine import compiled
 from ..typing import Array
 from .parameters import BaseParameters, speed_owner
-from .zero_phase import Filtered, SteadySamples, kept_rows, low_pass, states_below
+
+ORDER = 4
+"""Order of the filter; twice that, forward and backward."""
+STATE_RATE, ROW_RATE = 20.0, 2.5
+"""Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
+STEADY = 1e-3
+"""Share of the step that stamps may be off without being moved to a steady clock."""
+GAP, PAUSE = 5.0, 0.05
+"""Times the usual step, and s, beyond which a step is a pause that a log is split at: what is between is never filled."""
+_CUT_BORDER = 2
+"""Periods of the cut-off at a pause, in which filters that begin there are not settled."""
+_SHORT = 0.1
+"""Share of the longest piece that others last at least."""
+FEWEST = 60
+"""Samples that anything can be identified from."""
+
+
+@dataclass(frozen=True, eq=False)
+class SteadySamples:
+    """One log on a steady clock."""
+
+    start: float  # time of the first sample [s]
+    rate: float  # samples a second [Hz]
+    q: Array  # (n, nv), positions of the joints
+    tau: Array  # (n, nv), torques of the joints
+    moved: float = 0.0  # share of the stamps that were off the steady clock by a tenth of a step
+    cut: bool = False  # true if it is one of several pieces of a log with pauses
+
+    @classmethod
+    def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
+        """Split a log at its pauses, each piece on a steady clock of its own; pieces that are too short are left out."""
+        edges = [0, *(pauses(time) + 1).tolist(), len(time)]
+        rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
+        if len(rows) < 2:
+            rows = rows or [slice(None)]
+            return [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=len(edges) > 2) for s in rows]
+        found = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=True) for s in rows]
+        longest = max(piece.seconds for piece in found)
+        return [piece for piece in found if piece.seconds >= _SHORT * longest]
+
+    @classmethod
+    def from_arrays(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
+        """Samples at times that need not be steady: positions by a cubic spline, torques linearly between their stamps."""
+        if len(time) < FEWEST:
+            raise TrajectoryError(
+                f"{where}: {len(time)} rows are too few to identify a robot from. Give {FEWEST} at least."
+            )
+        steps = np.diff(time)
+        mean = float((time[-1] - time[0]) / (len(time) - 1))
+        step = float(steps[steps <= GAP * mean].mean())  # of a log with gaps the clock's own
+        count = round((time[-1] - time[0]) / step) + 1
+        steady = time[0] + step * np.arange(count)
+        if len(time) == count and np.abs(time - steady).max() <= STEADY * step:
+            return cls(float(time[0]), 1.0 / step, q, tau)
+        moved = float(np.mean(np.abs(steps - step) > 0.1 * step))
+        return cls(float(time[0]), 1.0 / step, *resampled(time, q, tau, steady), moved)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return (len(self) - 1) / self.rate
+
+
+def resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
+    """Positions by a cubic spline and torques linearly between their stamps, at times that are kept within those."""
+    from scipy.interpolate import CubicSpline
+
+    local = time - time[0]
+    at = np.clip(at - time[0], 0.0, local[-1])
+    return CubicSpline(local, q)(at), np.stack([np.interp(at, local, x) for x in tau.T], axis=1)
+
+
+def pauses(time: Array) -> Array:
+    """Numbers of the samples (n,) after which a log pauses."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > max(PAUSE, GAP * float(np.median(steps)))) if len(steps) else np.zeros(0, int)
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """States of one log below a cut-off, and the torques there."""
+
+    time: Array  # (m,) [s]
+    rate: float  # [Hz]
+    q: Array  # (m, nv)
+    dq: Array  # (m, nv)
+    ddq: Array  # (m, nv)
+    tau: Array  # (m, nv), low-passed as q is
+
+
+@lru_cache(maxsize=32)
+def _filter(cutoff: float, rate: float) -> Array:
+    from scipy.signal import butter
+
+    return np.asarray(butter(ORDER, cutoff, fs=rate, output="sos"))
+
+
+def low_pass(x: Array, cutoff: float, rate: float) -> Array:
+    """Samples (n, ...) below a cut-off [Hz], without delay; as they are where the cut-off is above what they can show."""
+    if cutoff >= 0.45 * rate:
+        return x
+    from scipy.signal import sosfiltfilt
+
+    sos = _filter(float(cutoff), float(rate))
+    pad = min(len(x) - 1, int(3 * rate / cutoff) + 1)
+    return np.asarray(sosfiltfilt(sos, x, axis=0, padlen=pad))
+
+
+def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
+    """States below a cut-off [Hz], at twenty samples a period of it, or at about ``rate`` samples a second."""
+    every = max(1, math.floor(samples.rate / (rate or STATE_RATE * cutoff)))
+    step = 1.0 / samples.rate
+    time = samples.start + step * np.arange(len(samples))
+    return states_below_of(time, samples.q, samples.tau, step, cutoff, slice(None, None, every))
+
+
+def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
+    """Times (m,) and torques (m, nv) of the states below a cut-off [Hz]."""
+    rows = slice(None, None, max(1, math.floor(samples.rate / (STATE_RATE * cutoff))))
+    time = samples.start + np.arange(len(samples)) / samples.rate
+    return time[rows], np.stack([low_pass(x, cutoff, samples.rate)[rows] for x in samples.tau.T], axis=1)
+
+
+def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: float, rows: slice) -> Filtered:
+    """States below a cut-off [Hz] at some of the samples, which are a ``step`` apart [s]."""
+    rate = 1.0 / step
+    states = np.empty((4, len(time[rows]), q.shape[1]))
+    for j in range(q.shape[1]):  # one joint after another: what is in between stays small
+        x = low_pass(q[:, j], cutoff, rate)
+        dx = np.gradient(x, step)
+        states[:, :, j] = x[rows], dx[rows], np.gradient(dx, step)[rows], low_pass(tau[:, j], cutoff, rate)[rows]
+    return Filtered(time[rows], rate / (rows.step or 1), *states)
+
+
+def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
+    """States that become rows: two and a half a period of the cut-off, at most ``most``, without those where filters begin."""
+    every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
+    border = border_of(states.rate, cutoff, len(states.time), cut=cut)
+    return slice(border, max(border, len(states.time) - border), every)
+
+
+def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
+    """States at either end of so many that are left out: more of a piece that is ``cut`` from a log with pauses."""
+    border = math.ceil(rate / cutoff)
+    return _CUT_BORDER * border if cut else min(border, count // 10)
+
+
+def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
+    """Cut-offs worth trying [Hz]: steps of a third of a decade or less, up to a tenth of the slowest rate.
+
+    At each of them there are ``rows`` rows at least.
+    """
+    most = 0.1 * min(s.rate for s in samples)
+    whole = min((s.seconds for s in samples if not s.cut), default=np.inf)
+    pieces = 0.5 * max((s.seconds for s in samples if s.cut), default=np.inf)  # the shorter ones have no rows then
+    least = max(4.0 / min(whole, pieces), rows / (ROW_RATE * sum(s.seconds for s in samples)))
+    steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
+    found = tuple(f for f in steps if least <= f <= most)
+    return found or (most,)
+
+
+# ── Entries of the rows
 
 
 @dataclass(frozen=True, eq=False)
 class BaseColumns:
-    """Nonzero entries of rows of equations, and their places.
+    """Nonzero entries of rows of equations, and their places: of seven joints with 69 groups each 214 of 483.
 
-    Attributes
-    ----------
-    base : BaseParameters
-    groups : tuple of (r_j,) arrays, the groups that each joint feels
-    slices : tuple of slice, where the entries of each joint are in a row
+    One kernel gives those of the bodies, traced with all else folded away; drives' columns are put beside them.
     """
 
     base: BaseParameters
-    groups: tuple[Array, ...]
-    slices: tuple[slice, ...]
+    groups: tuple[Array, ...]  # the groups that each joint feels
+    slices: tuple[slice, ...]  # where the entries of each joint are in a row
 
     @classmethod
     def from_parameters(cls, base: BaseParameters) -> BaseColumns:
@@ -136,22 +298,13 @@ class _LogRows:
 
 @dataclass(eq=False)
 class FilteredRows:
-    """Rows of several logs at one cut-off.
-
-    Attributes
-    ----------
-    base : BaseParameters
-    cutoff : float [Hz]
-    W : (m, nv, r) array
-    time : (m,) array [s], of its own log
-    log : (m,) array, which log each row is of
-    """
+    """Rows of several logs at one cut-off."""
 
     base: BaseParameters
-    cutoff: float
-    W: Array
-    time: Array
-    log: Array
+    cutoff: float  # [Hz]
+    W: Array  # (m, nv, r)
+    time: Array  # (m,) [s], of its own log
+    log: Array  # (m,), which log each row is of
     known: Array
     logs: list[_LogRows]
     dead: Array | None = None

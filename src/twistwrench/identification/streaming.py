@@ -26,7 +26,7 @@ from .identify import METHODS, checked_motions, fit_options, identified
 from .normal_equation_blocks import MOST_BLOCKS, JointBlocks, NormalEquationBlocks, block_residuals, block_solution
 from .parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
 from .payload import MotorSide, unknown_of
-from .zero_phase import STATE_RATE
+from .rows import STATE_RATE
 
 # ── Chunks of a log as units of work
 

@@ -33,20 +33,12 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LimitBarrier:
-    """Limit barrier and multipliers at the instants of a search.
+    """Limit barrier and multipliers at the instants of a search."""
 
-    Attributes
-    ----------
-    multipliers : tuple of (n, k) arrays, λ of each band's edges
-    rho : float, ρ
-    aim : float, s_0
-    finer : int, how many times as many instants there are
-    """
-
-    multipliers: tuple[Array, ...]
-    rho: float = 1.0
-    aim: float = 2e-3
-    finer: int = 1
+    multipliers: tuple[Array, ...]  # (n, k), λ of each band's edges
+    rho: float = 1.0  # ρ
+    aim: float = 2e-3  # s_0
+    finer: int = 1  # how many times as many instants there are
 
     def cost_and_forces(self, shares: Array, multipliers: Array) -> tuple[float, Array]:
         """Cost of one band, and its forces (n, k): the negative derivative by the shares (n, k)."""
@@ -89,16 +81,10 @@ _ORDER = 5
 
 @dataclass(frozen=True)
 class WindowedFourierSeries:
-    """Functions of time that every joint's motion is a sum of: 1, then N sines and N cosines without their ends.
+    """Functions of time that every joint's motion is a sum of: 1, then N sines and N cosines without their ends."""
 
-    Attributes
-    ----------
-    duration : float, T [s]
-    harmonics : int, N
-    """
-
-    duration: float
-    harmonics: int
+    duration: float  # T [s]
+    harmonics: int  # N
 
     @property
     def count(self) -> int:
@@ -171,22 +157,13 @@ CRITERIA = get_args(Criterion)
 
 @dataclass(frozen=True, eq=False)
 class MotionInformation:
-    """Information that motions of one robot and one duration have.
-
-    Attributes
-    ----------
-    base : BaseParameters
-    noise : (nv,) array, deviation of each torque [N m, sliding joints: N]
-    friction_speed : (nv,) array [rad/s, m/s]
-    duration : float [s]
-    criterion : "log_det" or "deviations", what the merit is
-    """
+    """Information that motions of one robot and one duration have."""
 
     base: BaseParameters
-    noise: Array
-    friction_speed: Array
-    duration: float
-    criterion: Criterion = "log_det"
+    noise: Array  # (nv,), deviation of each torque [N m, sliding joints: N]
+    friction_speed: Array  # (nv,) [rad/s, m/s]
+    duration: float  # [s]
+    criterion: Criterion = "log_det"  # what the merit is
 
     def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Columns of the torques that belong to base parameters."""
@@ -307,22 +284,13 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, eq=False)
 class MotionSearch:
-    """Search among motions of one robot.
-
-    Attributes
-    ----------
-    series : WindowedFourierSeries
-    information : MotionInformation
-    constraints : TrajectoryConstraints
-    typical : (3, nv) array, sizes of positions, velocities and accelerations
-    middle : (nv,) array, where joints are in the middle of their limits
-    """
+    """Search among motions of one robot."""
 
     series: WindowedFourierSeries
     information: MotionInformation
     constraints: TrajectoryConstraints
-    typical: Array
-    middle: Array
+    typical: Array  # (3, nv), sizes of positions, velocities and accelerations
+    middle: Array  # (nv,), where joints are in the middle of their limits
 
     @cached_property
     def _bases(self) -> dict[int, Array]:

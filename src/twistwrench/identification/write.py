@@ -107,24 +107,14 @@ _IMMATERIAL = 0.002
 
 @dataclass(frozen=True, eq=False)
 class WrittenRobot:
-    """A robot file with identified numbers, not yet on disk.
-
-    Attributes
-    ----------
-    text : str
-    data : bytes, as the file it came from is encoded
-    difference : float, of torques of the file read again, as a share of the largest
-    folded : tuple of str, fixed links whose inertia went into the links that carry them
-    missing : {kind: {joint: number}}, of joints, for which the file has no place
-    folder : Path or None, from which the file names others, such as meshes; None where it names none
-    """
+    """A robot file with identified numbers, not yet on disk."""
 
     text: str
-    data: bytes
-    difference: float
-    folded: tuple[str, ...]
-    missing: Mapping[str, Mapping[str, float]]
-    folder: Path | None
+    data: bytes  # as the file it came from is encoded
+    difference: float  # of torques of the file read again, as a share of the largest
+    folded: tuple[str, ...]  # fixed links whose inertia went into the links that carry them
+    missing: Mapping[str, Mapping[str, float]]  # by kind and joint, for which the file has no place
+    folder: Path | None  # from which the file names others, such as meshes; None where it names none
 
 
 def written_robot(original: Robot, found: ConsistentRobot, said: str) -> WrittenRobot:

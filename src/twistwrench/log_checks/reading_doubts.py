@@ -14,9 +14,9 @@ from ..lie.labelled import WRENCH
 from ..typing import Array
 
 if TYPE_CHECKING:
-    from ..sensing.checks import Diagnosis
     from ..sensing.fit import Fit
     from ..sensing.log import ReadingLog
+    from ..sensing.outliers import Diagnosis
     from ..sensing.sensor import ForceTorqueSensor
 
 _SURE_POSES = 1e-4  # chance to blame the poses by luck

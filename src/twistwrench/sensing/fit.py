@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ValueRangeError
 from ..estimation.covariance import as_weights, by_channels, by_clusters, of_block, plug_in, sum_freedom
+from ..estimation.least_squares import MAD, huber_weights, orthogonal_fit
 from ..lie import so3
 from ..lie.labelled import WRENCH
 from ..typing import Array
@@ -80,9 +81,11 @@ class Unknowns:
         return slice(start, start + 4 + 6 * self.inertia)
 
     @property
-    def curved(self) -> bool:
-        """True if readings are not linear in some of the unknowns."""
-        return self.turn or self.tilt or self.delay
+    def curved(self) -> Array:
+        """Columns (k,) of unknowns that readings are not linear in."""
+        columns = np.arange(len(self.names))
+        kinds = [kind for kind in ("turn", "tilt", "delay") if getattr(self, kind)]
+        return np.concatenate([columns[:0], *(columns[self.part(kind)] for kind in kinds)])
 
     def part(self, kind: str) -> slice:
         """Columns of the unknowns of one group."""
@@ -92,24 +95,30 @@ class Unknowns:
 
     def design(self, log: ReadingLog, factor: float, state: SensorState) -> Array:
         """A (n, 6, p): how readings change with the unknowns; those of turn, tilt and delay are zero without a load."""
-        g = log.gravity if not self.tilt else _tilted(log, state.tilt)
-        Y = factor * load_regressor(g, log.V, log.dV)  # F_f = Y π
-        dY = None
-        if self.delay:
-            Y, dY = _late(Y, log.clock, state.delay)
-        Y = _in_sensor(Y, state.mounting)
-        columns = {"bias": np.broadcast_to(np.eye(6), (len(log), 6, 6)), "load": Y[..., :4], "inertia": Y[..., 4:]}
         load = np.zeros(10) if state.load is None else state.load
+        R, world = _world_gravity(log)
+        world = world @ state.tilt.T
+        Y = factor * load_regressor((R @ world[..., None])[..., 0] if self.tilt else log.gravity, log.V, log.dV)
+        columns: dict[str, Array] = {}
+        if self.delay:  # F(t - d) changes by -Ḟ
+            from scipy.interpolate import CubicSpline
+
+            late, there = CubicSpline(log.clock, Y), log.clock - state.delay
+            Y = np.asarray(late(there))
+            columns["delay"] = -_in_sensor(np.asarray(late(there, 1)), state.mounting) @ load[:, None]
+        Y = _in_sensor(Y, state.mounting)  # F_s = Y π
+        columns |= {"bias": np.broadcast_to(np.eye(6), (len(log), 6, 6)), "load": Y[..., :4], "inertia": Y[..., 4:]}
         if self.turn:  # R exp([δ]): the wrench in the turned axes changes by F × δ
             F = Y @ load
             columns["turn"] = np.concatenate([so3.hat(F[:, :3]), so3.hat(F[:, 3:])], axis=1)
         if self.drift:  # b + ḃ (t - t_middle)
-            columns["drift"] = drifts(log, state.middle)
+            t = log.clock
+            middle = 0.5 * (t[0] + t[-1]) if state.middle is None else state.middle
+            columns["drift"] = (t - middle)[:, None, None] * np.eye(6)
         if self.tilt:  # g = R' exp([δ]) g_w: it changes by R' (δ × g_w)
-            turned = [factor * load_regressor(dg) @ load for dg in _tilts(log, state.tilt)]
+            changes = [(R @ so3.cross(axis, world)[..., None])[..., 0] for axis in level_axes(log)]
+            turned = [factor * load_regressor(dg) @ load for dg in changes]
             columns["tilt"] = _in_sensor(np.stack(turned, axis=-1), state.mounting)
-        if dY is not None:  # F(t - d) changes by -Ḟ
-            columns["delay"] = -_in_sensor(dY, state.mounting) @ load[:, None]
         return np.concatenate([columns[kind] for kind in self.kinds], axis=-1)
 
     def moved(self, state: SensorState, log: ReadingLog, x: Array) -> SensorState:
@@ -121,44 +130,20 @@ class Unknowns:
         if self.tilt:
             tilt = so3.exp(x[self.part("tilt")] @ level_axes(log)) @ tilt
         if self.delay:
-            delay = delay + float(x[self.part("delay")][0])
+            delay = float(np.clip(delay + float(x[self.part("delay")][0]), -_LATE, _LATE))
         return SensorState(mounting, tilt, delay, load, state.middle)
-
-
-def drifts(log: ReadingLog, middle: float | None = None) -> Array:
-    """Columns (n, 6, 6) of a bias that changes linearly, and is none in the middle."""
-    t = log.clock
-    return np.asarray((t - (0.5 * (t[0] + t[-1]) if middle is None else middle))[:, None, None] * np.eye(6))
 
 
 def level_axes(log: ReadingLog) -> Array:
     """(2, 3) the two axes of {w} that are most level, about which a base may be tilted."""
-    g = np.abs(_world_gravity(log)[0])
+    g = np.abs(_world_gravity(log)[1][0])
     return np.eye(3)[np.sort(np.argsort(g)[:2])]
 
 
-def _world_gravity(log: ReadingLog) -> Array:
+def _world_gravity(log: ReadingLog) -> tuple[Array, Array]:
+    """R_fw (n, 3, 3), and gravity (n, 3) in {w}."""
     R = np.broadcast_to(np.eye(3), (len(log), 3, 3)) if log.rotations is None else log.rotations
-    return np.asarray((R @ log.gravity[..., None])[..., 0])
-
-
-def _tilted(log: ReadingLog, tilt: Array) -> Array:
-    R = np.broadcast_to(np.eye(3), (len(log), 3, 3)) if log.rotations is None else log.rotations
-    return np.asarray((np.swapaxes(R, 1, 2) @ (_world_gravity(log) @ tilt.T)[..., None])[..., 0])
-
-
-def _tilts(log: ReadingLog, tilt: Array) -> list[Array]:
-    R = np.broadcast_to(np.eye(3), (len(log), 3, 3)) if log.rotations is None else log.rotations
-    g = _world_gravity(log) @ tilt.T
-    return [(np.swapaxes(R, 1, 2) @ so3.cross(axis, g)[..., None])[..., 0] for axis in level_axes(log)]
-
-
-def _late(Y: Array, t: Array, delay: float) -> tuple[Array, Array]:
-    """Y (n, 6, 10) a delay earlier, and its rate, by cubic splines through the readings' times."""
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(t, Y)
-    return np.asarray(spline(t - delay)), np.asarray(spline(t - delay, 1))
+    return np.swapaxes(R, 1, 2), np.asarray((R @ log.gravity[..., None])[..., 0])
 
 
 def _in_sensor(Y: Array, mounting: Array) -> Array:
@@ -169,7 +154,6 @@ def _in_sensor(Y: Array, mounting: Array) -> Array:
 # ── The fit
 
 _HUBER = 2.0  # scaled distance from which a row loses weight; 1 is the middle of good ones
-_MAD = 1.4826  # standard deviations that the median absolute deviation of normal noise makes
 _ROUNDS, _SETTLED = 100, 1e-7
 _FEW = 6  # clusters below which three channels of a kind share a variance
 _QUIET = 1e-3  # of its kind's noise, the least that a channel may have
@@ -200,7 +184,7 @@ class Problem:
     """True if the log has times, and not only an order."""
     state: SensorState = field(default_factory=SensorState)
 
-    def asked(self, **changes: bool) -> Problem:
+    def with_unknowns(self, **changes: bool) -> Problem:
         """The problem with other unknowns."""
         return replace(self, unknowns=replace(self.unknowns, **changes))
 
@@ -288,68 +272,72 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     count readings is v = τ + w / count, w that within dwells; τ makes the residuals' mean squares equal to v, corrected
     for the degrees of freedom, for each channel.
     """
-    asked, log, target = problem.unknowns, problem.log, problem.target
-    t = log.clock
+    unknowns, log, target = problem.unknowns, problem.log, problem.target
+    t, curved = log.clock, unknowns.curved
     state = replace(problem.state, middle=0.5 * float(t[0] + t[-1]))
     groups = np.repeat([0, 1], 3) if few(problem.label[keep]) else np.arange(6)
     share = 1.0 / problem.count[:, None]
-    floor = (1e-13 * (np.abs(target).max() + 1e-3)) ** 2
-    within = problem.within
+    own = problem.within * share
+    least = np.maximum(0.1 * own, (1e-13 * (np.abs(target).max() + 1e-3)) ** 2)
     if problem.noise is None:
         v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))
     else:
         v = problem.noise**2 * share
-    freedom, tau, weight = np.full(6, math.inf), np.zeros(6), keep.astype(float)
-    A = asked.design(log, problem.factor, state)
+    freedom, weight = np.full(6, math.inf), keep.astype(float)
+    A = unknowns.design(log, problem.factor, state)
     for round_ in range(_ROUNDS):
-        if asked.curved:
-            A = asked.design(log, problem.factor, state)
-        inside = _inside(log, state.delay) if asked.delay else 1.0
-        x, half, Q = _solve(A, target, v, weight * inside, asked)
+        if curved.size and round_:
+            A = unknowns.design(log, problem.factor, state)
+        used = weight * _inside(log, state.delay) if unknowns.delay else weight
+        root = np.sqrt(used)[:, None] / np.sqrt(v)
+        x, half, Q = orthogonal_fit(A, target, root, unknowns.scales)
         residuals = target - A @ x
         before, weighed = v, weight
         if problem.noise is None:
-            tau, freedom = _between(residuals, Q, v, weight * inside, keep, within * share, groups, huber=huber)
-            v = np.maximum(tau + within * share, np.maximum(0.1 * within * share, floor))
+            tau, freedom = _between(residuals, Q, v, used, keep, own, groups, huber=huber)
+            v = np.maximum(tau + own, least)
         if huber:
-            distance = np.sqrt(np.mean(residuals**2 / v, axis=1))
-            weight = keep * np.minimum(1.0, _HUBER / np.maximum(distance, 1e-300))
+            weight = keep * huber_weights(np.sqrt(np.mean(residuals**2 / v, axis=1)), _HUBER)
         moved = max(float(np.abs(v / before - 1.0).max()), float(np.abs(weight - weighed).mean()))
-        if asked.curved:
-            step = np.concatenate([x[asked.part(kind)] for kind in ("turn", "tilt", "delay") if kind in asked.kinds])
-            state = asked.moved(state, log, x)
-            state = replace(state, delay=float(np.clip(state.delay, -_LATE, _LATE)))
-            moved = max(moved, float(np.abs(step).max()), float(round_ == 0))
-            for kind in ("turn", "tilt", "delay"):
-                if kind in asked.kinds:
-                    x[asked.part(kind)] = 0.0
+        if curved.size:
+            state = unknowns.moved(state, log, x)
+            moved = max(moved, float(np.abs(x[curved]).max()), float(round_ == 0))
+            x[curved] = 0.0
         if moved < (1e-3 if huber else _SETTLED) and (round_ or not huber):
             break
-    root = np.sqrt(weight * inside)[:, None] / np.sqrt(before)
-    start = asked.load.start
-    com = half[start + 1 : start + 4] * x[start] - np.outer(x[start + 1 : start + 4], half[start])
-    rows = np.concatenate([half, com])
-    C, known = by_channels(Q, rows, freedom, groups)
-    C = joint = C[: len(x), : len(x)]
+    covariances = _covariances(problem, x, half, Q, (residuals * root)[keep], freedom, groups, keep)
     sigma = problem.noise
-    joint_freedom = of_block(by_channels(Q, half[start : start + 4], as_weights(freedom), groups)[1])
     if sigma is None:
+        sigma, freedom = _of_one(problem, v, keep, freedom)
+    deviation, leverage = np.sqrt(v), (Q * Q).sum(axis=2)
+    return Fit(unknowns, x, *covariances, sigma, freedom, deviation, residuals, state, A, leverage)
+
+
+def _covariances(
+    problem: Problem, x: Array, half: Array, Q: Array, left: Array, freedom: Array, groups: Array, keep: Array
+) -> tuple[Array, Array, Array, Array, float]:
+    """Covariance, degrees of freedom of unknowns and of the centre of mass, joint covariance and its degrees of freedom.
+
+    ``left`` (m, 6) are the whitened residuals of the kept rows.
+    """
+    p, load = len(x), problem.unknowns.load
+    m, h = load.start, slice(load.start + 1, load.start + 4)
+    rows = np.concatenate([half, half[h] * x[m] - np.outer(x[h], half[m])])
+    C, known = by_channels(Q, rows, freedom, groups)
+    joint = C[:p, :p]
+    joint_freedom = of_block(by_channels(Q, half[m : m + 4], as_weights(freedom), groups)[1])
+    if problem.noise is None:
         label = problem.label[keep]
         added = half @ plug_in(Q, freedom, groups) @ half.T
-        sandwich = None if few(label) else by_clusters(Q[keep], (residuals * root)[keep], rows, label)
-        C, known = (C, known) if sandwich is None else sandwich
-        C, joint = C[: len(x), : len(x)] + added, joint + added
+        if not few(label) and (sandwich := by_clusters(Q[keep], left, rows, label)) is not None:
+            C, known = sandwich
+        C, joint = C[:p, :p] + added, joint + added
         size = np.unique(label, return_counts=True)[1]
         # Rows hang together, which only the sandwich minds. Rows of a witness that are all alike bring that much (Kish,
         # Survey Sampling, 1965, section 5.4); beyond it is noise of the sandwich.
-        ratio = float((np.diag(C) / np.diag(joint))[asked.load].mean())
+        ratio = float((np.diag(C) / np.diag(joint))[load].mean())
         joint = joint * min(max(1.0, ratio), float((size**2).sum() / size.sum()))
-        sigma, freedom = _of_one(problem, v, keep, freedom)
-    known, com_known = known[: len(x)], known[len(x) :]
-    deviation, leverage = np.sqrt(v), (Q * Q).sum(axis=2)
-    return Fit(
-        asked, x, C, known, com_known, joint, joint_freedom, sigma, freedom, deviation, residuals, state, A, leverage
-    )
+    return C[:p, :p], known[:p], known[p:], joint, joint_freedom
 
 
 def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Array, Array]:
@@ -371,27 +359,6 @@ def _inside(log: ReadingLog, delay: float) -> Array:
     return ((t - delay > t[0] - near) & (t - delay < t[-1] + near)).astype(float)
 
 
-def _solve(A: Array, target: Array, v: Array, weight: Array, asked: Unknowns) -> tuple[Array, Array, Array]:
-    """Weighted least squares: estimate (p,), half its covariance (p, p), orthonormal columns Q (n, 6, p).
-
-    A W^(1/2) = Q U,  x = U⁻¹ Q' W^(1/2) y,  C = U⁻¹ U⁻ᵀ.
-    """
-    n, _, p = A.shape
-    free = np.ones(p, bool)
-    for kind in ("turn", "tilt", "delay"):
-        if kind in asked.kinds and not A[..., asked.part(kind)].any():  # no load yet: it waits
-            free[asked.part(kind)] = False
-    root = np.sqrt(weight)[:, None] / np.sqrt(v)
-    scales = asked.scales[free]
-    q, upper = np.linalg.qr((A[..., free] * root[..., None]).reshape(6 * n, -1) * scales)
-    x, half, Q = np.zeros(p), np.zeros((p, p)), np.zeros((6 * n, p))
-    inverse = scales[:, None] * np.linalg.inv(upper)
-    x[free] = inverse @ (q.T @ (target * root).ravel())
-    half[np.ix_(free, free)] = inverse
-    Q[:, free] = q
-    return x, half, Q.reshape(n, 6, p)
-
-
 def _between(
     residuals: Array, Q: Array, v: Array, weight: Array, keep: Array, own: Array, groups: Array, *, huber: bool
 ) -> tuple[Array, Array]:
@@ -403,7 +370,7 @@ def _between(
         shared = int(groups[-1]) == 1  # three channels of a kind
         size = np.abs(residuals[keep])
         size = np.repeat(np.median(size.reshape(-1, 2, 3), axis=(0, 2)), 3) if shared else np.median(size, axis=0)
-        tau = (_MAD * size) ** 2 * keep.sum() * np.bincount(groups)[groups] / np.maximum(freedom, 1.0)
+        tau = (MAD * size) ** 2 * keep.sum() * np.bincount(groups)[groups] / np.maximum(freedom, 1.0)
         tau = np.maximum(tau - np.median(own[keep], axis=0), 0.0)
     else:
         weights = used / v**2
@@ -440,7 +407,7 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         p = len(self.unknowns)
-        if self._asked.names != self.unknowns:
+        if self._kinds.names != self.unknowns:
             raise ValueRangeError(f"the unknowns {', '.join(self.unknowns)} are not those of a sensor.")
         for name, shape in (("covariance", (p, p)), ("freedom", (p,)), ("noise", (6,)), ("noise_freedom", (6,))):
             x = np.asarray(getattr(self, name), float)
@@ -454,7 +421,7 @@ class Uncertainty:
             raise ValueRangeError("covariance is none: it has a negative eigenvalue.")
 
     @property
-    def _asked(self) -> Unknowns:
+    def _kinds(self) -> Unknowns:
         has = set(self.unknowns)
         return Unknowns(bias="bias mx" in has, inertia="Ixx" in has, turn="turn x" in has)
 
@@ -480,7 +447,7 @@ class Uncertainty:
         (12, 6, 6)
         """
         state = SensorState(np.asarray(sensor.mounting), load=sensor.load.parameters.astype(float))
-        A = self._asked.design(log, sign_factor(sensor.sign), state)
+        A = self._kinds.design(log, sign_factor(sensor.sign), state)
         return np.asarray(np.diag(self.noise**2) + A @ self.covariance @ np.swapaxes(A, 1, 2))
 
 

@@ -13,6 +13,7 @@ from ..core import arguments
 from ..core.numbers import number, percent, plus_minus, seconds
 from ..core.verdict import Verdict
 from ..errors import ShapeError, ValueRangeError
+from ..estimation.covariance import Whiteness
 from ..lie.labelled import WRENCH
 from ..log_checks.reading_doubts import (
     MAY_MOVE,
@@ -27,12 +28,25 @@ from ..log_checks.reading_doubts import (
     unit_doubt,
 )
 from ..typing import Array
-from .checks import Diagnosis, as_good_as_the_best, explain, free_bias, guessed, others, swapped, upside_down
 from .contact_detection import six_noises
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
 from .log import ReadingLog, checked_log
-from .observability import Whiteness, advice, blind_spots, whiteness
-from .outliers import least_rows, runs, static_poses, touched_in_static_poses, trimmed
+from .outliers import (
+    Diagnosis,
+    as_good_as_the_best,
+    explain,
+    free_bias,
+    guessed,
+    least_rows,
+    others,
+    runs,
+    static_poses,
+    swapped,
+    touched_in_static_poses,
+    trimmed,
+    upside_down,
+)
+from .poses import advice, blind_spots
 from .result import Identification, mass_interval, weakness
 from .sensor import ForceTorqueSensor, Sign, sign_factor
 
@@ -66,7 +80,7 @@ class Offer:
 
 def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
     """The fit and its kept rows (n,), or those with rows that only contradict the others because the bias drifts."""
-    drifts = problem.asked(drift=True)
+    drifts = problem.with_unknowns(drift=True)
     if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(drifts):
         return found, kept
     if blind_spots(drifts.log, drifts.unknowns, drifts.factor):
@@ -97,7 +111,8 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
         return np.asarray(x[:, size > 0] / size[size > 0])
 
     basis = _orthonormal(flat(fit.design), np.zeros((e.size, 0)))
-    candidates = {kind: flat(columns) for kind, columns in _candidates(problem, fit).items()}
+    columns = _candidates(problem, fit)
+    candidates = {kind: flat(of_kind) for kind, of_kind in columns.items()}
     found: list[Offer] = []
     e = e - basis @ (basis.T @ e)
     total = float(e @ e)
@@ -113,7 +128,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
         kind = min((k for k in sure if sure[k][1] >= _NEARLY * most), key=lambda k: sure[k][0].shape[1])
         P, gain = sure[kind]
         candidates.pop(kind)
-        said = _said(kind, problem, fit, kept, (P @ (P.T @ e)).reshape(-1, 6) * scale)
+        said = _offered(kind, columns[kind], fit, kept, (P @ (P.T @ e)).reshape(-1, 6) * scale)
         if said is not None:
             found.append(Offer(kind, gain / total, said))
         e = e - P @ (P.T @ e)
@@ -147,28 +162,18 @@ def _orthonormal(E: Array, basis: Array) -> Array:
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
-    """Columns (n, 6, k) of each further unknown that is possible."""
-    log, asked = problem.log, fit.unknowns
+    """Columns (n, 6, k) of each further unknown that is possible; of a gain, each channel with a share of each of the loads."""
+    log = problem.log
     state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
-    possible = {
-        "turn": True,
-        "drift": True,
-        "tilt": log.rotations is not None,
-        "delay": log.V is not None and problem.timed,
-    }
+    possible = {"turn": True, "drift": True, "tilt": log.rotations is not None}
+    possible["delay"] = log.V is not None and problem.timed
     found = {}
     for kind, can in possible.items():
-        if can and not getattr(asked, kind):
-            more = problem.asked(**{kind: True}).unknowns
+        if can and not getattr(fit.unknowns, kind):
+            more = problem.with_unknowns(**{kind: True}).unknowns
             found[kind] = more.design(log, problem.factor, state)[..., more.part(kind)]
-    found["gain"] = gain_columns(_loads(fit))
+    found["gain"] = np.einsum("nk,cd->ncdk", _loads(fit), np.eye(6)).reshape(len(log), 6, 36)
     return found
-
-
-def gain_columns(load: Array) -> Array:
-    """Columns (n, 6, 36): each of the six channels with a share of each of the load's wrenches (n, 6)."""
-    n = len(load)
-    return np.einsum("nk,cd->ncdk", load, np.eye(6)).reshape(n, 6, 36)
 
 
 def _loads(fit: Fit) -> Array:
@@ -177,7 +182,7 @@ def _loads(fit: Fit) -> Array:
     return np.asarray(fit.design[..., part] @ fit.estimate[part])
 
 
-def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) -> str | None:
+def _offered(kind: str, columns: Array, fit: Fit, kept: Array, explained: Array) -> str | None:
     """Name and size of an unknown, from the part (n, 6) of the residuals that it explains; None if it is negligible."""
     if kind == "drift":
         return f"A bias that drifts, by {listed_bias(explained[-1] - explained[0])} [N m, N] over the log,"
@@ -188,10 +193,9 @@ def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) 
         return (
             f"A gain or cross-talk that is off by {percent(share, 2)} of the load's wrench" if share > _GAIN else None
         )
-    columns = _candidates(problem, fit)[kind][kept] / fit.deviation[kept][..., None]
-    A = fit.design[kept] / fit.deviation[kept][..., None]
-    both = np.concatenate([columns, A], axis=-1).reshape(-1, columns.shape[-1] + A.shape[-1])
-    x = np.linalg.lstsq(both, (fit.residuals[kept] / fit.deviation[kept]).ravel(), rcond=None)[0][: columns.shape[-1]]
+    scale, k = fit.deviation[kept], columns.shape[-1]
+    A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]
+    x = np.linalg.lstsq(A.reshape(6 * len(scale), -1), (fit.residuals[kept] / scale).ravel(), rcond=None)[0][:k]
     if kind == "delay":
         return f"Readings about {number(1e3 * float(x[0]), 2)} ms late"
     what = "A mounting turned" if kind == "turn" else "A base tilted"
@@ -229,7 +233,11 @@ def acceptance_test(
         raise ValueRangeError(_no_mass(found, log, problem))
     low, high = mass_interval(fit, confidence)
     told = low > 0
-    load = _load(found, told=told)
+    load = SpatialInertia.zero()
+    if found.mass > 0:  # else by noise alone: nothing hangs on the sensor
+        load = SpatialInertia.from_parameters(fit.load)
+        if not unknowns.inertia and told:  # at least the moments of a point mass there
+            load = SpatialInertia.from_com(found.mass, load.com)
     sensor = ForceTorqueSensor(
         load,
         fit.estimate[:6] if unknowns.bias else problem.bias,
@@ -307,15 +315,6 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
     return f"{first}" if first == last else f"{first}–{last}"
 
 
-def _load(found: Diagnosis, *, told: bool) -> SpatialInertia:
-    if found.mass <= 0:  # by noise alone: nothing hangs on the sensor
-        return SpatialInertia.zero()
-    load = SpatialInertia.from_parameters(found.fit.load)
-    if not found.fit.unknowns.inertia and told:  # at least the moments of a point mass there
-        return SpatialInertia.from_com(found.mass, load.com)
-    return load
-
-
 def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
     said = f"{log.name}: mass comes out as {number(found.mass)} kg"
     if slip := _slip(found, problem, found):
@@ -370,16 +369,16 @@ def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> str | None:
 
 
 def _noise_doubts(found: Diagnosis) -> list[str]:
-    doubts = []
-    scaled = (found.fit.residuals / found.fit.deviation)[found.kept]
-    for what, part in (("moments", slice(0, 3)), ("forces", slice(3, 6))):
-        times = float(np.sqrt(np.mean(scaled[:, part] ** 2)))
-        if np.isinf(found.fit.freedom).all() and times > _MISFIT:
-            doubts.append(
-                f"What is left of the {what} is {number(times, 2)} times the noise given: the intervals are too narrow. "
-                "Let the noise be estimated, or check poses and sign."
-            )
-    return doubts
+    """Doubts about a noise that was given."""
+    if not np.isinf(found.fit.freedom).all():
+        return []
+    scaled = (found.fit.residuals / found.fit.deviation)[found.kept].reshape(-1, 2, 3)
+    return [
+        f"What is left of the {what} is {number(times, 2)} times the noise given: the intervals are too narrow. "
+        "Let the noise be estimated, or check poses and sign."
+        for what, times in zip(("moments", "forces"), np.sqrt((scaled**2).mean(axis=(0, 2))).tolist(), strict=True)
+        if times > _MISFIT
+    ]
 
 
 def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> tuple[str | None, list[str]]:
@@ -402,7 +401,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
         elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None and not _drifts(found, problem):
             doubts.append(f"Look at the poses: {_poses(found, own)}")
     if log.V is not None and not found.fit.unknowns.inertia:
-        whole = explain(found.sign, problem.asked(inertia=True))
+        whole = explain(found.sign, problem.with_unknowns(inertia=True))
         if whole is not None and whole.improves(found.fit):
             doubts.append(
                 f"The load's inertia shows in this motion, and the centre of mass is off without it: with inertia=True what "
@@ -422,7 +421,7 @@ def _drifts(found: Diagnosis, problem: Problem) -> bool:
     """True if a bias that drifts with time, or in the order of the log, explains what the poses would be blamed for."""
     if found.fit.unknowns.drift:
         return False
-    steady = explain(found.sign, problem.asked(drift=True))
+    steady = explain(found.sign, problem.with_unknowns(drift=True))
     if steady is None or not steady.improves(found.fit):
         return False
     return any(offer.kind == "drift" for offer in offers(problem, found.fit, found.kept))
@@ -436,6 +435,8 @@ def _noise(found: Diagnosis) -> str:
 
 
 # ── Identification
+
+_IN_ORDER = 8  # rows from which their order says anything
 
 
 def identify(
@@ -535,6 +536,24 @@ def identify(
     return acceptance_test(
         Diagnosis(sign, found, kept), confidence, problem, log, UsedReadings(left_out, between, label, white)
     )
+
+
+def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
+    """Test of the residuals of the kept rows (n,), in the order of the log; None of rows too few.
+
+    Of rows with one label (n,), an orientation that was visited again, the mean is taken off: they share their pose error.
+    """
+    e = (fit.residuals / fit.deviation)[kept]
+    place, count = np.unique(label[kept], return_inverse=True, return_counts=True)[1:]
+    total = np.zeros((len(count), 6))
+    np.add.at(total, place, e)
+    e = e - np.where(count[:, None] > 1, total / count[:, None], 0.0)[place]
+    if len(e) < _IN_ORDER:
+        return None
+    A = (fit.design / fit.deviation[..., None])[kept].reshape(e.size, -1)
+    size = np.abs(A).max(axis=0)
+    Q = np.linalg.qr(A / np.where(size > 0, size, 1.0))[0]
+    return Whiteness.from_residuals(e, Q.reshape(len(e), 6, -1), WRENCH)
 
 
 def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:

@@ -1,18 +1,22 @@
-"""Static poses of a log as clusters of readings, and the outliers among them."""
+"""Static poses of a log as clusters of readings, outliers among them, and checks of the log's conventions."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+from ..core.numbers import number
+from ..estimation.least_squares import MAD
+from ..lie import so3
 from ..typing import Array
 from .contact_detection import CollisionThreshold
-from .fit import Fit, Problem, fit
+from .fit import Fit, Problem, SensorState, fit
 from .log import ReadingLog
-from .observability import blind_spots
+from .poses import blind_spots
+from .sensor import Sign, sign_factor
 
 _STEADY = (2e-3, 5e-2)  # rad by which gravity's direction may differ in one dwell: at least, at most
 _STEPS = 5.0  # times the usual step from reading to reading, in between
@@ -67,8 +71,9 @@ def static_poses(log: ReadingLog) -> StaticPoses:
         used = length >= _SHORTEST
     row = np.repeat(np.where(used, np.cumsum(used) - 1, -1), length)
     count = length[used].astype(float)
-    own = ReadingLog(**{name: _means(value, row, count) for name, value in _parts(log).items()}, name=log.name)
-    own = replace(own, notes=log.notes, by_gravity=log.by_gravity)
+    averaged = {name: getattr(log, name) for name in ("readings", "gravity", "V", "dV", "rotations")}
+    averaged["time"] = log.clock
+    own = replace(log, **{name: _means(value, row, count) for name, value in averaged.items()})
     off = log.readings[row >= 0] - own.readings[row[row >= 0]]
     freedom = float((count - 1).sum())
     within = (off**2).sum(axis=0) / freedom if freedom else np.zeros(6)
@@ -89,14 +94,10 @@ def _at_rest(log: ReadingLog) -> Array:
     """(n,) whether each reading is one of a few at rest; a log without twists rests throughout."""
     if log.V is None or log.dV is None:
         return np.ones(len(log), bool)
-    slow = np.ones(len(log), bool)
-    for motion, part, most in zip(
-        (log.V, log.V, log.dV, log.dV), 2 * (slice(0, 3), slice(3, 6)), _AT_REST, strict=True
-    ):
-        slow &= _lengths(motion[:, part]) < most
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        slow[a:b] = b - a >= _SHORTEST
+    sizes = _lengths(np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3))
+    slow = (sizes < _AT_REST).all(axis=1)
+    for a, b in runs(slow):
+        slow[a : b + 1] = b + 1 - a >= _SHORTEST
     return slow
 
 
@@ -119,11 +120,6 @@ def _runs(unit: Array, near: float, rest: Array) -> tuple[Array, Array]:
     return np.array(edges[:-1]), np.array(edges[1:])
 
 
-def _parts(log: ReadingLog) -> dict[str, Array | None]:
-    names = ("readings", "gravity", "V", "dV", "rotations")
-    return {"time": log.clock, **{name: getattr(log, name) for name in names}}
-
-
 def _means(value: Array | None, row: Array, count: Array) -> Any:
     """The mean of the readings of each row; readings are linear in all that is averaged, as the sensor rests."""
     if value is None:
@@ -139,8 +135,9 @@ def _labels(log: ReadingLog, near: float, moving: Array) -> Array:
     n = len(log)
     if n > _MANY or moving.all():
         return np.arange(n)
-    R = log.gravity if log.rotations is None else np.concatenate([log.gravity, log.rotations.reshape(n, 9)], axis=1)
-    R = R / np.linalg.norm(log.gravity, axis=1, keepdims=True) if log.rotations is None else R[:, 3:]
+    R = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    if log.rotations is not None:
+        R = log.rotations.reshape(n, 9)
     label, known = np.arange(n), np.zeros(n, bool)
     for k in np.flatnonzero(~moving).tolist():
         same = np.flatnonzero(known & (_lengths(R - R[k]) <= near))
@@ -160,7 +157,6 @@ _DWELL = 5  # readings of a dwell
 _SUSPECT = 0.98  # share of clean readings below the distance from which one is looked at
 _WEAKER = 2.0  # times by which what is left out may widen any unknown's deviation
 _LEAST = 3  # gravity directions that fix a mass, its place and six biases
-_MAD = 1.4826  # standard deviations that the median absolute deviation of normal noise makes
 
 
 def least_rows(problem: Problem) -> int:
@@ -185,7 +181,7 @@ def touched_in_static_poses(log: ReadingLog, found: StaticPoses) -> Array:
     for k in dwells.tolist():
         rows = place == k
         off[rows] = log.readings[rows] - np.median(log.readings[rows], axis=0)
-    spread = _MAD * np.median(np.abs(off[member]), axis=0)
+    spread = MAD * np.median(np.abs(off[member]), axis=0)
     noise = np.maximum(spread, np.abs(log.readings).max() * 1e-12 + 1e-300)
     limit = CollisionThreshold.of_axes(noise, _FALSE_ALARM / len(log))
     far = member & limit(off)
@@ -251,10 +247,152 @@ def _still_told(problem: Problem, robust: Fit, keep: Array) -> bool:
 
 
 def runs(mask: Array) -> list[tuple[int, int]]:
-    """First and last index of each run of true values in ``mask`` (n,).
-
-    >>> runs(np.array([True, True, False, True]))
-    [(0, 1), (3, 3)]
-    """
+    """First and last index of each run of true values in ``mask`` (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+# ── Conventions: sign, mounting, swapped or inverted inputs
+
+_SURE = 1e-4  # chance to prefer another explanation by luck
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """A log explained with one sign, the mounting turned or not."""
+
+    sign: Sign
+    fit: Fit
+    kept: Array
+    """(n,) which rows of the problem were used."""
+
+    @property
+    def turn(self) -> bool:
+        """True if the mounting is an unknown."""
+        return self.fit.unknowns.turn
+
+    @property
+    def left(self) -> float:
+        """Product of the noise left of moments and forces."""
+        return float(np.prod(self.fit.noise))
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg]; negative if this does not explain the log."""
+        return float(self.fit.load[0])
+
+    @property
+    def options(self) -> str:
+        """Options of the command that give this explanation."""
+        if not self.turn:
+            return f"sign={self.sign!r}"
+        degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
+        return f"sign={self.sign!r} with orientation=True (turned by {number(degrees, 3)}°)"
+
+    def improves(self, on: Fit) -> bool:
+        """True if the remaining noise is surely less than that of another fit of the same log."""
+        return _surely_less(self.fit, on, self.kept)
+
+    def equals(self, other: Fit, kept: Array) -> bool:
+        """True if another fit is not surely better than this explanation."""
+        return not _surely_less(other, self.fit, kept)
+
+
+def explain(sign: Sign, problem: Problem) -> Diagnosis | None:
+    """Best explanation of the log with that sign; None if it does not determine these unknowns."""
+    asked = replace(problem, factor=sign_factor(sign))
+    if len(asked.log) < least_rows(asked) or blind_spots(asked.log, asked.unknowns, asked.factor):
+        return None
+    return Diagnosis(sign, *trimmed(guessed(asked)))
+
+
+def guessed(problem: Problem) -> Problem:
+    """Problem with a first guess of the mounting, if that is an unknown."""
+    mounting = first_guess(problem) if problem.unknowns.turn else np.eye(3)
+    return replace(problem, state=SensorState(mounting))
+
+
+def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
+    """Explanations with other signs and mountings that have a mass, the one with least noise first."""
+    found = []
+    for turn in (False, True):
+        for other in get_args(Sign):
+            if (other, turn) != (sign, problem.unknowns.turn):
+                explanation = explain(other, problem.with_unknowns(turn=turn))
+                if explanation is not None and explanation.mass > 0:
+                    found.append(explanation)
+    return sorted(found, key=lambda e: e.left)
+
+
+def as_good_as_the_best(sorted_: list[Diagnosis]) -> list[Diagnosis]:
+    """Explanations not surely worse than the first; a turned mounting only if its sign does not explain the log without."""
+    best = sorted_[0]
+    good = [e for e in sorted_ if e is best or e.equals(best.fit, best.kept)]
+    straight = {e.sign for e in good if not e.turn}
+    return [e for e in good if not (e.turn and e.sign in straight)]
+
+
+def first_guess(problem: Problem) -> Array:
+    """A mounting R_fs (3, 3) from forces alone: the rotation nearest to M of f = bias + M g, however large."""
+    log = problem.log
+    g, f = log.gravity, log.readings[:, 3:]
+    if log.V is not None and log.dV is not None:
+        g = g - log.dV[:, 3:] - so3.cross(log.V[:, :3], log.V[:, 3:])
+    if problem.unknowns.bias:
+        g, f = g - g.mean(axis=0), f - f.mean(axis=0)
+    else:
+        f = f - problem.bias[3:]
+    M = problem.factor * np.linalg.lstsq(g, f, rcond=None)[0].T  # m R_fs'
+    U, _, Vt = np.linalg.svd(M)
+    return np.asarray((U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T)
+
+
+def _surely_less(less: Fit, more: Fit, rows: Array) -> bool:
+    from scipy import special
+
+    scale = np.repeat(less.spread(rows), 3)
+    freedom = [max(6.0 * rows.sum() - len(f.unknowns.names), 1.0) for f in (less, more)]
+    mean = [float(((f.residuals[rows] / scale) ** 2).sum()) / n for f, n in zip((less, more), freedom, strict=True)]
+    return mean[1] / mean[0] > float(special.fdtri(freedom[1], freedom[0], 1 - _SURE))
+
+
+# ── Input errors other than sign and mounting
+
+_SWAP = [3, 4, 5, 0, 1, 2]
+
+
+def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
+    """The log explained with a bias of its own, where the one given fits surely worse: an F test of the six."""
+    if found.fit.unknowns.bias:
+        return None
+    from scipy import special
+
+    free = explain(found.sign, problem.with_unknowns(bias=True))
+    if free is None or free.mass <= 0:
+        return None
+    rows = free.kept & found.kept
+    scale = np.maximum(free.fit.deviation[rows], 1e-12)
+    least, more = (float(((e.fit.residuals[rows] / scale) ** 2).sum()) for e in (free, found))
+    known = 6.0 * rows.sum() - len(free.fit.unknowns.names)
+    limit = float(special.fdtri(6.0, max(known, 1.0), 1 - _SURE))
+    return free if (more - least) / 6 > limit * max(least, 1e-9) / max(known, 1.0) else None
+
+
+def swapped(problem: Problem, than: Diagnosis) -> Diagnosis | None:
+    """The log explained with forces and moments exchanged, if surely better ``than`` another explanation."""
+    other = replace(problem.log, readings=problem.log.readings[:, _SWAP])
+    noise = None if problem.noise is None else problem.noise[_SWAP]
+    asked = replace(problem, log=other, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise)
+    tried = [explain(sign, asked.with_unknowns(turn=False)) for sign in get_args(Sign)]
+    exchanged: Fit = replace(than.fit, residuals=than.fit.residuals[:, _SWAP])
+    good = [e for e in tried if e is not None and e.mass > 0 and e.improves(exchanged)]
+    return min(good, key=lambda e: e.left, default=None)
+
+
+def upside_down(found: Diagnosis, problem: Problem, than: Diagnosis) -> Diagnosis | None:
+    """The log in motion explained with gravity the other way, if surely better; at rest that is the other sign."""
+    log = problem.log
+    if not log.by_gravity or log.V is None:
+        return None
+    other = explain(found.sign, replace(problem, log=replace(log, gravity=-log.gravity)))
+    return other if other is not None and other.mass > 0 and other.improves(than.fit) else None

@@ -1,4 +1,4 @@
-"""Poses to read next, by the ellipsoid of the unknowns, and simulated logs of a known sensor."""
+"""Observability of a sensor's unknowns from a log, the poses that add most to it, and simulated logs of a known sensor."""
 
 from __future__ import annotations
 
@@ -13,14 +13,88 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY, STRENGTH
-from ..core.numbers import printed
+from ..core.numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
-from ..lie import se3
+from ..estimation.least_squares import null_combinations
+from ..lie import se3, so3
 from ..typing import Array
 from .contact_detection import checked_noise
 from .fit import SensorState, Unknowns
 from .log import ReadingLog, checked_log
 from .sensor import ForceTorqueSensor, checked_sensor, gravity_in_frame, rotations_to_gravity, sign_factor, unlabelled
+
+_NEAR = 1e-3  # gravity directions nearer than this to each other [rad] are one
+_UNITS = {
+    "drift m": "N m/s",
+    "drift f": "N/s",
+    "bias m": "N m",
+    "bias f": "N",
+    "mass": "kg",
+    "m c": "kg m",
+    "I": "kg m²",
+    "turn": "rad",
+    "tilt": "rad",
+    "delay": "s",
+}
+
+
+def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]:
+    """Combinations of unknowns that do not change any reading of this log, as sentences; empty if all are observable.
+
+    >>> upright = ReadingLog.from_arrays(np.zeros((3, 6)), gravity=[0, 0, -9.81])
+    >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
+    mass +1 kg with bias fz +9.81 N changes no reading: these cannot be told apart.
+    """
+    # A load whose moments depend on every turn, where the rows depend on the load.
+    load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)]) if unknowns.curved.size else None
+    A = unknowns.design(log, factor, SensorState(load=load)).reshape(6 * len(log), -1) * unknowns.scales
+    names = unknowns.names
+    # Load first, bias last: each combination is then told as a change of the load that the bias can hide.
+    order = [*range(6 * unknowns.bias, len(names)), *range(6 * unknowns.bias)]
+    combinations = null_combinations(A[:, order]) * unknowns.scales[order]
+    return [_sentence(row, [names[k] for k in order]) for row in combinations]
+
+
+def advice(log: ReadingLog, unknowns: Unknowns) -> str:
+    """Advice: rotations that the log lacks."""
+    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    centre = unit.mean(axis=0)
+    spread, axes = np.linalg.svd(unit - centre)[1:]
+    spread = np.concatenate([spread, np.zeros(3)])[:3] / np.sqrt(len(unit))
+    if spread[0] < _NEAR:
+        return (
+            f"In all readings gravity points along ({_vector(centre / np.linalg.norm(centre))}) of the sensor's frame. "
+            "Tilt the tool about two different axes between readings, by tens of degrees; `poses` proposes some."
+        )
+    if spread[1] < _NEAR:
+        axis = so3.cross(axes[0], centre)
+        about = f" about ({_vector(axis / np.linalg.norm(axis))})" if np.linalg.norm(axis) > _NEAR else ""
+        return (
+            f"Gravity takes only two directions in the sensor's frame: the tool was turned{about} only. "
+            "Add readings tilted about another axis; `poses` proposes some."
+        )
+    if unknowns.inertia:
+        return (
+            "Readings at rest or turning about one axis say little of inertia. Log faster turns about three axes, "
+            "or ask for no inertia."
+        )
+    return "Add readings in other orientations; `poses` proposes some."
+
+
+def _sentence(row: Array, names: list[str]) -> str:
+    units = [next(unit for start, unit in _UNITS.items() if name.startswith(start)) for name in names]
+    changes = zip(names, row, units, strict=True)
+    terms = [f"{name} {printed(value, 3, signed=True)} {unit}" for name, value, unit in changes if value]
+    if len(terms) == 1:
+        return f"{terms[0]} changes no reading: it cannot be told."
+    return f"{terms[0]} with {', '.join(terms[1:])} changes no reading: these cannot be told apart."
+
+
+def _vector(x: Array) -> str:
+    return ", ".join(number(v, 2) for v in x + 0.0)
+
+
+# ── Poses to read next, by the ellipsoid of the unknowns
 
 _CANDIDATES = 400
 _BELIEF = 1e3  # what is taken to be possible of each unknown before the first reading, in its own scale
@@ -103,7 +177,7 @@ def propose_poses(
 
 
 def checked_count(count: Any) -> int:
-    """Number of poses, as an int of 1 or more; :class:`~twistwrench.ValueRangeError` otherwise."""
+    """Number of poses, as an int of 1 or more."""
     try:
         whole = operator.index(count)
     except TypeError:

@@ -12,6 +12,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, percent, plus_minus
 from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
+from ..estimation.covariance import student_quantile
 from ..lie import so3
 from ..typing import Array
 from .fit import Fit, Uncertainty, uncertainty_of
@@ -133,7 +134,7 @@ class Identification:
         if name not in names:
             raise ValueRangeError(f"{name!r} was not identified. Choose one of: {', '.join(names)}.")
         k = names.index(name)
-        half = _student(float(self.fit.known[k]), self.confidence) * math.sqrt(self.fit.covariance[k, k])
+        half = float(student_quantile(self.fit.known[k], self.confidence)) * math.sqrt(self.fit.covariance[k, k])
         middle = self.fit.state.delay if name == "delay" else float(self.fit.estimate[k])
         return middle - half, middle + half
 
@@ -149,11 +150,11 @@ class Identification:
         By Fieller's theorem, so right for loads that are light beside the noise, where errors of a quotient are lopsided.
         Source: Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954.
         """
-        x, C = self._load
+        x, C, _ = self._load
         m = x[0]
         out = np.tile([-math.inf, math.inf], (3, 1))
         for k in range(3):
-            t2 = _student(float(self.fit.com_known[k]), self.confidence) ** 2
+            t2 = float(student_quantile(self.fit.com_known[k], self.confidence)) ** 2
             a = m * m - t2 * C[0, 0]
             if a <= 0:
                 continue
@@ -174,7 +175,7 @@ class Identification:
         >>> found.com_region_contains([0, 0, 0.1])
         True
         """
-        x, C = self._load[0], self._joint
+        x, _, C = self._load
         c = np.asarray(com, float)
         if c.shape != (3,):
             raise ShapeError(f"com has shape {c.shape}, expected (3,).")
@@ -198,7 +199,7 @@ class Identification:
         >>> found.region_contains(3.0, [0, 0, 0.1])
         True
         """
-        x, C = self._load[0], self._joint
+        x, _, C = self._load
         r = np.array([mass, *(mass * np.asarray(com, float))]) - x
         return bool(r @ np.linalg.solve(C, r) <= self._limit(4))
 
@@ -213,14 +214,10 @@ class Identification:
         return so3.log(self.fit.mounting)
 
     @property
-    def _load(self) -> tuple[Array, Array]:
+    def _load(self) -> tuple[Array, Array, Array]:
+        """Mass and first moment (4,), their covariance, and that for joint regions."""
         part = slice(self.fit.unknowns.load.start, self.fit.unknowns.load.start + 4)
-        return self.fit.estimate[part], self.fit.covariance[part, part]
-
-    @property
-    def _joint(self) -> Array:
-        part = slice(self.fit.unknowns.load.start, self.fit.unknowns.load.start + 4)
-        return self.fit.joint[part, part]
+        return self.fit.estimate[part], self.fit.covariance[part, part], self.fit.joint[part, part]
 
     def _limit(self, count: int) -> float:
         from scipy import special
@@ -231,14 +228,8 @@ class Identification:
 def mass_interval(fit: Fit, confidence: float) -> tuple[float, float]:
     """Confidence interval of a fit's mass [kg]."""
     k = fit.unknowns.load.start
-    half = _student(float(fit.known[k]), confidence) * math.sqrt(fit.covariance[k, k])
+    half = float(student_quantile(fit.known[k], confidence)) * math.sqrt(fit.covariance[k, k])
     return float(fit.estimate[k]) - half, float(fit.estimate[k]) + half
-
-
-def _student(freedom: float, confidence: float) -> float:
-    from scipy import special
-
-    return float(special.stdtrit(min(freedom, 1e9), 0.5 + 0.5 * confidence))
 
 
 def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | None:

@@ -27,10 +27,7 @@ def unlabelled(given: dict[str, Any], frame: str | None = None, *, turned: bool 
     """The numbers of what is given by name, once the labels that there are agree; what has none passes untouched.
 
     ``pose``, ``V`` and ``dV`` are of {f}, whose name is ``frame`` where it is known. Anything else is a wrench in the
-    sensor's axes {s}: those of {f}, unless the mounting is ``turned``. Raises :class:`~twistwrench.FrameError`.
-
-    >>> unlabelled({"V": Twist([0, 0, 1, 0, 0, 0], "f"), "dV": None}, "f")["V"].tolist()
-    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    sensor's axes {s}: those of {f}, unless the mounting is ``turned``.
     """
     own: dict[str, str] = {} if frame is None else {"the sensor": frame}
     read: dict[str, str] = {}
@@ -64,11 +61,7 @@ _OFF = 1e-3  # numbers written with four decimals pass; a wrong column does not
 
 
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
-    """The rotations (..., 3, 3) of rotations (..., 3, 3) or poses (..., 4, 4), put exactly onto the group.
-
-    Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` with the error of a matrix
-    when RᵀR differs from the identity by more than 1e-3.
-    """
+    """The rotations (..., 3, 3) of rotations (..., 3, 3) or poses (..., 4, 4), put exactly onto the group."""
     try:
         T = np.asarray(pose, float)
     except (TypeError, ValueError, OverflowError):
@@ -95,10 +88,7 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
 
 
 def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:
-    """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first.
-
-    Raises :class:`~twistwrench.ValueRangeError` saying how far off the length is if that is more than 1e-3.
-    """
+    """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     quat = np.asarray(arguments.real(quat, where), float)
     if quat.shape[-1:] != (4,):
         raise ShapeError(f"{where} has shape {quat.shape}, expected (..., 4): qw, qx, qy, qz.")
