@@ -364,8 +364,8 @@ def _payload(found: IdentifiedRobot) -> Iterator[Text]:
         f"payload at {payload.frame}: {plus_minus(payload.mass, payload.mass_deviation)} kg, centre of mass "
         f"({com}) m in its frame"
     )
-    if payload.untold:
-        yield Text(f"no torque of this robot tells {', '.join(payload.untold)}: taken as the file has it")
+    if payload.unidentifiable:
+        yield Text(f"no torque of this robot tells {', '.join(payload.unidentifiable)}: taken as the file has it")
 
 
 def _essential(found: IdentifiedRobot) -> Iterator[Text]:

@@ -27,7 +27,7 @@ from ..estimation.least_squares import Information, NormalEquations, Prior, left
 from ..model.actuation import with_friction
 from ..robot import Robot
 from ..typing import Array
-from .parameters import BaseParameters
+from .parameters import DRIVE, BaseParameters
 
 STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
 """Weights γ of the divergence that are offered, in units of the squared residuals; from large to small."""
@@ -42,18 +42,10 @@ _HOLD = 1e6
 """Weight that holds known values, in units of the residuals, per size that they could have."""
 
 
-def _basis() -> Array:
-    """(10, 4, 4) orthonormal symmetric matrices."""
-    found = []
-    for i in range(4):
-        for j in range(i, 4):
-            E = np.zeros((4, 4))
-            E[i, j] = E[j, i] = 1.0 if i == j else math.sqrt(0.5)
-            found.append(E)
-    return np.array(found)
-
-
-_E = _basis()
+_PAIRS = np.array([(i, j) for i in range(4) for j in range(i, 4)])
+_E = np.zeros((10, 4, 4))
+"""Orthonormal symmetric matrices."""
+_E[np.arange(10), *_PAIRS.T] = _E[np.arange(10), *_PAIRS.T[::-1]] = np.where(np.diff(_PAIRS)[:, 0], math.sqrt(0.5), 1.0)
 _TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
 """(10, 4, 4): J = Σ_k π_k of these."""
 _FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))
@@ -142,9 +134,8 @@ class PositiveProblem:
         self.g[held] += weight * known
         self.y = y + float(weight @ known**2)
         of_bodies = base.unknown.of_bodies
-        self._bodies = [
-            np.array([int(np.flatnonzero(of_bodies == 10 * i + k)[0]) for k in range(10)]) for i in base.unknown.bodies
-        ]
+        ten = 10 * np.array(base.unknown.bodies, int)[:, None] + np.arange(10)
+        self._bodies = np.argmax(of_bodies == ten[..., None], axis=-1)  # (n, 10) places of their parameters
         self._drives = np.flatnonzero(prior.positive)
         self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)
         self._size = sizes
@@ -167,22 +158,17 @@ class PositiveProblem:
 
     def _values(self, J: Array, x: Array) -> Array:
         values = x.copy()
-        for places, body in zip(self._bodies, J, strict=True):
-            values[places] = _FROM_PSEUDO @ np.einsum("aij,ij->a", _E, body)
+        values[self._bodies] = np.einsum("aij,nij->na", _E, J) @ _FROM_PSEUDO.T
         return values
 
     def cost(self, J: Array, x: Array, strength: float) -> float:
         """f; infinite where something is not positive."""
         values = self._values(J, x)
-        divergence = 0.0
-        for inverse, body in zip(self._inverse, J, strict=True):
-            sign, size = np.linalg.slogdet(inverse @ body)
-            if sign <= 0 or np.linalg.eigvalsh(body)[0] <= 0:
-                return math.inf
-            divergence += float(np.trace(inverse @ body)) - size - 4.0
-        share = x[self._drives] / self.prior.drives[self._drives]
-        if (share <= 0).any():
+        relative, share = self._inverse @ J, x[self._drives] / self.prior.drives[self._drives]
+        sign, size = np.linalg.slogdet(relative)
+        if (sign <= 0).any() or (np.linalg.eigvalsh(J)[:, 0] <= 0).any() or (share <= 0).any():
             return math.inf
+        divergence = float((np.trace(relative, axis1=1, axis2=2) - size - 4.0).sum())
         divergence += float((share - np.log(share) - 1.0).sum())
         offsets = 0.5 * float(((x[self._free] / self._size[self._free]) ** 2).sum())
         return (
@@ -198,16 +184,12 @@ class PositiveProblem:
             T = self._tangents(L, x)
             gradient = T.T @ (self.H @ self._values(J, x) - self.g)
             hessian = T.T @ self.H @ T
-            n = 10 * len(J)
-            for i in range(len(J)):
-                pulled = L[i].T @ self._inverse[i] @ L[i]
-                gradient[10 * i : 10 * i + 10] += strength * np.einsum("aij,ij->a", _E, pulled - np.eye(4))
-            drives = slice(n, n + len(self._drives))
-            gradient[drives] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
-            gradient[n + len(self._drives) :] += x[self._free] / self._size[self._free]
-            diagonal = np.full(len(gradient), strength)
-            diagonal[n + len(self._drives) :] = 1.0
-            hessian[np.diag_indices_from(hessian)] += diagonal
+            n, free = 10 * len(J), 10 * len(J) + len(self._drives)
+            pulled = np.swapaxes(L, 1, 2) @ self._inverse @ L
+            gradient[:n] += strength * np.einsum("aij,nij->na", _E, pulled - np.eye(4)).ravel()
+            gradient[n:free] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
+            gradient[free:] += x[self._free] / self._size[self._free]
+            hessian[np.diag_indices_from(hessian)] += np.where(np.arange(len(gradient)) < free, strength, 1.0)
             direction = -solve_positive(hessian, gradient)
             fall = -float(gradient @ direction)
             if fall <= _DONE * max(abs(cost), strength, 1e-300):
@@ -226,14 +208,13 @@ class PositiveProblem:
 
     def _tangents(self, L: Array, x: Array) -> Array:
         """(p, n) what each coordinate of a step adds to the parameters."""
-        n = 10 * len(L)
-        T = np.zeros((len(x), n + len(self._drives) + len(self._free)))
-        for i, (places, half) in enumerate(zip(self._bodies, L, strict=True)):
-            moved = half @ _E @ half.T  # (10, 4, 4)
-            T[np.ix_(places, np.arange(10 * i, 10 * i + 10))] = _FROM_PSEUDO @ np.einsum("bij,aij->ba", _E, moved)
-        T[self._drives, n + np.arange(len(self._drives))] = x[self._drives]
-        at = n + len(self._drives)
-        T[self._free, at + np.arange(len(self._free))] = self._size[self._free]
+        n, free = 10 * len(L), 10 * len(L) + len(self._drives)
+        T = np.zeros((len(x), free + len(self._free)))
+        moved = L[:, None] @ _E @ np.swapaxes(L, 1, 2)[:, None]  # (n, 10, 4, 4)
+        columns = np.arange(n).reshape(-1, 1, 10)
+        T[self._bodies[..., None], columns] = _FROM_PSEUDO @ np.einsum("bij,naij->nba", _E, moved)
+        T[self._drives, np.arange(n, free)] = x[self._drives]
+        T[self._free, np.arange(free, T.shape[1])] = self._size[self._free]
         return T
 
     def _moved(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
@@ -378,29 +359,23 @@ class ConsistentRobot:
     def of_several_joints(self) -> dict[str, float]:
         """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
         unknown = self.base.unknown
-        kinds = {"motor_inertia", "viscous", "coulomb", "stribeck"}
-        return {
-            name: float(value)
-            for name, value in zip(unknown.names, self.fit.values, strict=True)
-            if "+" in name
-            and name.rpartition(".")[2] in kinds
-            and name.rpartition(".")[0] not in unknown.model.velocity_names
-        }
+        of_joints = [f"{joint}.{kind}" for joint in unknown.model.velocity_names for kind in DRIVE]
+        pairs = zip(unknown.names, unknown.kinds, self.fit.values.tolist(), strict=True)
+        return {name: value for name, kind, value in pairs if kind in DRIVE and name not in of_joints}
 
     @property
     def robot(self) -> Robot:
         """The robot with these bodies, and with friction and motor inertias at its joints."""
         model = self.base.unknown.model
         bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, self.inertias, strict=True))
-        laws: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}
-        for law in ("viscous", "coulomb"):
-            for joint, value in self.of_joints(law).items():
-                laws[joint][law] = value
-        for joint, value in self.of_joints("stribeck").items():
-            static = laws[joint].get("coulomb", 0.0) + value
-            laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
-        given = self.of_joints("motor_inertia")
-        armature = np.array([given.get(joint, 0.0) for joint in model.velocity_names])
+        viscous, coulomb, stribeck, inertia = map(self.of_joints, ("viscous", "coulomb", "stribeck", "motor_inertia"))
+        laws: dict[str, dict[str, float]] = {}
+        for joint in model.velocity_names:
+            laws[joint] = {law: of[joint] for law, of in (("viscous", viscous), ("coulomb", coulomb)) if joint in of}
+            if joint in stribeck:
+                static = coulomb.get(joint, 0.0) + stribeck[joint]
+                laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
+        armature = np.array([inertia.get(joint, 0.0) for joint in model.velocity_names])
         return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))
 
 

@@ -31,7 +31,7 @@ from .trajectory_constraints import (
     half_and_middle,
     shared_bounds,
 )
-from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, WindowedFourierSeries
+from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, Progress, WindowedFourierSeries
 
 _JUDGED = 2001
 """Instants at which a motion is judged, at least."""
@@ -246,10 +246,6 @@ def exciting_trajectory(
     step : float, between samples of the motion [s]
     progress : callable, optional, called with the share that is done
 
-    Returns
-    -------
-    found : ExcitingMotion
-
     Raises
     ------
     ModelError
@@ -275,53 +271,52 @@ def exciting_trajectory(
     require_robot(robot, "exciting_trajectory")
     unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
     rng = arguments.generator(seed, "seed")
-    series = WindowedFourierSeries(arguments.positive(duration, "duration", "s"), _harmonics(harmonics))
+    series = WindowedFourierSeries(
+        arguments.positive(duration, "duration", "s"), arguments.whole(harmonics, "harmonics")
+    )
+    if series.harmonics > _MOST_HARMONICS:
+        raise ValueRangeError(f"harmonics is {series.harmonics}: give {_MOST_HARMONICS} at most.")
     bounds = _bounds(robot, share, velocity, acceleration, effort)
     speed = np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed")))
     if criterion not in CRITERIA:
         raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
-    information = MotionInformation(
-        BaseParameters.from_unknowns(unknown), _noise(robot, noise), speed, series.duration, criterion
+    base = BaseParameters.from_unknowns(unknown)
+    information = MotionInformation(base, _noise(robot, noise), speed, series.duration, criterion)
+    height = None if floor is None else arguments.number(floor, "floor")
+    if height is not None and not np.isfinite(height):
+        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
+    capsules = CapsuleDistances.from_capsules(
+        robot,
+        LinkCapsules.from_robot(robot),
+        floor=height,
+        itself=arguments.flag(clear_of_itself, "clear_of_itself"),
     )
-    constraints = TrajectoryConstraints(
-        robot, bounds, speed, _capsules(robot, floor, itself=clear_of_itself), _asked(clear)
-    )
+    if clear is not None and not callable(clear):
+        raise ValueRangeError(
+            f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
+        )
+    constraints = TrajectoryConstraints(robot, bounds, speed, capsules, clear)
     search = MotionSearch(series, information, constraints, *_sizes(robot, bounds, series))
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
     if step > series.duration / 20:
         raise ValueRangeError(
             f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
         )
-    best = _best(search, rng, times, progress or (lambda _share: None))
-    if best is None:
+    tell, found = progress or (lambda _share: None), list[Array]()
+
+    def progress_of(k: int) -> Progress:
+        return lambda done: tell((k + done) / times)
+
+    for k in range(times):
+        z = search.best(rng, progress_of(k))
+        found += [] if z is None else [z]
+    if not found:
         raise ValueRangeError(
             f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "
             "above the floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
         )
+    best = max(found, key=search.merit)
     return ExcitingMotion(robot, series, search.coefficients(best), constraints, information, step)
-
-
-def _best(search: MotionSearch, rng: np.random.Generator, times: int, tell: Callable[[float], None]) -> Array | None:
-    """The best that some searches come to, each with random motions of its own; None where no motion is possible."""
-    found = [search.best(rng, lambda done, k=k: tell((k + done) / times)) for k in range(times)]  # type: ignore[misc]
-    return max((z for z in found if z is not None), key=search.merit, default=None)
-
-
-def _capsules(robot: Robot, floor: float | None, *, itself: bool) -> CapsuleDistances:
-    height = None if floor is None else arguments.number(floor, "floor")
-    if height is not None and not np.isfinite(height):
-        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
-    return CapsuleDistances.from_capsules(
-        robot, LinkCapsules.from_robot(robot), floor=height, itself=arguments.flag(itself, "clear_of_itself")
-    )
-
-
-def _asked(clear: Clear | None) -> Clear | None:
-    if clear is not None and not callable(clear):
-        raise ValueRangeError(
-            f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
-        )
-    return clear
 
 
 def _sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:
@@ -334,13 +329,6 @@ def _sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple
     fast = np.minimum(bounds.velocity, wide * rate)
     typical = np.stack([wide, fast, np.minimum(bounds.acceleration, fast * rate)])
     return typical, np.where(both, middle, np.clip(0.0, bounds.lower, bounds.upper))
-
-
-def _harmonics(harmonics: int) -> int:
-    count = arguments.whole(harmonics, "harmonics")
-    if count > _MOST_HARMONICS:
-        raise ValueRangeError(f"harmonics is {count}: give {_MOST_HARMONICS} at most.")
-    return count
 
 
 def _bounds(

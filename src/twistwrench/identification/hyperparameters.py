@@ -205,7 +205,7 @@ def essential_groups(
     kept = sets[chosen]
     found = _solved(total, kept, size)
     curve = tuple((len(one), float(share)) for one, share in zip(sets, shares, strict=True))
-    return EssentialGroups(tuple(names[k] for k in kept), kept, found, float(shares[chosen]), curve)
+    return EssentialGroups(tuple(names[k] for k in kept.tolist()), kept, found, float(shares[chosen]), curve)
 
 
 def _solved(information: Information, which: Array, size: Array) -> Array:

@@ -197,10 +197,6 @@ class NormalEquationBlocks:
         ----------
         test : NormalEquationBlocks, optional, of logs that are only predicted, gathered like this one
 
-        Returns
-        -------
-        found : IdentifiedRobot
-
         Raises
         ------
         TrajectoryError
@@ -295,10 +291,6 @@ class NormalEquationBlocks:
         Parameters
         ----------
         robot : Robot, the same
-
-        Returns
-        -------
-        information : NormalEquationBlocks
 
         Raises
         ------

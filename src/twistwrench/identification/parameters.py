@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..core.glossary import complete
 from ..core.numbers import number
 from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..model.model import BASE, Model
@@ -224,13 +225,6 @@ class UnknownParameters:
     def columns(self, which: Array, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
         """Columns of the torques that belong to some of the parameters.
 
-        Parameters
-        ----------
-        which : (k,) array, numbers of parameters
-        q : (n, nq) array
-        dq, ddq : (n, nv) array
-        friction_speed : (nv,) array, v_0 [rad/s or m/s]
-
         Returns
         -------
         W : (n, nv, k) array
@@ -254,10 +248,6 @@ class UnknownParameters:
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
         """Columns of dry friction, Coulomb's and Stribeck's, among some of the parameters.
-
-        Parameters
-        ----------
-        which : (k,) array, numbers of parameters
 
         Returns
         -------
@@ -284,8 +274,6 @@ class UnknownParameters:
         Parameters
         ----------
         k : int, number of the parameter
-        dq, ddq : (n, nv) array
-        friction_speed : (nv,) array, v_0 [rad/s or m/s]
 
         Returns
         -------
@@ -375,10 +363,6 @@ class BaseParameters:
         unknown : UnknownParameters
         seed : int, of the states
 
-        Returns
-        -------
-        base : BaseParameters
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -417,10 +401,6 @@ class BaseParameters:
     def weak_sizes(self, sizes: Array) -> Array:
         """Sizes that groups could have at most, where parameters could have sizes (p,); next to none for what is known.
 
-        Parameters
-        ----------
-        sizes : (p,) array
-
         Returns
         -------
         sizes : (r,) array
@@ -446,10 +426,6 @@ class BaseParameters:
 
     def project(self, values: Array) -> Array:
         """Groups of given parameters.
-
-        Parameters
-        ----------
-        values : (p,) array, a value of each unknown parameter
 
         Returns
         -------
@@ -506,3 +482,6 @@ def _kept(W: Array) -> tuple[Array, Array]:
 
 def _rounded(grouping: Array) -> Array:
     return np.where(np.abs(grouping) < 1e-12, 0.0, grouping)
+
+
+complete(globals())

@@ -137,12 +137,7 @@ def motor_side(model: Model, source: Source) -> MotorSide:
 
     Parameters
     ----------
-    model : Model
     source : str, Path or mapping, a path, YAML text, or its content
-
-    Returns
-    -------
-    side : MotorSide
 
     Raises
     ------
@@ -225,14 +220,14 @@ class IdentifiedPayload:
     inertia : SpatialInertia, in that frame
     mass_deviation : float [kg]
     com_deviations : (3,) array, along the frame's axes [m]
-    untold : tuple of str, parameters of the body that carries it, that do not change any torque of this robot
+    unidentifiable : tuple of str, parameters of the body that carries it, that do not change any torque of this robot
     """
 
     frame: str
     inertia: SpatialInertia
     mass_deviation: float
     com_deviations: Array
-    untold: tuple[str, ...] = ()
+    unidentifiable: tuple[str, ...] = ()
 
     @property
     def mass(self) -> float:
@@ -258,7 +253,7 @@ class IdentifiedPayload:
             "mass_deviation": self.mass_deviation,
             "com": self.com.tolist(),
             "com_deviations": self.com_deviations.tolist(),
-            "untold": list(self.untold),
+            "untold": list(self.unidentifiable),
             "moment_about_com": np.asarray(self.inertia.moment_about_com).tolist(),
         }
 
@@ -310,8 +305,8 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     m, mc = (PARAMETER_NAMES.index(name) for name in ("m", "mcx"))
     J = np.zeros((3, 10))  # c = (m c) / m
     J[:, mc : mc + 3], J[:, m] = np.eye(3) / G.mass, -np.asarray(G.com) / G.mass
-    untold = tuple(name for name, row in zip(ten, S, strict=True) if not row.any())
-    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), untold)
+    lacking = tuple(name for name, row in zip(ten, S, strict=True) if not row.any())
+    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), lacking)
 
 
 def unknown_of(

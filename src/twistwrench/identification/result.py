@@ -111,10 +111,6 @@ class IdentifiedRobot:
         ----------
         strength : float or None, γ; None: chosen by rows held out
 
-        Returns
-        -------
-        robot : ConsistentRobot
-
         Raises
         ------
         ValueRangeError
@@ -166,10 +162,6 @@ class IdentifiedRobot:
 
     def interval(self, level: float = 0.95) -> Array:
         """Intervals of the groups.
-
-        Parameters
-        ----------
-        level : float, the chance that each holds the truth
 
         Returns
         -------

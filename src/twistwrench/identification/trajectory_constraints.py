@@ -17,7 +17,7 @@ Source: Ericson, "Real-Time Collision Detection", 2005, 4.5, for the capsules of
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -272,7 +272,7 @@ class CapsuleDistances:
     itself: bool = True  # true if links are looked at together
     # links fixed at a height that are not looked at, as the floor is too near wherever the joints are
     low: tuple[str, ...] = ()
-    margins: Array | None = None  # (m,), what pairs stay away from each other [m]; None: MARGIN
+    margins: Array = field(default_factory=lambda: np.zeros(0))  # (m,), what pairs stay away from each other [m]
 
     @classmethod
     def from_capsules(
@@ -431,24 +431,15 @@ class TrajectoryConstraints:
         b = self.bounds
         half = (b.upper - b.lower) / 2.0
         count = self.clearances(self.robot.neutral[None]).shape[1]
+        margins = np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0)  # the user's distances may come to 0
+        margins[: len(self.capsules.margins)] = self.capsules.margins
         return (
             Band(b.lower, b.upper, np.where(np.isfinite(half), half, 1.0)),
             _both_ways(b.velocity),
             _both_ways(b.acceleration),
             _both_ways(b.effort),
-            Band(
-                self._margins(count),
-                np.full(count, np.inf),
-                np.full(count, _NEAR),
-            ),
+            Band(margins, np.full(count, np.inf), np.full(count, _NEAR)),
         )
-
-    def _margins(self, count: int) -> Array:
-        """Least of each of the clearances (count,) [m]: the user's distances may come to 0."""
-        found = np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0)
-        if self.capsules.margins is not None:
-            found[: len(self.capsules.margins)] = self.capsules.margins
-        return found
 
     def clearances(self, q: Array) -> Array:
         """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
@@ -487,15 +478,11 @@ class TrajectoryConstraints:
 
     def least(self, q: Array, dq: Array, ddq: Array) -> float:
         """The least distance from any edge, as a share of its size; below 0 beyond one. Friction as the robot's file has it."""
-        found = self.least_of_joints(q, dq, ddq)
+        found = min(band.least(x) for band, x in zip(self.bands, (q, dq, ddq), strict=False))
         if found < 0.0:
             return found
         tau = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=True))
         return min(found, self.bands[3].least(tau), self.bands[4].least(self.clearances(q)))
-
-    def least_of_joints(self, q: Array, dq: Array, ddq: Array) -> float:
-        """The same of positions, velocities and accelerations alone."""
-        return min(band.least(x) for band, x in zip(self.bands, (q, dq, ddq), strict=False))
 
 
 def _both_ways(limit: Array) -> Band:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -21,14 +21,6 @@ from numpy.polynomial import polynomial
 from ..typing import Array
 from .parameters import BaseParameters
 from .trajectory_constraints import DENSE, TrajectoryConstraints
-
-
-class Round(NamedTuple):
-    """One search with multipliers that stay: its pull ρ, the most steps, and how many times as many instants there are."""
-
-    rho: float
-    steps: int
-    finer: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +235,7 @@ class MotionInformation:
 
 def _smooth_median(values: Array) -> tuple[float, Array]:
     """m, and its derivative by each of the values, by Newton's method from their median."""
-    m = float(np.median(values))
+    m, by_values = float(np.median(values)), np.ones_like(values)
     for _ in range(50):
         S = 1.0 / (1.0 + np.exp((m - values) / _SMOOTH))
         by_values = S * (1.0 - S) / _SMOOTH
@@ -267,7 +259,8 @@ _FINER = 10
 """Times as many, at least, at which a motion is judged in the end."""
 _MARGIN = 1e-4
 """Share of each limit that is left: what may happen between those."""
-_ROUNDS = (Round(5.0, 60), Round(20.0, 50), Round(80.0, 50), Round(320.0, 50), Round(1000.0, 30, 2))
+_ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 1), (320.0, 50, 1), (1000.0, 30, 2))
+"""Searches with multipliers that stay: their pull ρ, the most steps, and how many times as many instants there are."""
 _REPAIRS = 6
 """Times that a motion which passes a limit between the instants of the search is searched again with a larger margin."""
 _STEP = 1e-5
@@ -400,38 +393,36 @@ class MotionSearch:
         if not starts:
             return None
         start = max(starts, key=self.merit)
-        most = sum(round_.steps for round_ in _ROUNDS)
-        z, barrier, done = start, self._barrier(start), 0
-        for round_ in _ROUNDS:
-            barrier = replace(barrier, rho=round_.rho).refined(round_.finer)
-            z = self._descended(z, barrier, round_.steps, lambda k, done=done: progress((done + k) / most))  # type: ignore[misc]
+        most, z, done = sum(steps for _, steps, _ in _ROUNDS), start, 0
+        barrier = LimitBarrier(tuple(np.zeros_like(s) for s in self._shares(start, 1)))
+        for rho, steps, finer in _ROUNDS:
+            barrier = replace(barrier, rho=rho).refined(finer)
+            z = self._descended(z, barrier, steps, lambda count: progress(count / most), done)
             barrier = barrier.updated(self._shares(z, barrier.finer))
-            done += round_.steps
+            done += steps
         for _ in range(_REPAIRS):
             beyond = _MARGIN - self.constraints.least(*self._states(z, self._fine))
             if beyond <= 0.0:
                 break
             barrier = replace(barrier, aim=barrier.aim + 1.5 * beyond)
-            z = self._descended(z, barrier, _ROUNDS[-1].steps, lambda _: None)
+            z = self._descended(z, barrier, _ROUNDS[-1][1], lambda _: None)
             barrier = barrier.updated(self._shares(z, barrier.finer))
         fits = [found for found in (self.fitted(z), self.fitted(start)) if found is not None]
         progress(1.0)
         return max(fits, key=self.merit, default=None)
 
-    def _barrier(self, z: Array) -> LimitBarrier:
-        """Barrier before any limit is active."""
-        return LimitBarrier(tuple(np.zeros_like(s) for s in self._shares(z, 1)))
+    def _limited(self, states: Array) -> tuple[Array, ...]:
+        """Positions, velocities, accelerations, torques and clearances at states (3, n, nv), as the bands limit them."""
+        return (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
 
     def _shares(self, z: Array, finer: int) -> tuple[Array, ...]:
         """Distances from all edges at the instants of the search."""
-        states = self._states(z, finer)
-        values = (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
-        return tuple(band.shares(x) for band, x in zip(self.constraints.bands, values, strict=True))
+        pairs = zip(self.constraints.bands, self._limited(self._states(z, finer)), strict=True)
+        return tuple(band.shares(x) for band, x in pairs)
 
-    def _descended(self, z: Array, barrier: LimitBarrier, steps: int, progress: Callable[[int], None]) -> Array:
+    def _descended(self, z: Array, barrier: LimitBarrier, steps: int, progress: Progress, count: int = 0) -> Array:
+        """The motion after some steps; progress is told ``count`` and the steps that are done."""
         from scipy.optimize import minimize
-
-        count = 0
 
         def tick(_: Array) -> None:
             nonlocal count
@@ -451,9 +442,8 @@ class MotionSearch:
         """-merit with the edges' part, and its derivative by z (nv, K)."""
         states = self._states(z, barrier.finer)
         merit, G = self.information.merit_and_slope(self.information.rows(*states))
-        values = (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
         cost, slopes = -merit, list[Array]()
-        for band, x, m in zip(self.constraints.bands, values, barrier.multipliers, strict=True):
+        for band, x, m in zip(self.constraints.bands, self._limited(states), barrier.multipliers, strict=True):
             value, forces = barrier.cost_and_forces(band.shares(x), m)
             cost += value
             slopes.append(band.slope(-forces))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from ..joints.units import unit_of
 from ..lie import se3
 from ..model.model import BASE, Model
 from ..robot import Robot, load
-from ..typing import Array
 from .consistent import ConsistentRobot
 
 if TYPE_CHECKING:
@@ -40,34 +39,30 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
     """
     import yaml
 
-    content: dict[str, object] = {"robot": model.name, **dict(given or {})}
-    entries = {name: dict(entry) for name, entry in dict(content.get("actuators", {}) or {}).items()}  # type: ignore[call-overload]
-    sliding = {b.joint.name for b in model.leaders if not b.joint.turning[0]}
-    inertia, viscous = found.of_joints("motor_inertia"), found.of_joints("viscous")
-    coulomb, stribeck, offset = (found.of_joints(kind) for kind in ("coulomb", "stribeck", "offset"))
-    for name in model.velocity_names:
-        entry = entries.setdefault(name, {})
-        slides = name in sliding
+    content: dict[str, Any] = {"robot": model.name, **dict(given or {})}
+    entries: dict[str, dict[str, Any]] = {name: dict(x) for name, x in (content.get("actuators") or {}).items()}
+    kinds = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
+    inertia, viscous, coulomb, stribeck, offset = map(found.of_joints, kinds)
+    for joint in (body.joint for body in model.leaders):
+        name, turns = joint.name, bool(joint.turning[0])
+        entry, law = entries.setdefault(name, {}), dict[str, str]()
         if name in inertia:
             entry.pop("rotor", None)
-            entry["reflected_inertia"] = f"{inertia[name]!r} {'kg' if slides else 'kg m^2'}"
-        law = {}
+            entry["reflected_inertia"] = f"{inertia[name]!r} {'kg m^2' if turns else 'kg'}"
         if name in viscous:
-            law["viscous"] = f"{viscous[name]!r} {'N s/m' if slides else 'N m s/rad'}"
+            law["viscous"] = f"{viscous[name]!r} {'N m s/rad' if turns else 'N s/m'}"
         if name in coulomb:
-            law["coulomb"] = f"{coulomb[name]!r} {unit_of('tau', not slides)}"
+            law["coulomb"] = f"{coulomb[name]!r} {unit_of('tau', turns)}"
         if name in stribeck:
-            law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {unit_of('tau', not slides)}"
-            law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {unit_of('dq', not slides)}"
+            law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {unit_of('tau', turns)}"
+            law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {unit_of('dq', turns)}"
         if law:
             entry["friction"] = law
     content["actuators"] = entries
     head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
-    if offset:
-        head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
-    head += "".join(
-        f"# of several joints, not read: {name} {value!r}\n" for name, value in found.of_several_joints.items()
-    )
+    head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
+    together = found.of_several_joints.items()
+    head += "".join(f"# of several joints, not read: {name} {value!r}\n" for name, value in together)
     return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
@@ -79,14 +74,10 @@ def same_actuators(text: str, found: ConsistentRobot) -> float:
     bare = replace(model, armature=np.zeros(model.nv))
     again = Robot(bare).with_actuators(yaml.safe_load(text)).model
     right = found.robot.model
-    pairs: list[tuple[Array, Array]] = [
-        (again.armature, right.armature),
-        (again.friction.viscous, right.friction.viscous),
-        (again.friction.coulomb, right.friction.coulomb),
-        (again.friction.static, right.friction.static),
-    ]
-    size = max(float(np.abs(b).max()) for _, b in pairs)
-    return max(float(np.abs(a - b).max()) for a, b in pairs) / max(size, 1e-300)
+    has, wanted = (
+        np.concatenate([m.armature, m.friction.viscous, m.friction.coulomb, m.friction.static]) for m in (again, right)
+    )
+    return float(np.abs(has - wanted).max() / max(np.abs(wanted).max(), 1e-300))
 
 
 # ── The robot's file: the numbers concerned, everything else unchanged
@@ -130,24 +121,21 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
             "writes a new one."
         )
     inertias, folded = _link_inertias(found, TEXTS[subject.robot.format].share_left)
-    drives = _drives(found)
-    wanted = drives
-    again = _again(_text(subject, found, said, inertias, wanted), subject, found)
-    beside = _off(again, drives)
+    drives = wanted = _drives(found)
+
+    def off(wanted: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+        return _off(_again(_text(subject, found, said, inertias, wanted), subject, found), drives)
+
+    beside = off(wanted)
     if any(value > 0 for of_kind in beside.values() for value in of_kind.values()):
         # What actuators add to a joint is in the file besides: the joint gets the rest.
         wanted = {
-            kind: {
-                joint: max(0.0, value - max(0.0, beside.get(kind, {}).get(joint, 0.0)))
-                for joint, value in of_kind.items()
-            }
+            kind: {joint: max(0.0, x - max(0.0, beside.get(kind, {}).get(joint, 0.0))) for joint, x in of_kind.items()}
             for kind, of_kind in drives.items()
         }
-        again = _again(_text(subject, found, said, inertias, wanted), subject, found)
-    missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in _off(again, drives).items()}
-    lacking = [
-        f"{kind} {joint} {number(value)}" for kind, of_kind in missing.items() for joint, value in of_kind.items()
-    ]
+        beside = off(wanted)
+    missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in beside.items()}
+    lacking = [f"{kind} {joint} {number(x)}" for kind, of_kind in missing.items() for joint, x in of_kind.items()]
     text = _text(subject, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted)
     difference = _difference(_again(text, subject, found), found)
     if not difference <= _SAME:
@@ -233,10 +221,10 @@ def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
 def _again(text: str, subject: Subject, found: ConsistentRobot) -> Model:
     """The text read as the robot's file was."""
     folders = [] if subject.path is None else [subject.path.resolve().parent]
-    given = {"include_paths": folders, "inertia": "accept", "model": subject.model}
-    model = load(text, **given).model  # type: ignore[arg-type]
+    given: dict[str, Any] = {"include_paths": folders, "inertia": "accept", "model": subject.model}
+    model = load(text, **given).model
     joints = set(found.base.unknown.model.velocity_names)
-    return model if joints <= set(model.velocity_names) else load(text, **given, mimic="independent").model  # type: ignore[arg-type]
+    return model if joints <= set(model.velocity_names) else load(text, **given, mimic="independent").model
 
 
 def _off(again: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -293,9 +281,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
     said = []
     if found.held_out > found.of_file:
         said.append("the file's own bodies with friction explain rows held out as well")
-    mass, before = (
-        sum(float(b.mass) for b in bodies) for bodies in (found.inertias, [b.inertia for b in model.bodies])
-    )
+    mass, before = sum(float(G.mass) for G in found.inertias), sum(float(b.inertia.mass) for b in model.bodies)
     if before > 0 and abs(mass / before - 1.0) > 0.2:
         said.append(f"the moving bodies weigh {number(mass)} kg, in the file {number(before)} kg")
     if found.repaired:

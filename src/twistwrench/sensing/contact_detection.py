@@ -65,7 +65,6 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
 
     Parameters
     ----------
-    F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
     point : (..., 3) array_like, in the frame of F [m]
     normal : (..., 3) array_like, of the plane through ``point``
 
@@ -94,7 +93,6 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
 
     Parameters
     ----------
-    F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
     centre : (..., 3) array_like, in the frame of F [m]
 
     Returns
@@ -119,7 +117,6 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
 
     Parameters
     ----------
-    F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
     point : (..., 3) array_like, in the frame of F [m]
 
     Returns
@@ -174,11 +171,6 @@ class CollisionThreshold:
         Parameters
         ----------
         sigma : (6,) array_like, mx, my, mz [N m], fx, fy, fz [N]
-        axes : slice, which of the six are looked at; ``slice(3, 6)`` for the forces
-
-        Returns
-        -------
-        threshold : CollisionThreshold
 
         Examples
         --------
@@ -197,11 +189,6 @@ class CollisionThreshold:
         ----------
         covariance : (6, 6) or (n, 6, 6) array_like, S
         freedom : (6,) array_like or None, degrees of freedom of the variances; None where they are known
-        axes : slice, which of the six are looked at; ``slice(3, 6)`` for the forces
-
-        Returns
-        -------
-        threshold : CollisionThreshold
 
         Raises
         ------
@@ -236,16 +223,6 @@ class CollisionThreshold:
     ) -> CollisionThreshold:
         """Threshold from known standard deviations of moments and forces, independent and normal: a χ² test of the six.
 
-        Parameters
-        ----------
-        noise : (moment [N m], force [N]), standard deviations
-        axes : slice, which of the six are looked at
-            ``slice(3, 6)``, the forces, where a load's inertia is unknown and spoils the moments.
-
-        Returns
-        -------
-        threshold : CollisionThreshold
-
         Examples
         --------
         >>> threshold = CollisionThreshold.of_noise((0.01, 0.3))
@@ -261,10 +238,6 @@ class CollisionThreshold:
         Parameters
         ----------
         residuals : (n, 6) array_like, n > 6 [N m, N]
-
-        Returns
-        -------
-        threshold : CollisionThreshold
 
         Raises
         ------

@@ -55,7 +55,6 @@ def write_sensor(
     Parameters
     ----------
     path : str or Path, the file that is written
-    noise : (moment [N m], force [N]), standard deviations of a reading
     uncertainty : Uncertainty, optional, how well it is known, as :attr:`Identification.uncertainty` has it
         Covariance and degrees of freedom, which :func:`~twistwrench.sensing.contact_detection.compensation` needs for its
         rate of false alarms to hold. Whether the load's rotational inertia is known goes with it.

@@ -285,7 +285,8 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
         v = problem.noise**2 * share
     freedom, weight = np.full(6, math.inf), keep.astype(float)
     A = unknowns.design(log, problem.factor, state)
-    for round_ in range(_ROUNDS):
+    round_ = 0
+    while True:
         if curved.size and round_:
             A = unknowns.design(log, problem.factor, state)
         used = weight * _inside(log, state.delay) if unknowns.delay else weight
@@ -303,7 +304,8 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
             state = unknowns.moved(state, log, x)
             moved = max(moved, float(np.abs(x[curved]).max()), float(round_ == 0))
             x[curved] = 0.0
-        if moved < (1e-3 if huber else _SETTLED) and (round_ or not huber):
+        round_ += 1
+        if round_ == _ROUNDS or (moved < (1e-3 if huber else _SETTLED) and (round_ > 1 or not huber)):
             break
     covariances = _covariances(problem, x, half, Q, (residuals * root)[keep], freedom, groups, keep)
     sigma = problem.noise

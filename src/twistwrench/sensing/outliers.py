@@ -95,7 +95,7 @@ def _at_rest(log: ReadingLog) -> Array:
     if log.V is None or log.dV is None:
         return np.ones(len(log), bool)
     sizes = _lengths(np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3))
-    slow = (sizes < _AT_REST).all(axis=1)
+    slow = np.asarray((sizes < _AT_REST).all(axis=1))
     for a, b in runs(slow):
         slow[a : b + 1] = b + 1 - a >= _SHORTEST
     return slow

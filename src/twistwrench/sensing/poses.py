@@ -131,12 +131,7 @@ def propose_poses(
     log : ReadingLog, optional, readings there are already
     candidates : (n, 3) array_like, optional, gravity directions in {f} to choose from; None: 400 spread evenly
     within : float, keeps those that tilt the tool by no more than that from upright (gravity along -z of {f}) [rad]
-    noise : (moment [N m], force [N]), standard deviations of a reading
     gravity : float, size of gravity there [m/s²]
-
-    Returns
-    -------
-    proposal : PoseProposal
 
     Notes
     -----

@@ -256,7 +256,6 @@ class ForceTorqueSensor:
 
         Parameters
         ----------
-        pose : (..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf
         gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
 
         Returns
@@ -300,7 +299,6 @@ class ForceTorqueSensor:
         readings : (..., 6) array_like or Wrench [N m, N]
             A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is
             turned.
-        pose : (..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf
         gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
 
         Returns
