@@ -143,7 +143,7 @@ def _refuse_xacro(root: Element) -> None:
     for element in root.walk():
         raw = next((f'{name}="{text}"' for name, text in element.attributes.items() if "${" in text), None)
         if element.tag.startswith("xacro:") or raw:
-            raise RobotFileError(
-                f"{element} is unexpanded xacro{': ' + raw if raw else ''}. Run `xacro file.xacro > robot.urdf` first, "
+            raise element.error(
+                f"is unexpanded xacro{': ' + raw if raw else ''}. Run `xacro file.xacro > robot.urdf` first, "
                 "and load robot.urdf."
             )

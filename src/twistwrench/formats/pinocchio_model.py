@@ -13,7 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import MissingExtraError, ModelError
 from ..joints import Joint
 from ..model.builder import ModelBuilder
-from ..model.description import Mimic, ModelNote
+from ..model.description import Mimic
 from ..model.model import BASE, Body, Model
 from ..model.parts import disassemble
 from ..typing import Array
@@ -119,7 +119,7 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         )
         if step.kind in ("floating", "planar") and options.get("armature"):
             said = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
-            builder.remark(ModelNote(f"joint {name!r}", said))
+            builder.note(f"joint {name!r}", said)
         parent, T = child, np.eye(4)
         q_at, v_at = q_at + step.nq, v_at + step.nv
 

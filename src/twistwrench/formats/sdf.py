@@ -16,7 +16,7 @@ from ..core.text import listed
 from ..errors import RobotFileError, UnknownNameError
 from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
-from ..model.description import Mimic, ModelNote
+from ..model.description import Mimic
 from ..typing import Array
 from .known_elements import unread
 from .urdf import ENDLESS, rotation_of_rpy, tensor_of
@@ -84,7 +84,7 @@ def pose(element: Element | None) -> Array:
     T[:3, 3] = values[:3]
     if form == "quat_xyzw":
         if not values[3:].any():
-            raise RobotFileError(f"{element} has a quaternion of zeros, which is not a rotation.")
+            raise element.error("has a quaternion of zeros, which is not a rotation.")
         T[:3, :3] = quaternion.rotation(np.roll(values[3:], 1))
     else:
         degrees = element.attributes.get("degrees", "false").strip() in ("true", "1")
@@ -161,9 +161,7 @@ class SdfModel:
         """The frame of that name."""
         if name not in self.frames:
             known = ", ".join(repr(one) for one in list(self.frames)[:12])
-            raise RobotFileError(
-                f"{asked} names {name!r}, which is not a link, joint, frame or model there. Known: {known}."
-            )
+            raise asked.error(f"names {name!r}, which is not a link, joint, frame or model there. Known: {known}.")
         return self.frames[name]
 
     def between(self, a: str, b: str, asked: Element) -> Array:
@@ -178,14 +176,14 @@ def unpacked(model: Element) -> SdfModel:
     while stack:
         element, scope = stack.pop()
         if element.all("include"):
-            raise RobotFileError(f"{element.all('include')[0]} is not read. Put the model that it names in its place.")
+            raise element.all("include")[0].error("is not read. Put the model that it names in its place.")
         own = scope[:-2] if scope else MODEL
         for child in element.children:
             if child.tag not in ("link", "joint", "frame", "model"):
                 continue
             name = scope + child.text("name")
             if name in found.frames:
-                raise RobotFileError(f"{child} has the name of {found.frames[name].element}. Rename one.")
+                raise child.error(f"has the name of {found.frames[name].element}. Rename one.")
             place = child.child("pose")
             default = own
             attached = name
@@ -220,7 +218,7 @@ def _canonical_link(model: Element) -> str:
 def _end(joint: Element, which: str) -> str:
     name = word(joint, which)
     if not name:
-        raise RobotFileError(f"{joint} has no <{which}>. Name the link.")
+        raise joint.error(f"has no <{which}>. Name the link.")
     return name
 
 
@@ -257,9 +255,9 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
     moving = [pair for pair in models if not is_true(pair[0], "static")]
     if len(moving) > 1:
         names = ", ".join(repr(one.text("name")) for one, _ in moving)
-        raise RobotFileError(f"{root} has {len(moving)} models that can move: {names}. Say which, model=….")
+        raise root.error(f"has {len(moving)} models that can move: {names}. Say which, model=….")
     if not models:
-        raise RobotFileError(f"{root} has no <model>.")
+        raise root.error("has no <model>.")
     return (moving or models)[0]
 
 
@@ -279,10 +277,8 @@ class _SdfReader:
         self.place = pose(own)
         reference = own.attributes.get("relative_to", "").strip() if own is not None else ""
         if reference not in ("", WORLD):
-            self.builder.remark(
-                ModelNote(
-                    str(own), f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
-                )
+            self.builder.note(
+                own, f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
             )
         self.parts: SdfModel = unpacked(model)
 
@@ -292,13 +288,13 @@ class _SdfReader:
         builder.add_link(WORLD)
         for name, link in self.parts.links.items():
             if name == WORLD:
-                raise RobotFileError(f"{link} has the name of the world itself. Rename it.")
+                raise link.error("has the name of the world itself. Rename it.")
             shaped = bool(link.all("visual") or link.all("collision"))
             builder.add_link(name, self._inertia(link), where=link.place, shaped=shaped)
         held = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
         for one in self.model.walk():
             if one.tag == "drake:joint":
-                raise RobotFileError(f"{one} is an extension of Drake's, which is not read. Write it as a <joint>.")
+                raise one.error("is an extension of Drake's, which is not read. Write it as a <joint>.")
         self._add_roots(held)
         for name, frame in self.parts.named.items():
             carrier = self.parts.link_of(name, frame)
@@ -318,18 +314,14 @@ class _SdfReader:
             else:
                 self.builder.add_joint(joint, "fixed", WORLD, name, placement=T, where=link.place)
                 if self.floating_base is None and not is_true(self.model, "static"):
-                    self.builder.remark(
-                        ModelNote(str(link), "is held by no joint, so it is fixed; floating_base=True lets it float")
-                    )
+                    self.builder.note(link, "is held by no joint, so it is fixed; floating_base=True lets it float")
 
     def _inertia(self, link: Element) -> SpatialInertia:
         inertial = link.child("inertial")
         if inertial is not None and inertial.attributes.get("auto", "").strip() in ("true", "1"):
-            raise RobotFileError(
-                f"{inertial} asks for inertia from shapes (auto), which is not computed. Write it out."
-            )
+            raise inertial.error("asks for inertia from shapes (auto), which is not computed. Write it out.")
         if text := assumed_text(missing_of(inertial)):
-            self.builder.remark(ModelNote(str(link), f"has {text}"))
+            self.builder.note(link, f"has {text}")
         mass, T, I = inertial_of(inertial)
         R = T[:3, :3]
         return SpatialInertia.from_com(mass, T[:3, 3], R @ I @ R.T)
@@ -338,15 +330,13 @@ class _SdfReader:
         """Add a joint and return its child link."""
         said_kind = joint.text("type")
         if said_kind == "gearbox":
-            raise RobotFileError(
-                f"{joint} is a gearbox, which is a constraint between joints. Remove it, or write a <mimic>."
-            )
+            raise joint.error("is a gearbox, which is a constraint between joints. Remove it, or write a <mimic>.")
         if said_kind not in _KINDS:
-            raise RobotFileError(f"{joint} has the unknown type {said_kind!r}. Allowed: {', '.join(_KINDS)}.")
+            raise joint.error(f"has the unknown type {said_kind!r}. Allowed: {', '.join(_KINDS)}.")
         scope = self.parts.frames[name].scope
         parent, child = (self._end(joint, which, scope) for which in ("parent", "child"))
         if child == WORLD:
-            raise RobotFileError(f"{joint} has the world as its child. Exchange parent and child.")
+            raise joint.error("has the world as its child. Exchange parent and child.")
         T_parent = np.eye(4) if parent == WORLD else self.place @ self.parts.pose(parent, joint)
         T_child = self.place @ self.parts.pose(child, joint)
         placement = np.asarray(se3.inverse(T_parent) @ T_child)
@@ -385,7 +375,7 @@ class _SdfReader:
         w = self._direction(axis, T_cj, scope, link)
         length = float(np.linalg.norm(w))
         if not length:
-            raise RobotFileError(f"{axis} has a zero <xyz>, which is not a direction. Give one such as 0 0 1.")
+            raise axis.error("has a zero <xyz>, which is not a direction. Give one such as 0 0 1.")
         w = w / length
         S = (
             np.concatenate([np.zeros(3), w])
@@ -411,7 +401,7 @@ class _SdfReader:
         """The axis in the frame of the child link."""
         xyz = axis.child("xyz")
         if xyz is None:
-            raise RobotFileError(f"{axis} has no <xyz>. Give a direction such as <xyz>0 0 1</xyz>.")
+            raise axis.error("has no <xyz>. Give a direction such as <xyz>0 0 1</xyz>.")
         w, frame = vector(xyz), xyz.attributes.get("expressed_in", "").strip()
         if frame:
             name = (scope[:-2] if scope else MODEL) if frame == MODEL else scope + frame
@@ -450,7 +440,7 @@ def _pitch(joint: Element) -> float:
         return number(joint, "screw_thread_pitch", 1.0) / (2.0 * math.pi)
     per_metre = number(joint, "thread_pitch", 1.0)
     if not per_metre:
-        raise RobotFileError(f"{joint} has a thread_pitch of zero. Give radians per metre.")
+        raise joint.error("has a thread_pitch of zero. Give radians per metre.")
     return -1.0 / per_metre
 
 
@@ -459,7 +449,7 @@ def _version(root: Element) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split("."))
     except ValueError:
-        raise RobotFileError(f"{root} has version={text!r}, expected such as 1.7.") from None
+        raise root.error(f"has version={text!r}, expected such as 1.7.") from None
 
 
 # ── Reader of SDF files

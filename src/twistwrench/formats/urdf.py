@@ -120,7 +120,7 @@ def origin_of(element: Element) -> Array:
 def _rows_of_quaternion(origin: Element) -> list[list[float]]:
     """The rotation of URDF 1.1's ``quat_xyzw``: a unit quaternion, scalar last."""
     if "rpy" in origin.attributes:
-        raise RobotFileError(f"{origin} has both rpy and quat_xyzw; one rotation is allowed. Remove one of them.")
+        raise origin.error("has both rpy and quat_xyzw; one rotation is allowed. Remove one of them.")
     x, y, z, w = origin.values("quat_xyzw", 4)
     length = math.hypot(x, y, z, w)
     if abs(length - 1.0) > _UNIT_LENGTH:
@@ -157,8 +157,8 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
     """Add one ``<joint>``; raises as :func:`read_urdf`."""
     name, kind = joint.text("name"), joint.text("type")
     if kind not in _URDF_TYPES:
-        raise RobotFileError(
-            f"{joint} has the unknown type {kind!r}. Allowed: {', '.join(_URDF_TYPES)}. A ball joint can be written as "
+        raise joint.error(
+            f"has the unknown type {kind!r}. Allowed: {', '.join(_URDF_TYPES)}. A ball joint can be written as "
             "three revolute joints with massless links between them."
         )
     parent = joint.required("parent", '<parent link="base"/>').text("link")

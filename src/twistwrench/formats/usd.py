@@ -27,7 +27,6 @@ from ..lie.identity import IDENTITY, pose_rows
 from ..lie.labelled import TWIST
 from ..model.assembly import ROOT_JOINT
 from ..model.builder import ModelBuilder
-from ..model.description import ModelNote
 from ..model.model import OfferedClosure
 from ..typing import Array
 from .known_elements import LeftOut, Unread
@@ -535,7 +534,7 @@ class _Reader:
         """Offer a joint outside the articulation as a closure of two frames."""
         kind, name = str(joint.GetTypeName()), self._name(joint)
         if kind not in _KINDS:
-            self.builder.remark(ModelNote(who(joint), f"is a {kind} outside the articulation, which is left out"))
+            self.builder.note(who(joint), f"is a {kind} outside the articulation, which is left out")
             return
         axis = "xyz"[axis_of(joint)]
         free = {"ball": ("wx", "wy", "wz"), "revolute": (f"w{axis}",), "prismatic": (f"v{axis}",)}.get(_KINDS[kind], ())

@@ -75,6 +75,10 @@ class Element:
         of = f" of {clipped(owner.tag)} {clipped(name)!r}" if owner is not None and name is not None else ""
         return f"<{clipped(self.tag)}>{of}{place}"
 
+    def error(self, text: str) -> RobotFileError:
+        """Error whose message begins with the element's name."""
+        return RobotFileError(f"{self} {text}")
+
     def locate(self, attribute: str = "", position: int = -1) -> Place:
         """Place of an attribute, of one of its numbers, or of the text."""
         return Place(self.index, attribute, position)
@@ -111,15 +115,13 @@ class Element:
     def _several(self, tag: str) -> RobotFileError:
         found = self.all(tag)
         lines = ", ".join(str(element.line) for element in found)
-        return RobotFileError(
-            f"{self} has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others."
-        )
+        return self.error(f"has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
 
     def required(self, tag: str, example: str) -> Element:
         """The child with a tag; an error that shows ``example`` if there is none."""
         found = self.child(tag)
         if found is None:
-            raise RobotFileError(f"{self} has no <{tag}>. Add one, such as {example}.")
+            raise self.error(f"has no <{tag}>. Add one, such as {example}.")
         return found
 
     def text(self, attribute: str) -> str:

@@ -98,6 +98,10 @@ class ModelBuilder:
         """
         self._remarks.extend(texts)
 
+    def note(self, subject: object, text: str) -> None:
+        """Note something doubtful about a link, a joint or an element of the file, as :meth:`remark` does."""
+        self._remarks.append(ModelNote(str(subject), text))
+
     def add_link(
         self,
         name: str,

@@ -39,7 +39,7 @@ def rotation(element: Element, settings: Settings) -> Array:
     said = element.attributes
     ways = [way for way in ("axisangle", "xyaxes", "zaxis", "euler") if way in said]
     if len(ways) > 1:
-        raise RobotFileError(f"{element} says its orientation in {len(ways)} ways: {', '.join(ways)}. Keep one.")
+        raise element.error(f"says its orientation in {len(ways)} ways: {', '.join(ways)}. Keep one.")
     if not ways:
         return _by_quaternion(element) if "quat" in said else np.eye(3)
     if ways[0] == "axisangle":
@@ -74,16 +74,14 @@ def direction(element: Element, attribute: str, vector: object) -> Array:
     found = np.asarray(vector, float)
     length = float(np.linalg.norm(found))
     if not length > 1e-14:
-        raise RobotFileError(
-            f"{element} has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction."
-        )
+        raise element.error(f"has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction.")
     return found / length
 
 
 def _by_quaternion(element: Element) -> Array:
     values = element.floats("quat", (1.0, 0.0, 0.0, 0.0))
     if not any(values):
-        raise RobotFileError(f"{element} has a quaternion of zeros, which is not a rotation. The identity is 1 0 0 0.")
+        raise element.error("has a quaternion of zeros, which is not a rotation. The identity is 1 0 0 0.")
     return quaternion.rotation(values)
 
 
@@ -149,7 +147,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
     found = [MjcfBody(root, WORLD, 0, IDENTITY)]
     worlds = root.all("worldbody")
     if not worlds and (lost := next((e for e in root.walk() if e.tag == "body"), None)):
-        raise RobotFileError(f"{lost} stands outside a <worldbody>, and the file has none. Put its bodies into one.")
+        raise lost.error("stands outside a <worldbody>, and the file has none. Put its bodies into one.")
     stack = [
         (iter(world.children), 0, IDENTITY, world.attributes.get("childclass", "").strip())
         for world in reversed(worlds)
@@ -165,7 +163,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
         body = found[at]
         if child.tag in ("joint", "freejoint"):
             if not at:
-                raise RobotFileError(f"{child} stands in the worldbody, which does not move. Put it into a <body>.")
+                raise child.error("stands in the worldbody, which does not move. Put it into a <body>.")
             # A free joint written short has no defaults.
             one = defaults.apply(child, around) if child.tag == "joint" else child
             body.joints.append(PlacedElement(one, frame))
@@ -176,7 +174,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
             body.sites.append(PlacedElement(defaults.apply(child, around), frame))
         elif child.tag == "inertial":
             if body.inertial is not None:
-                raise RobotFileError(f"{child} is the second one of its body, after {body.inertial.element}. Keep one.")
+                raise child.error(f"is the second one of its body, after {body.inertial.element}. Keep one.")
             body.inertial = PlacedElement(child, frame)
         elif child.tag in ("body", "frame"):
             T = product(frame, placement(child, settings))
@@ -191,7 +189,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
             found.append(MjcfBody(child, _name(child, len(found), taken), at, T, moves=body.moves))
             stack.append((iter(child.children), len(found) - 1, IDENTITY, inner))
         elif child.tag in REFUSED:
-            raise RobotFileError(f"{child} is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
+            raise child.error(f"is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
         elif child.tag == "plugin":
             body.plugins.append(child)
     return found
@@ -264,13 +262,11 @@ def joints_of(body: MjcfBody, settings: Settings, taken: set[str]) -> list[MjcfJ
     joints = [_joint(body, k, part, settings, taken) for k, part in enumerate(body.joints)]
     free = [joint for joint in joints if joint.kind == "floating"]
     if free and body.parent != 0:
-        raise RobotFileError(
-            f"{free[0].element} is free, and its body {body.name!r} does not stand in the worldbody. Move it there."
+        raise free[0].element.error(
+            f"is free, and its body {body.name!r} does not stand in the worldbody. Move it there."
         )
     if free and len(joints) > 1:
-        raise RobotFileError(
-            f"{free[0].element} is free and has other joints beside it in body {body.name!r}. Keep one."
-        )
+        raise free[0].element.error(f"is free and has other joints beside it in body {body.name!r}. Keep one.")
     return joints
 
 
@@ -354,13 +350,9 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
     geom = part.element
     kind, given = geom.word("type", _TYPES, "sphere"), _mass_or_density(geom)
     if kind == "sdf":
-        raise RobotFileError(
-            f"{geom} is a signed distance field, whose mass is not computed. Give its body an <inertial>."
-        )
+        raise geom.error("is a signed distance field, whose mass is not computed. Give its body an <inertial>.")
     if geom.flag("shellinertia", default=False):
-        raise RobotFileError(
-            f"{geom} is a shell (shellinertia), whose inertia is not computed. Give its body an <inertial>."
-        )
+        raise geom.error("is a shell (shellinertia), whose inertia is not computed. Give its body an <inertial>.")
     if kind == "mesh" or "mesh" in geom.attributes:
         G = meshes.inertia(geom, **given) if kind == "mesh" else _fitted(geom)
         return G.in_frame(product(part.frame, placement(geom, settings)))
@@ -368,9 +360,7 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
     if kind == "hfield":
         kind, size = "box", meshes.half_sizes_of_hfield(geom)
     if min(size) <= 0:
-        raise RobotFileError(
-            f"{geom} is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero."
-        )
+        raise geom.error(f"is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero.")
     return _solid(kind, size, given).in_frame(product(part.frame, T))
 
 
@@ -393,7 +383,7 @@ def _mass_or_density(geom: Element) -> dict[str, float]:
         given = {"density": geom.floats("density", (_WATER,))[0]}
     for what, value in given.items():
         if value < 0:
-            raise RobotFileError(f"{geom} has a negative {what}, {printed(value)}.")
+            raise geom.error(f"has a negative {what}, {printed(value)}.")
     return given
 
 
@@ -409,8 +399,8 @@ def _solid(kind: str, size: list[float], given: dict[str, float]) -> SpatialIner
 
 
 def _fitted(geom: Element) -> SpatialInertia:
-    raise RobotFileError(
-        f"{geom} is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
+    raise geom.error(
+        "is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
     )
 
 
@@ -476,7 +466,7 @@ def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Ar
     T, mass = placement(inertial, settings), inertial.number("mass")
     said = [name for name in ("diaginertia", "fullinertia") if name in inertial.attributes]
     if len(said) > 1:
-        raise RobotFileError(f"{inertial} has both diaginertia and fullinertia. Keep one.")
+        raise inertial.error("has both diaginertia and fullinertia. Keep one.")
     if not said:
         moments = np.zeros((3, 3))
     elif said[0] == "diaginertia":
@@ -485,9 +475,7 @@ def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Ar
         entries = dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True))
         moments = tensor_of(entries.__getitem__)
         if set(inertial.attributes) & _TURNED:
-            raise RobotFileError(
-                f"{inertial} has fullinertia, which is along the body's axes, and an orientation. Keep one."
-            )
+            raise inertial.error("has fullinertia, which is along the body's axes, and an orientation. Keep one.")
     return mass, T, moments
 
 

@@ -135,12 +135,10 @@ class Folders:
         folders, and missing files.
         """
         if not name or "\0" in name or name.startswith(("/", "\\")) or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
-            raise RobotFileError(
-                f"{asked} names the file {name[:200]!r}: only paths below the robot's own folder are read."
-            )
+            raise asked.error(f"names the file {name[:200]!r}: only paths below the robot's own folder are read.")
         if not self.allowed:
-            raise RobotFileError(
-                f"{asked} names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
+            raise asked.error(
+                f"names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
                 "say include_paths=[folder]."
             )
         try:
@@ -153,11 +151,11 @@ class Folders:
         if found is not None:
             return found
         if not within:
-            raise RobotFileError(
-                f"{asked} names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, say "
+            raise asked.error(
+                f"names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, say "
                 "include_paths=[its folder]."
             )
-        raise RobotFileError(f"{asked} names the file {name[:200]!r}, which is not there.")
+        raise asked.error(f"names the file {name[:200]!r}, which is not there.")
 
 
 def expand(root: Element, folders: Folders, max_bodies: int) -> None:
@@ -181,13 +179,11 @@ def expand(root: Element, folders: Folders, max_bodies: int) -> None:
                     stack.append((child, level, folder))
                 continue
             if level == _DEEPEST:
-                raise RobotFileError(
-                    f"{child} is the {_DEEPEST + 1}th include inside includes; {_DEEPEST} are allowed."
-                )
+                raise child.error(f"is the {_DEEPEST + 1}th include inside includes; {_DEEPEST} are allowed.")
             path = folders.find(child.text("file"), child, folder)
             if path in seen:
-                raise RobotFileError(
-                    f"{child} includes {child.text('file')!r} again, after {seen[path]}. Each file may be included once."
+                raise child.error(
+                    f"includes {child.text('file')!r} again, after {seen[path]}. Each file may be included once."
                 )
             seen[path] = child
             total += path.stat().st_size
@@ -203,10 +199,10 @@ def _part(path: Path, asked: Element, max_bodies: int) -> Element:
     try:
         part = parse(read_robot_text(path)[0], name, max_bodies)
     except RobotFileError as error:
-        raise RobotFileError(f"{asked} → {name}: {error}") from None
+        raise asked.error(f"→ {name}: {error}") from None
     if part.tag not in _ROOTS:
-        raise RobotFileError(
-            f"{asked} includes {name!r}, whose root element is <{part.tag}>, expected <mujocoinclude> or <mujoco>."
+        raise asked.error(
+            f"includes {name!r}, whose root element is <{part.tag}>, expected <mujocoinclude> or <mujoco>."
         )
     return part
 
@@ -233,15 +229,11 @@ class Defaults:
             element, parent = stack.pop()
             name = element.attributes.get("class", "").strip() or ("" if parent else _MAIN)
             if not name:
-                raise RobotFileError(
-                    f"{element} lies in the class {parent!r} and has no name of its own. Give it class=…."
-                )
+                raise element.error(f"lies in the class {parent!r} and has no name of its own. Give it class=….")
             if parent and name in self._classes:
-                raise RobotFileError(f"{element} is the second class called {name!r}. Rename one.")
+                raise element.error(f"is the second class called {name!r}. Rename one.")
             if not parent and name != _MAIN:
-                raise RobotFileError(
-                    f"{element} is called {name!r}; the outermost class is {_MAIN!r}. Put it into that one."
-                )
+                raise element.error(f"is called {name!r}; the outermost class is {_MAIN!r}. Put it into that one.")
             start = self._classes.get(parent or name, {})
             mine = {tag: dict(attributes) for tag, attributes in start.items()}
             for child in element.children:
@@ -259,7 +251,7 @@ class Defaults:
         name = element.attributes.get("class", "").strip() or around or _MAIN
         if name not in self._classes:
             known = ", ".join(repr(one) for one in self._classes)
-            raise RobotFileError(f"{element} is of the class {name!r}, which no <default> describes. Known: {known}.")
+            raise element.error(f"is of the class {name!r}, which no <default> describes. Known: {known}.")
         default = self._classes[name].get(kind or _key(element.tag))
         return element.with_attributes(merged(default, element)) if default or element.tag in ACTUATORS else element
 
@@ -267,9 +259,7 @@ class Defaults:
         """``name`` if there is such a class, or where it is empty."""
         if name and name not in self._classes:
             known = ", ".join(repr(one) for one in self._classes)
-            raise RobotFileError(
-                f"{element} has the childclass {name!r}, which no <default> describes. Known: {known}."
-            )
+            raise element.error(f"has the childclass {name!r}, which no <default> describes. Known: {known}.")
         return name
 
 
@@ -333,7 +323,7 @@ class Meshes:
         """
         name = geom.text("hfield")
         if name not in self._hfields:
-            raise RobotFileError(f"{geom} shows the height field {name!r}, which no <asset> describes.")
+            raise geom.error(f"shows the height field {name!r}, which no <asset> describes.")
         x, y, top, bottom = self._hfields[name].values("size", 4)
         return [x, y, 0.25 * top + 0.5 * bottom]
 
@@ -345,18 +335,14 @@ class Meshes:
         name = geom.text("mesh")
         if name not in self._meshes:
             known = ", ".join(repr(one) for one in list(self._meshes)[:12]) or "none"
-            raise RobotFileError(f"{geom} shows the mesh {name!r}, which no <asset> describes. Known: {known}.")
+            raise geom.error(f"shows the mesh {name!r}, which no <asset> describes. Known: {known}.")
         if name in self._doubled:
-            raise RobotFileError(
-                f"{geom} shows the mesh {name!r}, and {self._doubled[name]} is the second one of that name."
-            )
+            raise geom.error(f"shows the mesh {name!r}, and {self._doubled[name]} is the second one of that name.")
         element = self._meshes[name]
         vertices, faces = self._surface(element, geom)
         mode = element.word("inertia", _MODES, "legacy")
         if mode == "shell":
-            raise RobotFileError(
-                f"{element} is a shell, whose inertia is not computed. Give the body of {geom} an <inertial>."
-            )
+            raise element.error(f"is a shell, whose inertia is not computed. Give the body of {geom} an <inertial>.")
         if mode == "convex":
             faces = _hull(vertices, element)
         if mode == "legacy":
@@ -364,7 +350,7 @@ class Meshes:
         else:
             volume, found = _solid(vertices[faces], np.zeros(3), signed=True)
         if not volume > 0:
-            raise RobotFileError(f"{element} encloses no volume. Give the body of {geom} an <inertial>.")
+            raise element.error(f"encloses no volume. Give the body of {geom} an <inertial>.")
         weight = mass if mass is not None else volume * float(density or 0.0)
         return SpatialInertia.from_parameters(found * (weight / volume))
 
@@ -376,9 +362,9 @@ class Meshes:
             vertices = _triples(element, "vertex")
             faces = _triples(element, "face").astype(int) if "face" in element.attributes else _hull(vertices, element)
         else:
-            raise RobotFileError(f"{element} has neither a file nor vertices, so the mass of {geom} is not known.")
+            raise element.error(f"has neither a file nor vertices, so the mass of {geom} is not known.")
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise RobotFileError(f"{element} has faces of vertices that are not there.")
+            raise element.error("has faces of vertices that are not there.")
         place, turn = element.floats("refpos", (0.0, 0.0, 0.0)), element.floats("refquat", (1.0, 0.0, 0.0, 0.0))
         vertices = vertices.astype(np.float32).astype(float)  # as MuJoCo keeps them
         moved = (vertices - place) @ quaternion.rotation(turn)
@@ -405,7 +391,7 @@ class Meshes:
 def _triples(element: Element, attribute: str) -> Array:
     count = len(element.text(attribute).split())
     if count % 3:
-        raise RobotFileError(f"{element} has {count} numbers in {attribute}, which is not a multiple of three.")
+        raise element.error(f"has {count} numbers in {attribute}, which is not a multiple of three.")
     return element.numbers(attribute, count).reshape(-1, 3)
 
 
@@ -431,7 +417,7 @@ def _hull(vertices: Array, element: Element) -> Array:
     """The triangles (k, 3) of the convex hull, seen from outside."""
     faces = hull_faces(vertices)
     if faces is None:
-        raise RobotFileError(f"{element} has no convex hull: its vertices lie in a plane, or are too few.")
+        raise element.error("has no convex hull: its vertices lie in a plane, or are too few.")
     return faces
 
 

@@ -7,12 +7,11 @@ from collections.abc import Sequence, Set
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
-from ...errors import RobotFileError, UnknownNameError
+from ...errors import UnknownNameError
 from ...joints.screw_joint import screw_motion
 from ...lie import quaternion, se3
 from ...lie.identity import IDENTITY, product
 from ...model.builder import ModelBuilder
-from ...model.description import ModelNote
 from ...typing import Array
 from ..known_elements import LEFT_OUT, unread
 from ..xml import Element
@@ -76,10 +75,7 @@ class _Reader:
         self.by_name: dict[str, MjcfJoint] = {}
         for joint in (joint for mine in self.joints for joint in mine):
             if (first := self.by_name.setdefault(joint.name, joint)) is not joint:
-                raise RobotFileError(
-                    f"{joint.element} has the name of {first.element}. Each joint needs a name of its own."
-                )
-        self.drives = drives_of(root, self.by_name, self.settings, self.defaults)
+                raise joint.element.error(f"has the name of {first.element}. Each joint needs a name of its own.")
         self.poses = [IDENTITY]
         """Poses of all bodies in the world, joints at their reference."""
         for body in self.bodies[1:]:
@@ -94,10 +90,10 @@ class _Reader:
         kept = {joint.name for k in self.kept for joint in self.joints[k]}
         kept -= free if self.floating_base is False else set()
         constraints = [] if "equality" in self.disabled else constraints_of(root, self.defaults)
-        self.follow, remarks = mimics(constraints, self.by_name, kept)
         inertias = inertias_of(self.bodies, self.settings, self.meshes)
-        for text in (*inertias.remarks, *remarks, *self.drives.remarks):
-            builder.remark(text)
+        builder.remark(*inertias.remarks)
+        self.follow = mimics(builder, constraints, self.by_name, kept)
+        self.drives = drives_of(builder, root, self.by_name, self.settings, self.defaults)
         builder.add_link(WORLD, SpatialInertia.zero(), shaped=bool(self.bodies[0].geoms))
         for k in self.kept:
             self._add_body(k, inertias.each[k])
@@ -108,9 +104,10 @@ class _Reader:
         add_closures(builder, constraints, self.bodies, self.poses, {0, *self.kept})
         self._add_configurations(kept)
         if (fluid := fluid_of(root)) is not None:
-            builder.remark(ModelNote(str(fluid), LEFT_OUT["option/density"]))
-        flexes = (flex for section in root.all("deformable") for flex in section.all("flex"))
-        builder.remark(*(ModelNote(str(flex), LEFT_OUT["deformable/flex"]) for flex in flexes), *unread("MJCF", root))
+            builder.note(fluid, LEFT_OUT["option/density"])
+        for flex in (flex for section in root.all("deformable") for flex in section.all("flex")):
+            builder.note(flex, LEFT_OUT["deformable/flex"])
+        builder.remark(*unread("MJCF", root))
         return builder, bool(self.floating_base) and not kept & free
 
     def _add_body(self, k: int, inertia: SpatialInertia) -> None:
@@ -118,8 +115,9 @@ class _Reader:
         element = body.element
         self.builder.add_link(body.name, inertia, element.place, shaped=bool(body.geoms))
         if element.floats("gravcomp", (0.0,))[0]:
-            self.builder.remark(ModelNote(str(element), LEFT_OUT["body/gravcomp"]))
-        self.builder.remark(*(ModelNote(str(plugin), LEFT_OUT["body/plugin"]) for plugin in body.plugins))
+            self.builder.note(element, LEFT_OUT["body/gravcomp"])
+        for plugin in body.plugins:
+            self.builder.note(plugin, LEFT_OUT["body/plugin"])
         joints = self.joints[k]
         if joints and joints[0].kind == "floating" and self.floating_base is False:
             joints = []
@@ -155,14 +153,15 @@ class _Reader:
     def _add_joint(self, joint: MjcfJoint, parent: str, child: str, T: Array) -> None:
         """A joint with its drives and its spring."""
         name, where, drives = joint.name, joint.element.place, self.drives
-        self.builder.remark(*(ModelNote(joint.who, text) for text in joint.remarks))
+        for text in joint.remarks:
+            self.builder.note(joint.who, text)
         damper = "damper" not in self.disabled
         self.builder.add_joint(
             name, joint.kind, parent, child, placement=T, axis=screw(joint) if joint.single else (0.0, 0.0, 1.0),
             lower=joint.lower, upper=joint.upper, effort=drives.efforts.get(name),
-            damping=joint.damping + drives.damping.get(name, 0.0) if damper else 0.0,
+            damping=joint.damping + drives.damping[name] if damper else 0.0,
             friction=0.0 if "frictionloss" in self.disabled else joint.friction,
-            armature=joint.armature + drives.armature.get(name, 0.0), mimic=self.follow.get(name), where=where,
+            armature=joint.armature + drives.armature[name], mimic=self.follow.get(name), where=where,
         )  # fmt: skip
         if joint.single and joint.stiffness and "spring" not in self.disabled:
             self.builder.add_spring({name: 1.0}, joint.stiffness, joint.rest, where=where)
@@ -184,7 +183,7 @@ class _Reader:
                 continue
             q = key.numbers("qpos", len(key.text("qpos").split()))
             if len(q) != len(start):
-                raise RobotFileError(f"{key} has {len(q)} numbers in qpos; the model has {len(start)} coordinates.")
+                raise key.error(f"has {len(q)} numbers in qpos; the model has {len(start)} coordinates.")
             self._add_keyframe(key.attributes.get("name", "").strip() or f"key{k}", q, kept)
 
     def _add_keyframe(self, name: str, q: Array, kept: Set[str]) -> None:

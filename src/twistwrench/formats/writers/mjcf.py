@@ -17,7 +17,7 @@ from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..mjcf.bodies import unused
-from ..mjcf.drives import ALL, POINT
+from ..mjcf.drives import ROWS
 from ..urdf import ENTRIES, IN_MJCF
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of
@@ -342,7 +342,7 @@ class _MjcfWriter:
     def _add_closures(self) -> None:
         sites = self.found.additions.sites
         for name, closure in self.found.additions.closures.items():
-            tags = {POINT: "connect", ALL: "weld"}
+            tags = {rows: tag for tag, rows in ROWS.items()}
             if closure.rows not in tags:
                 self.losses.found.append(
                     ModelNote(f"closure {name!r}", f"holds {closure.rows}, which the format cannot say")
