@@ -17,7 +17,7 @@ from ..model.description import Mimic
 from ..model.model import BASE, Body, Model
 from ..model.parts import disassemble
 from ..typing import Array
-from .urdf import ENDLESS
+from .urdf import known_limits
 from .writers.written import Losses, configurations_of, drive_of, moved, screw_of
 
 UNIVERSE = "universe"
@@ -188,14 +188,10 @@ def _numbers(model: Any, q_at: int, v_at: int, step: _Step) -> dict[str, Any]:
     found: dict[str, Any] = {"damping": mean("damping"), "friction": mean("friction"), "armature": mean("armature")}
     if step.nv > 1:
         return found
-    for field, theirs in (("velocity", "velocityLimit"), ("effort", "effortLimit")):
-        value = float(getattr(model, theirs)[v_at])
-        if 0 < value < ENDLESS:
-            found[field] = value
+    most = {name: float(getattr(model, f"{name}Limit")[v_at]) for name in ("velocity", "effort")}
+    found |= known_limits(**{name: x for name, x in most.items() if x > 0})
     if step.nq == 1:
-        lower, upper = float(model.lowerPositionLimit[q_at]), float(model.upperPositionLimit[q_at])
-        found |= {"lower": lower} if lower > -ENDLESS else {}
-        found |= {"upper": upper} if upper < ENDLESS else {}
+        found |= known_limits(**{x: float(getattr(model, f"{x}PositionLimit")[q_at]) for x in ("lower", "upper")})
     return found
 
 

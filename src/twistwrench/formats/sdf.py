@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.text import listed
 from ..errors import RobotFileError, UnknownNameError
+from ..joints.screw_joint import screw_through
 from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..typing import Array
 from .known_elements import unread
-from .urdf import ENDLESS, rotation_of_rpy, tensor_of
+from .urdf import known_limits, rotation_of_rpy, tensor_of
 from .xml import Element
 
 __all__ = ["read_sdf"]
@@ -177,7 +177,7 @@ def unpacked(model: Element) -> SdfModel:
         element, scope = stack.pop()
         if element.all("include"):
             raise element.all("include")[0].error("is not read. Put the model that it names in its place.")
-        own = scope[:-2] if scope else MODEL
+        own = scope[:-2] or MODEL
         for child in element.children:
             if child.tag not in ("link", "joint", "frame", "model"):
                 continue
@@ -224,9 +224,11 @@ def _end(joint: Element, which: str) -> str:
 
 # ── From the elements of an SDF file to the builder's links and joints
 
+TWO_AXES = ("universal", "revolute2")
+"""Types of joints that turn about two axes."""
 _KINDS = {
-    "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed", "ball": "ball",
-    "screw": "helical", "universal": "revolute", "revolute2": "revolute",
+    **{kind: kind for kind in ("revolute", "continuous", "prismatic", "fixed", "ball")},
+    "screw": "helical", **dict.fromkeys(TWO_AXES, "revolute"),
 }  # fmt: skip
 
 
@@ -328,72 +330,55 @@ class _SdfReader:
 
     def _add_joint(self, name: str, joint: Element) -> str:
         """Add a joint and return its child link."""
-        said_kind = joint.text("type")
-        if said_kind == "gearbox":
+        kind = joint.text("type")
+        if kind == "gearbox":
             raise joint.error("is a gearbox, which is a constraint between joints. Remove it, or write a <mimic>.")
-        if said_kind not in _KINDS:
-            raise joint.error(f"has the unknown type {said_kind!r}. Allowed: {', '.join(_KINDS)}.")
-        scope = self.parts.frames[name].scope
-        parent, child = (self._end(joint, which, scope) for which in ("parent", "child"))
+        if kind not in _KINDS:
+            raise joint.error(f"has the unknown type {kind!r}. Allowed: {', '.join(_KINDS)}.")
+        frame = self.parts.frames[name]
+        parent, child = (self._end(joint, which, frame.scope) for which in ("parent", "child"))
         if child == WORLD:
             raise joint.error("has the world as its child. Exchange parent and child.")
         T_parent = np.eye(4) if parent == WORLD else self.place @ self.parts.pose(parent, joint)
-        T_child = self.place @ self.parts.pose(child, joint)
-        placement = np.asarray(se3.inverse(T_parent) @ T_child)
+        T = np.asarray(se3.inverse(T_parent) @ (self.place @ self.parts.pose(child, joint)))
         T_cj = self.parts.between(child, name, joint)
-        kind, where = _KINDS[said_kind], joint.place
         if kind == "fixed":
-            self.builder.add_joint(name, kind, parent, child, placement=placement, where=where)
+            self.builder.add_joint(name, "fixed", parent, child, placement=T, where=joint.place)
         elif kind == "ball":
-            at, back = (se3.pose(np.eye(3), sign * T_cj[:3, 3]) for sign in (1.0, -1.0))
-            away = bool(T_cj[:3, 3].any())
-            if away:
-                self.builder.add_link(f"{child}:{name}", hidden=True)
-                self.builder.add_joint(f"{name}.fixed", "fixed", f"{child}:{name}", child, placement=back, where=where)
-            axis = joint.child("axis")
-            losses: dict[str, Any] = self._losses(axis)
-            below = f"{child}:{name}" if away else child
-            self.builder.add_joint(name, kind, parent, below, placement=placement @ at, where=where, **losses)
-        elif said_kind in ("universal", "revolute2"):
+            add_ball(self.builder, name, parent, child, T, T_cj[:3, 3], joint.place, **_losses(joint.child("axis")))
+        elif kind in TWO_AXES:
             middle = f"{child}:{name}"
             self.builder.add_link(middle, hidden=True)
-            for which, above, below, T in (("axis", parent, middle, placement), ("axis2", middle, child, np.eye(4))):
-                self._add_axis(f"{name}.{which}", kind, joint, which, above, below, T, T_cj, scope, child)
+            self._add_axis(f"{name}.axis", frame, "axis", parent, middle, T, T_cj)
+            self._add_axis(f"{name}.axis2", frame, "axis2", middle, child, np.eye(4), T_cj)
         else:
-            self._add_axis(name, kind, joint, "axis", parent, child, placement, T_cj, scope, child)
+            self._add_axis(name, frame, "axis", parent, child, T, T_cj)
         return child
 
     def _end(self, joint: Element, which: str, scope: str) -> str:
         name = word(joint, which)
         return WORLD if name == WORLD else self.parts.link_of(scope + name, joint)
 
-    def _add_axis(
-        self, name: str, kind: str, joint: Element, which: str, parent: str, child: str, placement: Array, T_cj: Array,
-        scope: str, link: str,
-    ) -> None:  # fmt: skip
+    def _add_axis(self, name: str, frame: SdfFrame, which: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
+        """Add a joint of one degree; T_cj is the pose of the file's joint in its child link."""
+        joint, scope = frame.element, frame.scope
+        kind = _KINDS[joint.text("type")]
         axis = joint.required(which, f"<{which}><xyz>0 0 1</xyz></{which}>")
-        w = self._direction(axis, T_cj, scope, link)
+        w = self._direction(axis, T_cj, scope, self._end(joint, "child", scope))
         length = float(np.linalg.norm(w))
         if not length:
             raise axis.error("has a zero <xyz>, which is not a direction. Give one such as 0 0 1.")
         w = w / length
-        S = (
-            np.concatenate([np.zeros(3), w])
-            if kind == "prismatic"
-            else np.concatenate([w, np.cross(T_cj[:3, 3], w) + 0.0])
-        )
+        S = screw_through(kind, w, T_cj[:3, 3])
         if kind == "helical":
             S[3:] += _pitch(joint) * w
-        options: dict[str, Any] = self._limits(axis) | self._losses(axis)
         inertia, gear = number(joint, "drake:rotor_inertia", 0.0), number(joint, "drake:gear_ratio", 1.0)
-        mimic = self._mimic(axis, scope)
         self.builder.add_joint(
-            name, kind, parent, child, placement=placement, axis=S, armature=inertia * gear**2, mimic=mimic, where=joint.place,
-            **options,
+            name, kind, parent, child, placement=T, axis=S, armature=inertia * gear**2, mimic=_mimic(axis, scope),
+            where=joint.place, **_limits(axis), **_losses(axis),
         )  # fmt: skip
         dynamics = axis.child("dynamics")
-        stiffness = number(dynamics, "spring_stiffness", 0.0)
-        if stiffness:
+        if stiffness := number(dynamics, "spring_stiffness", 0.0):
             rest = number(dynamics, "spring_reference", 0.0)
             self.builder.add_spring({name: 1.0}, stiffness, rest, where=joint.place)
 
@@ -403,35 +388,43 @@ class _SdfReader:
         if xyz is None:
             raise axis.error("has no <xyz>. Give a direction such as <xyz>0 0 1</xyz>.")
         w, frame = vector(xyz), xyz.attributes.get("expressed_in", "").strip()
-        if frame:
-            name = (scope[:-2] if scope else MODEL) if frame == MODEL else scope + frame
-        elif self.version <= (1, 4) or is_true(axis, "use_parent_model_frame"):
-            name = scope[:-2] if scope else MODEL
-        else:
+        if not frame and self.version > (1, 4) and not is_true(axis, "use_parent_model_frame"):
             return np.asarray(T_cj[:3, :3] @ w)
+        name = scope + frame if frame not in ("", MODEL) else scope[:-2] or MODEL
         return np.asarray(self.parts.between(link, name, axis)[:3, :3] @ w)
 
-    def _limits(self, axis: Element) -> dict[str, float | None]:
-        limit = axis.child("limit")
-        lower, upper = number(limit, "lower", -math.inf), number(limit, "upper", math.inf)
-        most = {name: number(limit, name, -1.0) for name in ("velocity", "effort")}
-        return {
-            "lower": lower if lower > -ENDLESS else None,
-            "upper": upper if upper < ENDLESS else None,
-            **{name: value if 0 < value < ENDLESS else None for name, value in most.items()},
-        }
 
-    def _losses(self, axis: Element | None) -> dict[str, float]:
-        dynamics = axis.child("dynamics") if axis is not None else None
-        return {"damping": number(dynamics, "damping", 0.0), "friction": number(dynamics, "friction", 0.0)}
+def add_ball(
+    builder: ModelBuilder, name: str, parent: str, child: str, T: Array, point: Array, where: str, **losses: float
+) -> None:
+    """Add a ball joint that turns about a point of its child; T (4, 4) is the pose of the child in the parent."""
+    below = child
+    there, back = (se3.pose(np.eye(3), sign * point) for sign in (1.0, -1.0))
+    if point.any():
+        below = f"{child}:{name}"
+        builder.add_link(below, hidden=True)
+        builder.add_joint(f"{name}.fixed", "fixed", below, child, placement=back, where=where)
+    builder.add_joint(name, "ball", parent, below, placement=T @ there, where=where, **losses)
 
-    def _mimic(self, axis: Element, scope: str) -> Mimic | None:
-        mimic = axis.child("mimic")
-        if mimic is None:
-            return None
-        leader = scope + mimic.text("joint")
-        ratio = number(mimic, "multiplier", 1.0)
-        return leader, ratio, number(mimic, "offset", 0.0) - ratio * number(mimic, "reference", 0.0)
+
+def _limits(axis: Element) -> dict[str, float]:
+    limit = axis.child("limit")
+    ends = {"lower": number(limit, "lower", -math.inf), "upper": number(limit, "upper", math.inf)}
+    most = {name: number(limit, name, -1.0) for name in ("velocity", "effort")}
+    return known_limits(**ends, **{name: x for name, x in most.items() if x > 0})
+
+
+def _losses(axis: Element | None) -> dict[str, float]:
+    dynamics = axis.child("dynamics") if axis is not None else None
+    return {name: number(dynamics, name, 0.0) for name in ("damping", "friction")}
+
+
+def _mimic(axis: Element, scope: str) -> Mimic | None:
+    mimic = axis.child("mimic")
+    if mimic is None:
+        return None
+    leader, ratio = scope + mimic.text("joint"), number(mimic, "multiplier", 1.0)
+    return leader, ratio, number(mimic, "offset", 0.0) - ratio * number(mimic, "reference", 0.0)
 
 
 def _pitch(joint: Element) -> float:
@@ -450,6 +443,3 @@ def _version(root: Element) -> tuple[int, ...]:
         return tuple(int(part) for part in text.split("."))
     except ValueError:
         raise root.error(f"has version={text!r}, expected such as 1.7.") from None
-
-
-# ── Reader of SDF files

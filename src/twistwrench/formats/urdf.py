@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -166,46 +165,35 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
     moves = kind != "fixed"  # whatever else a fixed joint says has no meaning, and is not even read
     axis = joint.child("axis") if moves and kind != "floating" else None
     dynamics = joint.child("dynamics") if moves else None
-    limit = _limit(builder, joint, kind) if moves else _Limit()
+    numbers = _limits(builder, joint, kind) if moves else {}
+    if dynamics is not None:
+        numbers |= {name: dynamics.optional_number(name) or 0.0 for name in ("damping", "friction")}
     builder.add_joint(
-        name,
-        kind,
-        parent,
-        child,
-        placement=origin_of(joint),
-        axis=(1.0, 0.0, 0.0) if axis is None else axis.values("xyz", 3),
-        lower=limit.lower,
-        upper=limit.upper,
-        velocity=limit.velocity,
-        effort=limit.effort,
-        damping=(dynamics.optional_number("damping") if dynamics else None) or 0.0,
-        friction=(dynamics.optional_number("friction") if dynamics else None) or 0.0,
-        mimic=_mimic(joint) if moves else None,
-        where=f"line {joint.line}",
-    )
+        name, kind, parent, child, placement=origin_of(joint),
+        axis=(1.0, 0.0, 0.0) if axis is None else axis.values("xyz", 3), mimic=_mimic(joint) if moves else None,
+        where=f"line {joint.line}", **numbers,
+    )  # fmt: skip
 
 
-class _Limit(NamedTuple):
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-    effort: float | None = None
-
-
-_SIDES = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0}
-
-
-def _limit(builder: ModelBuilder, joint: Element, kind: str) -> _Limit:
+def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, float]:
     limit = joint.child("limit")
     bounded = kind in ("revolute", "prismatic")
     if limit is None:
         if bounded:
             builder.remark(f"{joint} is {kind} and has no <limit>, so it is taken to be unlimited")
-        return _Limit()
-    said = {name: limit.optional_number(name) for name in _SIDES}
+        return {}
+    given = {name: limit.optional_number(name) for name in _SIDES}
     if bounded:  # the format's default for either bound is 0
-        said["lower"], said["upper"] = said["lower"] or 0.0, said["upper"] or 0.0
-    return _Limit(*(None if (x or 0.0) * _SIDES[name] > ENDLESS else x for name, x in said.items()))
+        given |= {name: given[name] or 0.0 for name in ("lower", "upper")}
+    return known_limits(**given)
+
+
+_SIDES = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0}
+
+
+def known_limits(**given: float | None) -> dict[str, float]:
+    """Limits of a joint without those that stand for none."""
+    return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < ENDLESS}
 
 
 def _mimic(joint: Element) -> Mimic | None:

@@ -22,6 +22,7 @@ from ..core.gravity import STRENGTH
 from ..core.numbers import printed
 from ..core.third_party import captured_stderr, third_party_errors
 from ..errors import MissingExtraError, RobotFileError, UnknownNameError
+from ..joints.screw_joint import screw_through
 from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, pose_rows
 from ..lie.labelled import TWIST
@@ -30,6 +31,7 @@ from ..model.builder import ModelBuilder
 from ..model.model import OfferedClosure
 from ..typing import Array
 from .known_elements import LeftOut, Unread
+from .sdf import add_ball
 from .xml import MOST_BODIES
 
 _SINGLE = 1e-5
@@ -500,16 +502,11 @@ class _Reader:
         parent, child = self._name(link.near.body), self._name(link.far.body)
         placement = link.near.T @ se3.inverse(T_far)
         if kind == "ball":
-            at, back = (se3.pose(np.eye(3), sign * T_far[:3, 3]) for sign in (1.0, -1.0))
-            below = f"{child}:{name}" if T_far[:3, 3].any() else child
-            if below != child:
-                self.builder.add_link(below, hidden=True)
-                self.builder.add_joint(f"{name}.fixed", "fixed", below, child, placement=back, where=where)
-            self.builder.add_joint(name, kind, parent, below, placement=placement @ at, where=where)
+            add_ball(self.builder, name, parent, child, placement, T_far[:3, 3], where)
             return
         axis = T_far[:3, axis_of(joint)] * (1.0 if link.forward else -1.0)
-        S = np.r_[np.zeros(3), axis] if kind == "prismatic" else np.r_[axis, so3.cross(T_far[:3, 3], axis) + 0.0]
-        options: dict[str, Any] = {} if kind == "fixed" else self._options(joint, kind)
+        S = screw_through(kind, axis, T_far[:3, 3])
+        options = {} if kind == "fixed" else self._options(joint, kind)
         self.builder.add_joint(name, kind, parent, child, placement=placement, axis=S, where=where, **options)
 
     def _options(self, joint: Any, kind: str) -> dict[str, Any]:

@@ -79,6 +79,13 @@ def _screw(kind: str, turning: bool, S: Array, normalise: bool, who: str) -> Arr
     return np.concatenate([np.zeros(3), unit_vector(S[3:])]) if not turns else np.array(S / np.linalg.norm(S[:3]))
 
 
+def screw_through(kind: str, direction: Array, point: Array) -> Array:
+    """The screw axis (6,) along a unit direction through a point: (ω, -ω × p), or (0, v) of a prismatic joint."""
+    if kind == "prismatic":
+        return np.concatenate([np.zeros(3), direction])
+    return np.concatenate([direction, so3.cross(point, direction) + 0.0])
+
+
 def unit_vector(v: Array) -> Array:
     """v of unit length: by the largest entry first, so that a multiple of a coordinate axis becomes exactly it."""
     x = v.tolist()

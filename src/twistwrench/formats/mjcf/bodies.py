@@ -11,6 +11,7 @@ import numpy as np
 from ...bodies.inertia import SpatialInertia
 from ...core.numbers import printed
 from ...errors import RobotFileError
+from ...joints.screw_joint import screw_through
 from ...lie import quaternion, se3, so3
 from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 from ...model.description import label
@@ -246,6 +247,11 @@ class MjcfJoint:
         return str(self.element) if place and "name" in self.element.attributes else label("joint", self.name, place)
 
     @property
+    def screw(self) -> Array:
+        """Screw axis (6,) of a joint of one degree, in its body's frame."""
+        return screw_through(self.kind, self.axis, self.point)
+
+    @property
     def single(self) -> bool:
         """True if it has one degree of freedom."""
         return COORDINATES[self.kind] == 1
@@ -314,13 +320,6 @@ def limited(element: Element, flag: str, values: str, settings: Settings) -> boo
     """True if a range is active: by its flag, or with ``auto`` if there is a range."""
     said = element.word(flag, ("true", "false", "auto"), "auto")
     return said == "true" or (said == "auto" and settings.auto_limits and values in element.attributes)
-
-
-def screw(joint: MjcfJoint) -> Array:
-    """The screw axis (6,) of a joint of one degree in its body's frame: (ω, -ω × p) or (0, v)."""
-    if joint.kind == "prismatic":
-        return np.concatenate([np.zeros(3), joint.axis])
-    return np.concatenate([joint.axis, so3.cross(joint.point, joint.axis) + 0.0])
 
 
 # ── Inertia of geoms: uniform solids of a shape, mass before density

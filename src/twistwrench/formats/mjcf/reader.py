@@ -23,7 +23,6 @@ from .bodies import (
     inertias_of,
     joints_of,
     names_given,
-    screw,
     shape_of,
     survey,
     unused,
@@ -140,7 +139,7 @@ class _Reader:
                 before, after = (se3.pose(np.eye(3), sign * joint.point) for sign in (1.0, -1.0))
                 last = False
             elif joint.single and joint.reference:
-                before = np.asarray(screw_motion(screw(joint), -joint.reference), float)
+                before = np.asarray(screw_motion(joint.screw, -joint.reference), float)
             child = body.name if last else f"{body.name}:{joint.name}"
             if not last:
                 self.builder.add_link(child, hidden=True)
@@ -157,7 +156,7 @@ class _Reader:
             self.builder.note(joint.who, text)
         damper = "damper" not in self.disabled
         self.builder.add_joint(
-            name, joint.kind, parent, child, placement=T, axis=screw(joint) if joint.single else (0.0, 0.0, 1.0),
+            name, joint.kind, parent, child, placement=T, axis=joint.screw if joint.single else (0.0, 0.0, 1.0),
             lower=joint.lower, upper=joint.upper, effort=drives.efforts.get(name),
             damping=joint.damping + drives.damping[name] if damper else 0.0,
             friction=0.0 if "frictionloss" in self.disabled else joint.friction,
