@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from ...core.numbers import printed
 from ...errors import ModelError
 from ...lie import quaternion, se3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry, ModelNote
+from ...model.description import JointEntry
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
@@ -24,16 +23,6 @@ from .written import Losses, Written, configurations_of, drive_of, screw_of
 
 _FAR = 1e10
 """Number for no limit on one side, as the format requires two."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Axis:
-    """One hinge or slide of a body."""
-
-    name: str
-    kind: str
-    direction: Array
-    point: Array
 
 
 class MjcfJoints:
@@ -71,13 +60,13 @@ class MjcfJoints:
             back = se3.inverse(T)
             direction, point = back[:3, :3] @ direction, back[:3, :3] @ point + back[:3, 3]
         kind = "hinge" if axis.turns else "slide"
-        joint = self._axis(body, _Axis(entry.name, kind, direction, point if axis.turns else np.zeros(3)))
+        joint = self._axis(body, entry.name, kind, direction, point if axis.turns else None)
         self._limits(joint, entry)
         self._drive(entry.name, [joint])
         self._order.append(("single", entry))
         if axis.pitch:
             slide = unused(f"{entry.name}.slide", self._names)
-            self._axis(body, _Axis(slide, "slide", direction, np.zeros(3)))
+            self._axis(body, slide, "slide", direction)
             self._follow(slide, entry.name, axis.pitch, 0.0)
             self._order.append(("pitch", entry))
             self.losses.of_joint(
@@ -86,17 +75,18 @@ class MjcfJoints:
         if entry.mimic is not None:
             self._follow(entry.name, *entry.mimic)
 
-    def _axis(self, body: Element, axis: _Axis) -> Element:
-        joint = new("joint", body, name=axis.name, type=axis.kind, axis=figures(axis.direction))
-        if axis.point.any():
-            joint.attributes["pos"] = figures(axis.point)
-        return self.elements.setdefault(axis.name, joint)
+    def _axis(self, body: Element, name: str, kind: str, direction: Array, point: Array | None = None) -> Element:
+        """One hinge or slide of a body."""
+        joint = new("joint", body, name=name, type=kind, axis=figures(direction))
+        if point is not None and point.any():
+            joint.attributes["pos"] = figures(point)
+        return self.elements.setdefault(name, joint)
 
     def add_planar(self, entry: JointEntry, body: Element) -> None:
         """Two slides and a hinge."""
         w, e1, e2 = entry.joint.axes[0, :3], entry.joint.axes[1, 3:], entry.joint.axes[2, 3:]
         parts = [
-            self._axis(body, _Axis(unused(f"{entry.name}.{letter}", self._names), kind, direction, np.zeros(3)))
+            self._axis(body, unused(f"{entry.name}.{letter}", self._names), kind, direction)
             for letter, kind, direction in (("x", "slide", e1), ("y", "slide", e2), ("theta", "hinge", w))
         ]
         self._drive(entry.name, parts)
@@ -192,16 +182,14 @@ class _MjcfWriter:
     def write(self) -> Written:
         """Write nested bodies, then tendons, equalities and keyframes."""
         found = self.found
-        if found.floating:
+        if found.floating or found.root != WORLD:
             self.bodies[found.root] = self._body(found.root, self.world, np.eye(4), found.whole[found.root])
-            self.joints.add_free(self.bodies[found.root])
-        elif found.root == WORLD:
+            if found.floating:
+                self.joints.add_free(self.bodies[found.root])
+        else:
             self.bodies[WORLD] = self.world
             self.standing.add(WORLD)
-            if found.links[WORLD].inertia.mass:
-                self.losses.say("the mass of what stands still is left out, where the base is the world itself")
-        else:
-            self.bodies[found.root] = self._body(found.root, self.world, np.eye(4), found.whole[found.root])
+            self.losses.note_mass_of_world(found)
         pending: dict[str, tuple[JointEntry, ...]] = {}
         for entry in found.joints:
             before = pending.pop(entry.parent, ())
@@ -231,12 +219,8 @@ class _MjcfWriter:
         else:
             return False
         if entry.joint.nv == 1 and not link.hidden:
-            self.losses.found.append(
-                ModelNote(
-                    f"link {link.name!r}",
-                    "has no mass; its joint moves the next body with mass, and its frame is lost",
-                )
-            )
+            text = "has no mass; its joint moves the next body with mass, and its frame is lost"
+            self.losses.note("link", link.name, text)
         return entry.joint.nv == 1
 
     def _body(self, name: str, parent: Element, T: Array, inertia: SpatialInertia | None) -> Element:
@@ -247,10 +231,10 @@ class _MjcfWriter:
         body.attributes |= _pose(T)
         moves = self.found.floating or (name != self.found.root and name not in self.standing)
         if inertia is not None and (moves or inertia.parameters.any()):
-            self._add_inertial(body, f"link {name!r}", inertia, moves)
+            self._add_inertial(body, name, inertia, moves)
         return body
 
-    def _add_inertial(self, body: Element, who: str, inertia: SpatialInertia, moves: bool) -> None:
+    def _add_inertial(self, body: Element, link: str, inertia: SpatialInertia, moves: bool) -> None:
         """Write the inertial of a body; a loss if MuJoCo does not compile it."""
         I = inertia.moment_about_com
         small, middle, large = np.linalg.eigvalsh(I)
@@ -264,9 +248,9 @@ class _MjcfWriter:
             else ""
         )  # fmt: skip
         if refused and moves:
-            self.losses.found.append(ModelNote(who, f"moves and {refused}: MuJoCo does not compile the file"))
+            self.losses.note("link", link, f"moves and {refused}: MuJoCo does not compile the file")
         elif refused:
-            self.losses.found.append(ModelNote(who, f"stands still and {refused}: its inertia is left out"))
+            self.losses.note("link", link, f"stands still and {refused}: its inertia is left out")
             return
         if inertia.parameters.any():
             full = [I[ENTRIES[name]] for name in IN_MJCF]
@@ -332,21 +316,15 @@ class _MjcfWriter:
 
     def _add_configurations(self) -> None:
         for name, positions in configurations_of(self.found).items():
-            new(
-                "key",
-                self.keyframe,
-                name=name,
-                qpos=figures(np.concatenate([np.zeros(0), *self.joints.qpos(positions)])),
-            )
+            qpos = np.concatenate([np.zeros(0), *self.joints.qpos(positions)])
+            new("key", self.keyframe, name=name, qpos=figures(qpos))
 
     def _add_closures(self) -> None:
         sites = self.found.additions.sites
+        tags = {rows: tag for tag, rows in ROWS.items()}
         for name, closure in self.found.additions.closures.items():
-            tags = {rows: tag for tag, rows in ROWS.items()}
             if closure.rows not in tags:
-                self.losses.found.append(
-                    ModelNote(f"closure {name!r}", f"holds {closure.rows}, which the format cannot say")
-                )
+                self.losses.note("closure", name, f"holds {closure.rows}, which the format cannot say")
                 continue
             ends = [
                 frame.removeprefix("site:") if frame in sites else self._site(frame)

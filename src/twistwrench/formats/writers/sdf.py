@@ -11,14 +11,14 @@ from ...core.gravity import GRAVITY
 from ...errors import ModelError
 from ...lie import se3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry, ModelNote
+from ...model.description import JointEntry
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, screw_of
+from .written import Losses, Written, drive_of, screw_of
 
 WORLD = "world"
 _NONE = 1e16
@@ -61,12 +61,14 @@ class _SdfWriter:
         self._begin()
         for entry in found.joints:
             self._add(entry)
+        standing = (joint for joint in found.joints if joint.fixed and joint.parent == found.root)
+        beside = next(standing, None)
         for site in found.additions.sites.values():
-            if self.called[site.link] == WORLD and (beside := self._standing()) is not None:  # no frame is of the world
+            if self.called[site.link] == WORLD and beside is not None:  # no frame is of the world
                 T = np.asarray(se3.inverse(beside.placement) @ site.pose)
                 self._frame(self._name("site", site.name), beside.child, T)
             elif self.called[site.link] == WORLD:
-                self.losses.found.append(ModelNote(f"site {site.name!r}", "stands in the world, and is left out"))
+                self.losses.note("site", site.name, "stands in the world, and is left out")
             else:
                 self._frame(self._name("site", site.name), site.link, site.pose)
         self._note_others()
@@ -74,33 +76,24 @@ class _SdfWriter:
             self.root.attributes["xmlns:drake"] = "http://drake.mit.edu"
         return Written(xml_text(self.root), tuple(self.losses.found))
 
-    def _standing(self) -> JointEntry | None:
-        """The joint of a link that is fixed to the world."""
-        root = self.found.root
-        return next((joint for joint in self.found.joints if joint.fixed and joint.parent == root), None)
-
     def _name(self, what: str, name: str) -> str:
         """Unused name: links, joints and frames share one scope, and ``::`` separates models."""
         found = unused(name.replace("::", "."), self.names)
         if found != name:
-            self.losses.found.append(
-                ModelNote(f"{what} {name!r}", f"is written as {found!r}: the format keeps its name for others")
-            )
+            self.losses.note(what, name, f"is written as {found!r}: the format keeps its name for others")
         return found
 
     def _begin(self) -> None:
         """The root link: the world itself, fixed to it, or free."""
         found = self.found
         if self.called[found.root] == WORLD:
-            if found.links[found.root].inertia.mass:
-                self.losses.say("the mass of what stands still is left out, where the base is the world itself")
+            self.losses.note_mass_of_world(found)
             return
         self._link(found.root, None, np.eye(4))
         if not found.floating:
             self._joint(self._name("joint", f"{found.root}.fixed"), "fixed", WORLD, found.root)
             return
-        drive = drive_of(found, ROOT_JOINT, self.losses)
-        if drive.damping or drive.friction or drive.armature:
+        if any(drive_of(found, ROOT_JOINT, self.losses)):
             self.losses.of_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot say")
 
     def _add(self, entry: JointEntry) -> None:
@@ -111,21 +104,17 @@ class _SdfWriter:
             self._frame(self.called[entry.child], entry.parent, entry.placement)
             return
         self.carriers[entry.child] = entry.child
-        if kind == "floating":
-            self._add_floating(entry)
-            return
-        if kind == "planar":
-            self._add_planar(entry)
+        if kind in ("floating", "planar"):
+            (self._add_floating if kind == "floating" else self._add_planar)(entry)
             return
         self._link(entry.child, entry.parent, entry.placement)
         name = self._name("joint", entry.name) if entry.fixed else self.joints[entry.name]
-        if kind == "fixed":
-            self._joint(name, kind, self.called[carrier], entry.child)
-        elif kind == "ball":
-            joint = self._joint(name, kind, self.called[carrier], entry.child)
-            self._drive(entry.name, joint, None)
-        else:
+        if kind not in ("fixed", "ball"):
             self._add_screw(name, entry, self.called[carrier])
+            return
+        joint = self._joint(name, kind, self.called[carrier], entry.child)
+        if kind == "ball":
+            self._drive(entry.name, joint, None)
 
     def _add_floating(self, entry: JointEntry) -> None:
         if self.called[entry.parent] != WORLD or not np.array_equal(entry.placement, np.eye(4)):
@@ -236,15 +225,11 @@ class _SdfWriter:
             new("pose", element, figures([*T[:3, 3], *rpy_of_rotation(T[:3, :3])]), **relative)
 
     def _note_others(self) -> None:
-        more = self.found.additions
-        for spring in more.springs:
+        for spring in self.found.additions.springs:
             if len(spring.terms) > 1:
                 joints = ", ".join(repr(joint) for joint, _ in spring.terms)
                 self.losses.say(f"the spring of {joints} is left out: the format has none of several joints")
-        for what, names in (("configuration", configurations_of(self.found)), ("closure", more.closures)):
-            self.losses.found.extend(
-                ModelNote(f"{what} {name!r}", "is left out: the format has none") for name in names
-            )
+        self.losses.note_unwritten(self.found)
 
 
 def _version(found: ModelParts) -> str:

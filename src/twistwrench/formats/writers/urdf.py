@@ -6,7 +6,7 @@ import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...core.gravity import GRAVITY
-from ...model.description import JointEntry, ModelNote
+from ...model.description import JointEntry
 from ...model.limits import Limits
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
@@ -14,7 +14,7 @@ from ...typing import Array
 from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, moved, screw_of
+from .written import Losses, Written, drive_of, moved, screw_of
 
 _NONE = 1e16
 """Number for no limit, as the format requires one."""
@@ -86,45 +86,41 @@ class _UrdfWriter:
 
     def _add(self, entry: JointEntry) -> None:
         kind, name = entry.joint.kind, entry.name
-        if kind in ("fixed", "floating"):
-            joint = self._joint(name, kind, entry.parent, entry.child, entry.placement)
-            if kind == "floating":
-                self._losses_of(joint, name)
-        elif kind == "planar":
-            joint = self._joint(name, kind, entry.parent, entry.child, entry.placement)
-            new("axis", joint, xyz=figures(entry.joint.axes[0, :3]))
-            self._losses_of(joint, name)
-        elif kind == "ball":
+        if kind == "ball":
             self._add_ball(entry)
-        else:
+        elif kind not in ("fixed", "floating", "planar"):
             self._add_screw(entry)
+        else:
+            joint = self._joint(name, kind, entry.parent, entry.child, entry.placement)
+            if kind == "planar":
+                new("axis", joint, xyz=figures(entry.joint.axes[0, :3]))
+            if kind != "fixed":
+                self._losses_of(joint, name)
 
     def _add_screw(self, entry: JointEntry) -> None:
-        axis = screw_of(entry)
-        child, T = entry.child, entry.placement
-        if axis.point.any():  # the format has axes through the child's origin
-            child, T = self._hidden(f"{entry.child}:{entry.name}"), T @ moved(axis.point)
-            beside = unused(f"{entry.name}.fixed", self.joint_names)
-        middle = self._hidden(f"{entry.child}:{entry.name}:slide") if axis.pitch else child
-        low, high = (float(x[0]) for x in (entry.limits.lower, entry.limits.upper))
-        free = low == -np.inf and high == np.inf
+        axis, limits, name = screw_of(entry), entry.limits, entry.name
+        child, T, away = entry.child, entry.placement, axis.point.any()
+        if away:  # the format has axes through the child's origin
+            child, T = self._hidden(f"{entry.child}:{name}"), T @ moved(axis.point)
+            beside = unused(f"{name}.fixed", self.joint_names)
+        middle = self._hidden(f"{entry.child}:{name}:slide") if axis.pitch else child
+        free = limits.lower[0] == -np.inf and limits.upper[0] == np.inf
         kind = ("continuous" if free else "revolute") if axis.turns else "prismatic"
-        joint = self._joint(entry.name, kind, entry.parent, middle, T)
+        joint = self._joint(name, kind, entry.parent, middle, T)
         new("axis", joint, xyz=figures(axis.direction))
-        self._limit(joint, entry.limits)
-        self._losses_of(joint, entry.name)
+        self._limit(joint, limits)
+        self._losses_of(joint, name)
         if entry.mimic is not None:
             self._mimic(joint, *entry.mimic)
         if axis.pitch:
-            name = unused(f"{entry.name}.slide", self.joint_names)
-            slide = self._joint(name, "prismatic", middle, child, np.eye(4))
+            slide = self._joint(unused(f"{name}.slide", self.joint_names), "prismatic", middle, child, np.eye(4))
             new("axis", slide, xyz=figures(axis.direction))
             self._limit(slide, Limits(*(np.full(1, x) for x in (-np.inf, np.inf, np.inf, np.inf))))
-            self._mimic(slide, entry.name, axis.pitch, 0.0)
+            self._mimic(slide, name, axis.pitch, 0.0)
             self.losses.of_joint(
-                entry.name, "is helical; it is written as a revolute joint and a prismatic one that mimics it"
+                name, "is helical; it is written as a revolute joint and a prismatic one that mimics it"
             )
-        if child != entry.child:
+        if away:
             self._joint(beside, "fixed", child, entry.child, moved(-axis.point))
 
     def _add_ball(self, entry: JointEntry) -> None:
@@ -145,11 +141,7 @@ class _UrdfWriter:
             del values["lower"], values["upper"]
             if not np.isfinite(list(values.values())).any():
                 return
-        new(
-            "limit",
-            joint,
-            **{name: figures(np.clip(x, -_NONE, _NONE)) for name, x in values.items()},
-        )
+        new("limit", joint, **{name: figures(np.clip(x, -_NONE, _NONE)) for name, x in values.items()})
 
     def _mimic(self, joint: Element, leader: str, ratio: float, offset: float) -> None:
         new("mimic", joint, joint=leader, multiplier=figures(ratio), offset=figures(offset))
@@ -167,18 +159,15 @@ class _UrdfWriter:
             name = self._hidden(site.name)
             beside = unused(f"{name}.fixed", self.joint_names)
             self._joint(beside, "fixed", site.link, name, site.pose)
-            self.losses.found.append(ModelNote(f"site {site.name!r}", "is written as a fixed link without mass"))
+            self.losses.note("site", site.name, "is written as a fixed link without mass")
 
     def _note_others(self) -> None:
-        found, more = self.found, self.found.additions
-        for spring in more.springs:
+        found = self.found
+        for spring in found.additions.springs:
             joints = ", ".join(repr(joint) for joint, _ in spring.terms)
             self.losses.say(f"the spring of {joints} is left out: the format has none")
         if not np.array_equal(found.gravity, GRAVITY):
             self.losses.say(
                 f"gravity {found.gravity.tolist()} is left out, which is not part of the format: load with gravity=…"
             )
-        for what, names in (("configuration", configurations_of(found)), ("closure", more.closures)):
-            self.losses.found.extend(
-                ModelNote(f"{what} {name!r}", "is left out: the format has none") for name in names
-            )
+        self.losses.note_unwritten(found)

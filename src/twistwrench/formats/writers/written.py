@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from ...errors import ModelError
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry, ModelNote
-from ...model.limits import Friction
 from ...model.parts import ModelParts
 from ...typing import Array
 from ..mjcf.reader import REFERENCE
@@ -32,13 +32,28 @@ class Losses:
 
     found: list[str] = field(default_factory=list)
 
-    def of_joint(self, name: str, said: str) -> None:
+    def note(self, kind: str, name: str, text: str) -> None:
+        """Note the loss of a link, joint or other named part."""
+        self.found.append(ModelNote(f"{kind} {name!r}", text))
+
+    def of_joint(self, name: str, text: str) -> None:
         """Note the loss of a joint."""
-        self.found.append(ModelNote(f"joint {name!r}", said))
+        self.note("joint", name, text)
 
     def say(self, text: str) -> None:
         """Note the loss of the robot."""
         self.found.append(text)
+
+    def note_mass_of_world(self, found: ModelParts) -> None:
+        """Note the mass of a root link that is the world itself."""
+        if found.links[found.root].inertia.mass:
+            self.say("the mass of what stands still is left out, where the base is the world itself")
+
+    def note_unwritten(self, found: ModelParts) -> None:
+        """Note what formats other than MJCF do not have: named configurations and closures."""
+        for kind, names in (("configuration", configurations_of(found)), ("closure", found.additions.closures)):
+            for name in names:
+                self.note(kind, name, "is left out: the format has none")
 
 
 @dataclass(frozen=True)
@@ -79,23 +94,25 @@ def moved(point: Array) -> Array:
     return se3.pose(np.eye(3), point)
 
 
-@dataclass(frozen=True)
-class AlongJoint:
+class AlongJoint(NamedTuple):
     """Damping, friction and armature of a joint, one number each."""
 
-    damping: float
-    friction: float
-    armature: float
+    damping: float = 0.0
+    friction: float = 0.0
+    armature: float = 0.0
 
 
 def drive_of(found: ModelParts, joint: str, losses: Losses) -> AlongJoint:
     """Damping, Coulomb friction and armature of a joint; losses are noted."""
     law = found.friction.get(joint)
     if law is None:  # that of what follows another is with its leader
-        return AlongJoint(0.0, 0.0, 0.0)
+        return AlongJoint()
     laws = [law, *(found.friction[motor] for motor in (f"{joint}.motor",) if motor in found.friction)]
     for one in laws:
-        _note_laws(joint, one, losses)
+        if (one.static > one.coulomb).any():
+            losses.of_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
+        if one.load.any():
+            losses.of_joint(joint, "has friction that grows with the load, which is left out")
     armature = found.armature[joint].copy()
     for actuator in found.actuators:
         if actuator.joint == joint and actuator.rotor is not None:
@@ -103,24 +120,12 @@ def drive_of(found: ModelParts, joint: str, losses: Losses) -> AlongJoint:
             losses.of_joint(joint, "has a rotor, which is written as armature: what it does to other joints is lost")
             if np.isfinite(actuator.stiffness):
                 losses.of_joint(joint, "has an elastic gear, which is written as a rigid one")
-    return AlongJoint(
-        _one(joint, "damping", np.sum([one.viscous for one in laws], axis=0), losses),
-        _one(joint, "friction", np.sum([one.coulomb for one in laws], axis=0), losses),
-        _one(joint, "armature", armature, losses),
-    )
-
-
-def _note_laws(joint: str, law: Friction, losses: Losses) -> None:
-    if (law.static > law.coulomb).any():
-        losses.of_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
-    if law.load.any():
-        losses.of_joint(joint, "has friction that grows with the load, which is left out")
-
-
-def _one(joint: str, what: str, values: Array, losses: Losses) -> float:
-    if np.ptp(values) > 0:
-        losses.of_joint(joint, f"has another {what} in each direction, of which the mean is written")
-    return float(np.mean(values))
+    viscous, coulomb = (np.sum([getattr(one, name) for one in laws], axis=0) for name in ("viscous", "coulomb"))
+    along = {"damping": viscous, "friction": coulomb, "armature": armature}
+    for what, values in along.items():
+        if np.ptp(values) > 0:
+            losses.of_joint(joint, f"has another {what} in each direction, of which the mean is written")
+    return AlongJoint(**{what: float(np.mean(values)) for what, values in along.items()})
 
 
 def configurations_of(found: ModelParts) -> dict[str, dict[str, Array]]:
