@@ -144,12 +144,7 @@ def sphere(
 
 
 def cylinder(
-    cls: type[SpatialInertia],
-    radius: float,
-    length: float,
-    *,
-    mass: float | None = None,
-    density: float | None = None,
+    cls: type[SpatialInertia], radius: float, length: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
     """Spatial inertia of a uniform cylinder along z; the origin is its centre.
 
@@ -169,12 +164,7 @@ def cylinder(
 
 
 def capsule(
-    cls: type[SpatialInertia],
-    radius: float,
-    length: float,
-    *,
-    mass: float | None = None,
-    density: float | None = None,
+    cls: type[SpatialInertia], radius: float, length: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
     """Spatial inertia of a uniform capsule, a cylinder along z with a half ball on each end; the origin is its centre.
 
@@ -198,12 +188,7 @@ def capsule(
 
 
 def cone(
-    cls: type[SpatialInertia],
-    radius: float,
-    height: float,
-    *,
-    mass: float | None = None,
-    density: float | None = None,
+    cls: type[SpatialInertia], radius: float, height: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
     """Spatial inertia of a uniform cone with its tip towards +z.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -64,9 +65,16 @@ def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
     """
+    with _open(source) as file:
+        return _added(model, file, stiff)
+
+
+@contextmanager
+def _open(source: Source) -> Iterator[Section]:
+    """The entries of an actuator file, which errors about them name."""
     content, origin = read_yaml(source)
     try:
-        return _added(model, Section(content, ""), stiff)
+        yield Section(content, "")
     except (ModelError, UnknownNameError, ValueRangeError) as error:
         raise type(error)(f"{origin}: {error}") from None
 
@@ -81,7 +89,8 @@ def actuator_content(source: Source) -> dict[str, Any]:
 
 def _added(model: Model, file: Section, stiff: bool) -> Model:
     check_entries(model, file)
-    motors = _motors(file.section("motors")) if "motors" in file.content else {}
+    listed = file.section("motors") if "motors" in file.content else Section({}, "motors")
+    motors = {name: _motor(listed.section(name)) for name in listed.content}
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
     joints = file.section("actuators")
@@ -140,10 +149,6 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
     if "rotor" in entry.content:
         given["rotor"] = _rotor(entry.section("rotor"))
     return Actuator(joint, **given)
-
-
-def _motors(section: Section) -> dict[str, Motor]:
-    return {name: _motor(section.section(name)) for name in section.content}
 
 
 def _motor(section: Section) -> Motor:
@@ -210,11 +215,8 @@ def read_log_side(model: Model, source: Source) -> LogSide:
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
     """
-    content, origin = read_yaml(source)
-    try:
-        return _log_side(model, Section(content, ""))
-    except (ModelError, UnknownNameError, ValueRangeError) as error:
-        raise type(error)(f"{origin}: {error}") from None
+    with _open(source) as file:
+        return _log_side(model, file)
 
 
 def _log_side(model: Model, file: Section) -> LogSide:
@@ -247,13 +249,9 @@ def _log_side(model: Model, file: Section) -> LogSide:
             given["coupled"][name] = {
                 o: gear_ratio(others.content[o], others.where(o), sliding=o in sliding) for o in others.content
             }
-        given["zero"] |= (
-            {name: entry.number("zero", "length" if name in sliding else "angle")} if "zero" in entry.content else {}
-        )
-        given["gain"] |= {name: entry.number("gain", "torque constant")} if "gain" in entry.content else {}
-        if "sign" in entry.content:
-            sign = entry.number("sign", "")
-            if abs(sign) != 1.0:
-                raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
-            given["sign"][name] = sign
-    return LogSide(side == "motor", ratios, given["coupled"], given["zero"], given["sign"], given["gain"])
+        kinds = {"zero": "length" if name in sliding else "angle", "gain": "torque constant", "sign": ""}
+        for key, kind in kinds.items():
+            given[key] |= {name: entry.number(key, kind)} if key in entry.content else {}
+        if abs(sign := given["sign"].get(name, 1.0)) != 1.0:
+            raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
+    return LogSide(side == "motor", ratios, **given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,7 +96,7 @@ def _columns(table: Any, columns: Sequence[str] | None) -> list[Array]:
     if isinstance(table, Mapping):
         found = {name: arguments.finite(x, f"column {name!r} of the table") for name, x in _known(table).items()}
         found = {name: x if x.ndim else x[None] for name, x in found.items()}
-    elif _is_rows(table):
+    elif isinstance(table, Sequence) and len(table) and all(isinstance(row, Mapping) for row in table):
         rows = [_known(row) for row in table]
         found = {
             name: arguments.finite([row.get(name, 0.0) for row in rows], f"column {name!r} of the table")
@@ -111,10 +111,6 @@ def _columns(table: Any, columns: Sequence[str] | None) -> list[Array]:
             f"the columns of a Denavit–Hartenberg table have as many numbers each, one at least: {listed}."
         )
     return [np.asarray(found.get(name, np.zeros(n)), float) for name in COLUMNS]
-
-
-def _is_rows(table: Any) -> bool:
-    return isinstance(table, Sequence) and len(table) > 0 and all(isinstance(row, Mapping) for row in table)
 
 
 def _known(named: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -148,13 +144,15 @@ def _inertias(
     for what, x, shape in (("masses", m, (n,)), ("coms", c, (n, 3)), ("moments_about_com", I, (n, 3, 3))):
         if x.shape != shape:
             raise ShapeError(f"{what} has shape {x.shape}, but the table has {n} rows: expected {shape}.")
-    found = []
-    for i in range(n):
-        try:
-            found.append(SpatialInertia.from_com(float(m[i]), c[i], I[i]))
-        except InertiaError as problem:
-            raise InertiaError(f"link{i + 1}: {problem}") from None
-    return found
+    return [_inertia(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
+
+
+def _inertia(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
+    """Inertia of a link; errors name it."""
+    try:
+        return build(*numbers)
+    except InertiaError as problem:
+        raise InertiaError(f"{link}: {problem}") from None
 
 
 # ── Serial chains by the book's screws and link frames. Modern Robotics chapters 4 and 8
@@ -198,7 +196,7 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     for body in model.bodies:
         home = home @ body.placement
         screws.append(Ad(home) @ body.joint.axes[0])
-        moved = _principal_frame(body.inertia) if at_com else np.eye(4)
+        moved = se3.pose(body.inertia.principal()[1], body.inertia.com) if at_com else np.eye(4)
         frames.append(home @ moved)
         inertias.append(body.inertia.in_frame(se3.inverse(moved)).matrix)
     M = home @ end.pose
@@ -206,10 +204,6 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     steps = [se3.inverse(a) @ b for a, b in itertools.pairwise(chain)]
     Slist = np.array(screws).T
     return ScrewLists(M, Slist, (Ad(se3.inverse(M)) @ Slist.T).T, np.array(steps), np.array(inertias))
-
-
-def _principal_frame(G: SpatialInertia) -> Array:
-    return se3.pose(G.principal()[1], G.com)
 
 
 def from_screws(
@@ -245,7 +239,7 @@ def from_screws(
         if not non_unit_screws:
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"
-        builder.add_link(link, _link_inertia(G[i], link))
+        builder.add_link(link, _inertia(link, SpatialInertia.from_matrix, G[i]))
         kind = "prismatic" if not np.any(A[:3]) else "helical"
         builder.add_joint(names[i], kind, parent, link, placement=steps[i], axis=A, normalise_axes=False)
         parent = link
@@ -254,14 +248,6 @@ def from_screws(
     if M is not None:
         _check_home(np.asarray(M, float), home @ steps[n])
     return builder.build(tip="end_effector", gravity=gravity, inertia=inertia, snap=0.0)
-
-
-def _link_inertia(G: Array, link: str) -> SpatialInertia:
-    """The inertia of a link's 6×6 matrix; errors name the link."""
-    try:
-        return SpatialInertia.from_matrix(G)
-    except InertiaError as problem:
-        raise InertiaError(f"{link}: {problem}") from None
 
 
 def _check_unit(S: Array, i: int, joint: str) -> None:

@@ -4,7 +4,7 @@
 is entered, and its row is called ``parent/tag`` where the tag means two things, else by its tag; without a row it holds text
 alone. What has NO_MECHANICS (looks, contacts, sensors, controllers) is passed over whole. :class:`LeftOut` is mechanics
 that is not read. ``*`` stands for all names that a row does not list. Names with another program's prefix that no row lists are
-passed over; every other name is remarked.
+passed over; every other name is remarked. The names stand in ``known_elements.txt``.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ import difflib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from ..core.text import clipped
 from .xml import Element
 
 READ = "read"
 NO_MECHANICS = "no mechanics"
+OTHERS = "*"
 
 
 @dataclass(frozen=True)
@@ -39,18 +41,6 @@ class LeftOut:
 Entry = str | LeftOut
 Rows = Mapping[str, Mapping[str, Entry]]
 
-OTHERS = "*"
-_ACCELERATION = LeftOut("fastest motions do not keep to it")
-_WEIGHTLESS = LeftOut("gravity does not act on the link in the file, and does here", ("true", "1"))
-_KINEMATIC = LeftOut("forces do not move the link in the file, and do here")
-_DRAG = LeftOut("the drag on the velocity of the link is missing")
-_WIND = LeftOut("the force of the wind is missing")
-_FORCE = LeftOut("its force is missing from the torques")
-_SPRING = LeftOut("the torque of the spring is missing")
-_ROTOR = LeftOut("the inertia of the rotor is missing from the mass matrix")
-_FREE = LeftOut("the joint follows another one in the file, and moves freely here")
-_LOOP = LeftOut("a loop stays open")
-
 
 def _is_zero(word: str) -> bool:
     try:
@@ -59,289 +49,33 @@ def _is_zero(word: str) -> bool:
         return False
 
 
-def _all(kind: Entry, names: str) -> dict[str, Entry]:
-    """One entry for many names, separated by blanks."""
-    return dict.fromkeys(names.split(), kind)
+def _read_table(text: str) -> dict[str, Rows]:
+    """Formats with their rows; the first section has the effects of what is left out."""
+    formats: dict[str, dict[str, dict[str, Entry]]] = {}
+    entries: dict[str, Entry] = {"read": READ, "ignored": NO_MECHANICS}
+    row: dict[str, Entry] = {}
+    for line in text.splitlines():
+        key, _, rest = line.partition(": ")
+        if line.startswith("["):
+            rows = formats[line[1:-1]] = {}
+        elif line.startswith(" "):
+            row |= dict.fromkeys(rest.split(), entries[key.strip()])
+        elif rest and not line.startswith("#"):
+            change, _, values = rest.partition(" | ")
+            entries[key] = LeftOut(change, tuple(values.split()))
+        elif line and not line.startswith("#"):  # tags, on several lines perhaps
+            row = {} if row else row
+            rows |= dict.fromkeys(line.split(), row)
+    return {name: rows for name, rows in formats.items() if rows}
 
 
-_DRAKE = {
-    **_all(_FORCE, "<drake:linear_spring_damper> <drake:linear_bushing_rpy> <drake:prismatic_spring>"),
-    **_all(_LOOP, "<drake:ball_constraint> <drake:distance_constraint>"),
-    "<drake:tendon_constraint>": LeftOut("the coupling of joints is missing"),
-}
-"""Elements of Drake in URDF and in SDF."""
-
-_URDF: Rows = {
-    "robot": {
-        **_all(READ, "name <link> <joint> <gazebo> <transmission> <mujoco>"),
-        **_all(NO_MECHANICS, "version <material> <ros2_control> <sensor> <group> <frame>"),
-        # IHMC's, a simulator of drones', Drake's tests
-        **_all(NO_MECHANICS, "<schedule_topic_creator_file> <properties> <parameter> <velocity>"),
-        **_all(_LOOP, "<loop_joint> <constraint>"),
-        **_all(_FORCE, "<force_element> <cable>"),
-        "<drake:joint>": LeftOut("the two links are not joined"),
-        **_DRAKE,
-    },
-    "link": {
-        **_all(READ, "name <inertial>"),
-        **_all(NO_MECHANICS, "type drake_ignore <visual> <collision> <contact> <surface> <self_collide>"),
-        **_all(NO_MECHANICS, "<collision_checking> <self_collision_checking> <self_filter> <audio_source> <sensor>"),
-        "<gravity>": _WEIGHTLESS,
-        "<kinematic>": _KINEMATIC,
-    },
-    "inertial": _all(READ, "<origin> <mass> <inertia>"),
-    "origin": _all(READ, "xyz rpy quat_xyzw"),
-    "mass": _all(READ, "value"),
-    "inertia": _all(READ, "ixx ixy ixz iyy iyz izz"),
-    "joint": {
-        **_all(READ, "name type <origin> <parent> <child> <axis> <limit> <dynamics> <mimic>"),
-        **_all(
-            NO_MECHANICS,
-            "dont_collapse <calibration> <safety_controller> <controller_gains> <hardwareInterface> <sensor>",
-        ),
-        "<joint_properties>": READ,
-        "<drake:mimic>": _FREE,
-    },
-    "parent": _all(READ, "link"),
-    "child": _all(READ, "link"),
-    "axis": {"xyz": READ, "rpy": LeftOut("URDF gives an axis by xyz alone")},
-    "limit": {
-        **_all(READ, "lower upper velocity effort"),
-        **_all(_ACCELERATION, "acceleration deceleration jerk drake:acceleration"),
-        **_all(NO_MECHANICS, "command_effort current gear_velocity twist k_velocity"),  # ANYbotics', misplaced gains
-    },
-    "dynamics": {
-        **_all(READ, "damping friction"),
-        **_all(NO_MECHANICS, "D K mu_coulomb mu_viscous"),  # copied from the Panda's; no program is known to read them
-        "armature": _ROTOR,
-        "spring_stiffness": _SPRING,
-        "spring_reference": NO_MECHANICS,
-    },
-    "joint_properties": _all(LeftOut("the friction of old URDFs, before <dynamics>"), "damping friction"),
-    "mimic": _all(READ, "joint multiplier offset"),
-    "gazebo": {
-        OTHERS: NO_MECHANICS,
-        "<gravity>": _WEIGHTLESS,
-        "<turnGravityOff>": LeftOut(_WEIGHTLESS.change),
-        "<springStiffness>": _SPRING,
-        **_all(_DRAG, "<dampingFactor> <velocity_decay>"),
-        "<kinematic>": _KINEMATIC,
-        "<static>": LeftOut("nothing of it moves in Gazebo"),
-        "<enable_wind>": _WIND,
-        "<joint>": LeftOut("a joint that only Gazebo has; a loop stays open"),
-        "<link>": LeftOut("a link that only Gazebo has"),
-    },
-    "transmission": {OTHERS: NO_MECHANICS, "<actuator>": READ},
-    "actuator": {OTHERS: NO_MECHANICS, "<drake:rotor_inertia>": READ},
-    "drake:rotor_inertia": {"value": _ROTOR},
-    "mujoco": {OTHERS: NO_MECHANICS, "<compiler>": READ},
-    "compiler": {
-        OTHERS: NO_MECHANICS,
-        **_all(
-            LeftOut("MuJoCo changes the inertia of links by it"),
-            "inertiafromgeom settotalmass balanceinertia boundmass boundinertia",
-        ),
-        "settotalmass": LeftOut("MuJoCo scales all masses by it", ("-1", "0")),
-        "inertiafromgeom": LeftOut("MuJoCo computes inertia from shapes", ("auto", "false")),
-    },
-}
-
-_SDF_AXIS: Mapping[str, Entry] = {
-    **_all(READ, "<xyz> <dynamics> <limit> <mimic> <use_parent_model_frame>"),
-    "<initial_position>": NO_MECHANICS,
-}
-_SDF: Rows = {
-    "world": {
-        "<gravity>": READ,
-        **_all(NO_MECHANICS, "name"),
-        **_all(NO_MECHANICS, "<model> <light> <actor> <plugin> <physics> <scene> <gui> <audio> <atmosphere> <road>"),
-        **_all(NO_MECHANICS, "<magnetic_field> <spherical_coordinates> <state> <population> <frame> <include>"),
-        "<wind>": _WIND,
-        "<joint>": LeftOut("a joint between models; each is read alone"),
-    },
-    "model": {
-        **_all(READ, "name canonical_link <link> <joint> <frame> <model> <pose> <static> <drake:joint>"),
-        **_all(NO_MECHANICS, "namespace <self_collide> <allow_auto_disable> <plugin> <gripper>"),
-        "placement_frame": LeftOut("the pose is taken as that of the model's own frame"),
-        "<enable_wind>": _WIND,
-        **_DRAKE,
-    },
-    "pose": {
-        **_all(READ, "relative_to rotation_format degrees"),
-        "frame": LeftOut("the pose is taken as relative to the default frame"),  # of versions 1.5 and 1.6
-    },
-    "frame": _all(READ, "name attached_to <pose>"),
-    "link": {
-        **_all(READ, "name <pose> <inertial>"),
-        **_all(NO_MECHANICS, "<visual> <collision> <sensor> <projector> <audio_sink> <audio_source> <battery> <light>"),
-        **_all(NO_MECHANICS, "<particle_emitter> <self_collide> <plugin>"),
-        "<gravity>": _WEIGHTLESS,
-        "<enable_wind>": _WIND,
-        "<kinematic>": _KINEMATIC,
-        "<must_be_base_link>": LeftOut("the link floats in the file"),
-        **_all(_DRAG, "<velocity_decay> <damping>"),
-    },
-    "inertial": {
-        **_all(READ, "auto <mass> <pose> <inertia>"),
-        **_all(NO_MECHANICS, "<density> <auto_inertia_params>"),  # of auto, which is refused
-        "<fluid_added_mass>": LeftOut("the inertia of the fluid is missing from the mass matrix"),
-    },
-    "inertia": _all(READ, "<ixx> <ixy> <ixz> <iyy> <iyz> <izz>"),
-    "joint": {
-        **_all(READ, "name type <parent> <child> <pose> <axis> <axis2> <thread_pitch> <screw_thread_pitch>"),
-        **_all(READ, "<physics> <drake:rotor_inertia> <drake:gear_ratio>"),
-        **_all(NO_MECHANICS, "<gearbox_ratio> <gearbox_reference_body> <sensor>"),  # a gearbox is refused
-        "<drake:mimic>": _FREE,
-    },
-    "axis": _SDF_AXIS,
-    "axis2": _SDF_AXIS,
-    "xyz": _all(READ, "expressed_in"),
-    "dynamics": _all(READ, "<damping> <friction> <spring_reference> <spring_stiffness>"),
-    "limit": {
-        **_all(READ, "<lower> <upper> <effort> <velocity>"),
-        **_all(NO_MECHANICS, "<stiffness> <dissipation>"),  # of the stops
-        "<drake:acceleration>": _ACCELERATION,
-    },
-    "mimic": {
-        **_all(READ, "joint <multiplier> <offset> <reference>"),
-        "axis": LeftOut("the leader is taken to be the other joint's only axis", ("axis",)),
-    },
-    "physics": {OTHERS: NO_MECHANICS, "<ode>": READ, "<simbody>": READ},
-    "ode": {OTHERS: NO_MECHANICS, "<max_force>": LeftOut("the motor that holds a velocity is missing")},
-    "simbody": {OTHERS: NO_MECHANICS, "<must_be_loop_joint>": LeftOut("the joint is part of the tree here")},
-}
-
-_CONE = LeftOut("the limit of the cone is not kept", ("-1.0", "inf"))
-_FRICTION = LeftOut("the friction of the joint is missing")
-_USD: Rows = {  # rows of kinds of prims; schemas that are applied to them stand as elements
-    "body": {
-        **_all(READ, "physics:mass physics:density physics:centerOfMass physics:diagonalInertia physics:principalAxes"),
-        **_all(READ, "physics:rigidBodyEnabled physics:kinematicEnabled"),
-        **_all(NO_MECHANICS, "physics:velocity physics:angularVelocity physics:startsAsleep physics:collisionEnabled"),
-        **_all(NO_MECHANICS, "physics:approximation physics:simulationOwner"),
-        "physxRigidBody:disableGravity": LeftOut("gravity does not act on this body in the file, and does here"),
-        **_all(_DRAG, "physxRigidBody:linearDamping physxRigidBody:angularDamping"),
-        "mjc:gravcomp": LeftOut("the force that holds the body against gravity is missing"),
-    },
-    "joint": {
-        **_all(READ, "physics:axis physics:lowerLimit physics:upperLimit physics:jointEnabled"),
-        **_all(
-            READ,
-            "physics:excludeFromArticulation physics:localPos0 physics:localPos1 physics:localRot0 physics:localRot1",
-        ),
-        **_all(READ, "drive:angular:physics:maxForce drive:linear:physics:maxForce"),
-        **_all(READ, "physxJoint:maxJointVelocity physxJoint:armature newton:armature newton:damping newton:friction"),
-        **_all(NO_MECHANICS, "physics:collisionEnabled physics:breakForce physics:breakTorque"),
-        **_all(_CONE, "physics:coneAngle0Limit physics:coneAngle1Limit"),
-        **_all(_FRICTION, "physxJoint:jointFriction mjc:frictionloss mjc:damping"),
-        "mjc:armature": _ROTOR,
-        "mjc:stiffness": _SPRING,
-        **_all(_FREE, "<NewtonMimicAPI> <PhysxMimicJointAPI> <MjcEqualityJointAPI>"),
-        "<PhysxTendonAxisRootAPI>": LeftOut("the coupling of joints is missing"),
-    },
-    "scene": _all(READ, "physics:gravityDirection physics:gravityMagnitude"),
-}
+KNOWN: Mapping[str, Rows] = _read_table(Path(__file__).with_suffix(".txt").read_text("utf-8"))
 
 ACTUATORS = (
     "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
     "orientation", "plugin",
 )  # fmt: skip
 """The elements of ``<actuator>`` in MJCF; they share their defaults."""
-_TURNS = "quat axisangle xyaxes zaxis euler"
-_MJCF_BODY: Mapping[str, Entry] = {
-    **_all(READ, f"name pos {_TURNS} childclass gravcomp"),
-    **_all(READ, "<body> <frame> <inertial> <joint> <freejoint> <geom> <site>"),
-    **_all(NO_MECHANICS, "fuse simple sleep mocap user <camera> <light> <plugin>"),  # the reader remarks plugins
-}
-_MJCF_TENDON: Mapping[str, Entry] = {
-    **_all(READ, "name class stiffness springlength springyield damping frictionloss armature <joint>"),
-    **_all(NO_MECHANICS, "limited range margin group material rgba width user actuatorfrclimited actuatorfrcrange"),
-    **_all(NO_MECHANICS, "solimpfriction solimplimit solreffriction solreflimit"),
-}
-_MJCF_ACTUATOR: Mapping[str, Entry] = {
-    **_all(READ, "name class joint jointinparent gear armature damping forcelimited forcerange ctrllimited ctrlrange"),
-    **_all(READ, "gaintype gainprm biastype dyntype saturation motorconst nominal"),
-    **_all(NO_MECHANICS, "biasprm dynprm body site tendon refsite slidersite cranksite cranklength lengthrange"),
-    **_all(NO_MECHANICS, "actdim actearly actlimited actrange area bias cogging controller dampratio delay diameter"),
-    **_all(NO_MECHANICS, "ffrange force fpmax fvmax gain group imax inductance inheritrange input instance interp"),
-    **_all(NO_MECHANICS, "ki kp kv lmax lmin lugre nsample plugin posrange range resistance scale slewmax tausmooth"),
-    **_all(NO_MECHANICS, "thermal timeconst user velrange vmax <config>"),
-}
-_MJCF_EQUALITY: Mapping[str, Entry] = {
-    **_all(READ, "name class active anchor relpose body1 body2 site1 site2 joint1 joint2 polycoef"),
-    **_all(NO_MECHANICS, "solimp solref torquescale"),
-}
-_MJCF: Rows = {  # what depends on several attributes is READ here, and remarked by the reader
-    "mujoco": {
-        **_all(READ, "model <compiler> <option> <default> <asset> <worldbody> <equality> <tendon> <actuator>"),
-        **_all(NO_MECHANICS, "<size> <visual> <statistic> <extension> <custom> <contact> <sensor>"),
-        **_all(NO_MECHANICS, "<keyframe> <deformable>"),
-    },
-    "compiler": {
-        **_all(READ, "angle eulerseq coordinate autolimits alignfree meshdir assetdir strippath settotalmass"),
-        **_all(READ, "inertiafromgeom inertiagrouprange boundmass boundinertia balanceinertia"),
-        **_all(NO_MECHANICS, "conflict convexhull discardvisual fitaabb fusestatic passthrough texturedir usethread"),
-        **_all(NO_MECHANICS, "savecanonical savecompiled saveinertial <lengthrange>"),
-        "exactmeshinertia": LeftOut("meshes are weighed as by the attribute inertia of <mesh>"),
-    },
-    "option": {
-        **_all(READ, "gravity density viscosity wind <flag>"),
-        **_all(NO_MECHANICS, "actuatorgroupdisable apirate ccd_iterations ccd_tolerance collision cone impratio"),
-        **_all(NO_MECHANICS, "integrator iterations jacobian ls_iterations ls_tolerance magnetic mpr_iterations"),
-        **_all(NO_MECHANICS, "mpr_tolerance noslip_iterations noslip_tolerance o_friction o_margin o_solimp o_solref"),
-        **_all(NO_MECHANICS, "sdf_initpoints sdf_iterations sleep_tolerance solver timestep tolerance"),
-    },
-    "flag": {
-        **_all(READ, "gravity spring damper passive equality frictionloss constraint"),
-        **_all(NO_MECHANICS, "actuation autoreset clampctrl contact diagexact energy eulerdamp filterparent fwdinv"),
-        **_all(NO_MECHANICS, "invdiscrete ipc island limit midphase multiccd nativeccd override refsafe sensor"),
-        **_all(NO_MECHANICS, "sensornoise sleep speculative warmstart"),
-    },
-    "default": {
-        **_all(READ, "class <default> <joint> <geom> <site> <mesh> <equality> <tendon>"),
-        **_all(READ, " ".join(f"<{tag}>" for tag in ACTUATORS)),
-        **_all(NO_MECHANICS, "<camera> <light> <pair> <texture> <material> <skin>"),
-    },
-    "asset": {**_all(READ, "<mesh> <hfield>"), **_all(NO_MECHANICS, "<skin> <texture> <material> <model>")},
-    "mesh": {
-        **_all(READ, "name class file vertex face inertia refpos refquat scale"),
-        **_all(NO_MECHANICS, "builtin params content_type material maxhullvert normal smoothnormal texcoord <plugin>"),
-    },
-    "hfield": {**_all(READ, "name file size"), **_all(NO_MECHANICS, "content_type elevation ncol nrow")},
-    "worldbody": _MJCF_BODY,
-    "body": _MJCF_BODY,
-    "frame": _MJCF_BODY,
-    "inertial": _all(READ, f"pos {_TURNS} mass diaginertia fullinertia"),
-    "joint": {
-        **_all(READ, "name class type pos axis ref range limited stiffness springref springdamper springyield damping"),
-        **_all(READ, "frictionloss armature actuatorfrcrange actuatorfrclimited"),
-        **_all(NO_MECHANICS, "group margin user actuatorgravcomp"),
-        **_all(NO_MECHANICS, "solimpfriction solimplimit solreffriction solreflimit"),
-    },
-    "freejoint": {**_all(READ, "name align"), **_all(NO_MECHANICS, "class group user")},
-    "geom": {
-        **_all(READ, f"name class type pos {_TURNS} size fromto mass density mesh hfield group shellinertia fitscale"),
-        **_all(NO_MECHANICS, "adhesion castshadow conaffinity condim contype fluidcoef fluidshape friction gap margin"),
-        **_all(NO_MECHANICS, "material priority rgba solimp solmix solref surfacevel user <plugin>"),
-    },
-    "site": {
-        **_all(READ, f"name class type pos {_TURNS} size fromto"),
-        **_all(NO_MECHANICS, "group material mesh rgba user"),
-    },
-    "equality": {  # others than these three are remarked by the reader
-        **_all(READ, "<connect> <weld> <joint>"),
-        OTHERS: NO_MECHANICS,
-    },
-    **dict.fromkeys(("default/equality", "connect", "weld", "equality/joint"), _MJCF_EQUALITY),
-    "tendon": {"<fixed>": READ, "<spatial>": NO_MECHANICS},  # the reader remarks spatial tendons with forces
-    "default/tendon": _MJCF_TENDON,
-    "fixed": _MJCF_TENDON,
-    "fixed/joint": _all(READ, "joint coef"),
-    "actuator": {**_all(READ, " ".join(f"<{tag}>" for tag in ACTUATORS)), OTHERS: NO_MECHANICS},
-    **{f"{parent}/{tag}": _MJCF_ACTUATOR for parent in ("actuator", "default") for tag in ACTUATORS},
-}
-
-KNOWN: Mapping[str, Rows] = {"URDF": _URDF, "SDF": _SDF, "USD": _USD, "MJCF": _MJCF}
 
 LEFT_OUT: Mapping[str, str] = {
     "option/density": "fills the world with a fluid, whose forces are left out",

@@ -149,10 +149,8 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
     worlds = root.all("worldbody")
     if not worlds and (lost := next((e for e in root.walk() if e.tag == "body"), None)):
         raise lost.error("stands outside a <worldbody>, and the file has none. Put its bodies into one.")
-    stack = [
-        (iter(world.children), 0, IDENTITY, world.attributes.get("childclass", "").strip())
-        for world in reversed(worlds)
-    ]
+    classes = [world.attributes.get("childclass", "").strip() for world in worlds]
+    stack = [(iter(w.children), 0, IDENTITY, name) for w, name in zip(worlds[::-1], classes[::-1], strict=True)]
     taken = {e.attributes.get("name", "") for world in worlds for e in world.walk() if e.tag == "body"}
     taken.add(WORLD)
     while stack:
@@ -179,11 +177,8 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
             body.inertial = PlacedElement(child, frame)
         elif child.tag in ("body", "frame"):
             T = product(frame, placement(child, settings))
-            inner = (
-                defaults.check(child, child.attributes["childclass"].strip())
-                if "childclass" in child.attributes
-                else around
-            )
+            named = child.attributes.get("childclass")
+            inner = around if named is None else defaults.check(child, named.strip())
             if child.tag == "frame":
                 stack.append((iter(child.children), at, T, inner))
                 continue
@@ -336,12 +331,8 @@ _ALONG = ("capsule", "cylinder", "ellipsoid", "box")
 
 def weighs(geom: Element, settings: Settings) -> bool:
     """True if a geom has inertia, by its group, its mass or density, and its shape."""
-    first, last = settings.groups
-    if not first <= geom.floats("group", (0.0,))[0] <= last:
-        return False
-    if geom.word("type", _TYPES, "sphere") == "plane":
-        return False
-    return any(_mass_or_density(geom).values())
+    solid = _selected(geom, settings) and geom.word("type", _TYPES, "sphere") != "plane"
+    return solid and any(_mass_or_density(geom).values())
 
 
 def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> SpatialInertia:
@@ -352,9 +343,12 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
         raise geom.error("is a signed distance field, whose mass is not computed. Give its body an <inertial>.")
     if geom.flag("shellinertia", default=False):
         raise geom.error("is a shell (shellinertia), whose inertia is not computed. Give its body an <inertial>.")
-    if kind == "mesh" or "mesh" in geom.attributes:
-        G = meshes.inertia(geom, **given) if kind == "mesh" else _fitted(geom)
-        return G.in_frame(product(part.frame, placement(geom, settings)))
+    if kind == "mesh":
+        return meshes.inertia(geom, **given).in_frame(product(part.frame, placement(geom, settings)))
+    if "mesh" in geom.attributes:
+        raise geom.error(
+            "is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
+        )
     T, size = shape_of(geom, kind, settings)
     if kind == "hfield":
         kind, size = "box", meshes.half_sizes_of_hfield(geom)
@@ -397,12 +391,6 @@ def _solid(kind: str, size: list[float], given: dict[str, float]) -> SpatialIner
     return make(size[0], 2.0 * size[1], **given)
 
 
-def _fitted(geom: Element) -> SpatialInertia:
-    raise geom.error(
-        "is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
-    )
-
-
 # ── Inertia of bodies: given or from geoms, then corrected by the settings of ``<compiler>``
 
 
@@ -433,7 +421,7 @@ def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) 
 def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[str]) -> SpatialInertia:
     from_geoms = settings.from_geoms == "true" or (settings.from_geoms == "auto" and body.inertial is None)
     counted = [part for part in body.geoms if from_geoms and weighs(part.element, settings)]
-    if body.inertial is not None and not (from_geoms and _selected(body, settings)):
+    if body.inertial is not None and not (from_geoms and any(_selected(g.element, settings) for g in body.geoms)):
         return _given(body.inertial, settings)
     total = SpatialInertia.zero()
     for part in counted:
@@ -446,10 +434,10 @@ def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[s
     return total
 
 
-def _selected(body: MjcfBody, settings: Settings) -> bool:
-    """True if a geom is in the groups that have inertia; otherwise the given inertia stays."""
+def _selected(geom: Element, settings: Settings) -> bool:
+    """True if a geom is in the groups that have inertia."""
     first, last = settings.groups
-    return any(first <= part.element.floats("group", (0.0,))[0] <= last for part in body.geoms)
+    return first <= geom.floats("group", (0.0,))[0] <= last
 
 
 def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
