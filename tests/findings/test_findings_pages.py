@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from page_files import read_page
 
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.viz import write_page
-from twistwrench.viz.page import read_page
 
 pytest_plugins = ("page_fixtures",)
 

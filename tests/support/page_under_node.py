@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from twistwrench.viz.page import read_page, read_programs
+from page_files import read_page, read_programs
 
 _SCRIPTS = (
     "matrices.js",

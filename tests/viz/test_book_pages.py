@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from chains import chain
 from click.testing import CliRunner
+from page_files import read_page
 from page_under_node import under_node
 
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
 from twistwrench.viz import scene_of, write_page
-from twistwrench.viz.page import read_page
 from twistwrench.viz.section_pages import SECTIONS
 
 pytest_plugins = ("page_fixtures",)

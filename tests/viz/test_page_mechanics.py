@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 from chains import chain
+from page_files import read_page
 from page_under_node import under_node
 from scipy.integrate import solve_ivp
 from test_viz_page import ROBOTS
 
 import twistwrench as tw
 from twistwrench.viz import write_page
-from twistwrench.viz.page import read_page
 from twistwrench.viz.page_data import LARGEST
 
 EVERY = {**ROBOTS, "panda": tw.robots.panda(), "pendulum": tw.robots.pendulum()}

@@ -7,13 +7,14 @@ import warnings
 
 import numpy as np
 import pytest
+from page_files import read_page
 
 import twistwrench as tw
 from twistwrench.lie import se3
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import motion_of, read_motion, scene_of, write_page
-from twistwrench.viz.page import page_text, read_page
+from twistwrench.viz.page import page_text
 
 MIMIC = """<robot name="m"><link name="base"/>
 <link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>

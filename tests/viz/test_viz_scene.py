@@ -12,7 +12,6 @@ from robot_files import FILES
 import twistwrench as tw
 from twistwrench.lie import se3
 from twistwrench.model.model import BASE
-from twistwrench.viz.colours import arc, arrow
 from twistwrench.viz.scene import equal_inertia_ellipsoid, scene_of, turned_z
 from twistwrench.viz.surface import box, cylinder, ellipsoid, joined, sphere
 from twistwrench.viz.visuals import find_resource, read_visuals
@@ -242,24 +241,6 @@ def test_solids_are_closed_and_of_their_volume(name):
     assert (1 - missing) * volume - 1e-9 <= G.mass <= volume + 1e-9
     outward = np.einsum("ij,ij->i", surface.normals_of_faces(), surface.vertices[surface.faces].mean(axis=1))
     assert (outward > 0).all()
-
-
-def test_arrows_have_the_same_triangles_at_any_length():
-    for make in (lambda x: arrow(x, 0.01), lambda x: arc(x, 0.1, 0.01)):
-        faces = make(1.0).faces
-        for size in (1e-4, 0.02, 3.0):
-            surface = make(size)
-            np.testing.assert_array_equal(surface.faces, faces)
-            assert np.isfinite(surface.vertices).all()
-    assert arrow(0.7, 0.01).vertices[:, 2].max() == pytest.approx(0.7)
-    tip = arc(np.pi / 2, 1.0, 0.05).vertices[-14:].mean(axis=0)
-    np.testing.assert_allclose(tip, [0, 1, 0], atol=1e-12)
-
-
-@pytest.mark.parametrize("length", [1e-3, 0.05, 2.0])
-def test_arrows_begin_at_the_origin_and_end_at_their_length(length):
-    z = arrow(length, 0.02).vertices[:, 2]
-    assert (z.min(), z.max()) == (0.0, pytest.approx(length))
 
 
 def test_sharp_edges_stay_sharp_and_round_ones_round():

@@ -21,8 +21,7 @@ def _on_lists(quantity: str, lists: tuple[ArrayLike, ArrayLike, ArrayLike], **gi
     """Quantity of the chain of (Mlist, Glist, Slist), with its inputs in order."""
     chain, sizes = chain_of(*lists), {"Ftip": 6, "g": 3}
     return chain.run(
-        quantity,
-        **{n: arguments.real(x, n, sizes[n]) if n in sizes else chain.joints(x, n) for n, x in given.items()},
+        quantity, **{n: arguments.real(x, n, sizes[n]) if n in sizes else chain.joints(x, n) for n, x in given.items()}
     )
 
 

@@ -116,6 +116,8 @@ def motion_of(
 ) -> DrawnMotion:
     """Motion to be shown: from a :class:`twistwrench.Motion`, or a result that has one, or from arrays.
 
+    Fewer samples than six are taken to be at rest, and a warning says so where they are not.
+
     Parameters
     ----------
     robot : Robot
@@ -127,10 +129,6 @@ def motion_of(
     Returns
     -------
     motion : DrawnMotion, whose torques include joint friction, as the command ``torques`` does
-
-    Notes
-    -----
-    Fewer samples than six are taken to be at rest, and a warning says so where they are not.
 
     Examples
     --------
@@ -186,11 +184,7 @@ def motion_of(
 
 
 def read_motion(
-    load: LoadCase,
-    trajectory: MotionLog,
-    progress: Callable[[int], None] | None = None,
-    *,
-    smoothing: bool = False,
+    load: LoadCase, trajectory: MotionLog, progress: Callable[[int], None] | None = None, *, smoothing: bool = False
 ) -> DrawnMotion:
     """Motion in a file, as the command ``torques`` reads it.
 

@@ -60,10 +60,8 @@ class Camera:
         >>> Camera(np.zeros(3), 2.0).axes().shape
         (3, 3)
         """
-        (c, s), (ca, sa) = (
-            (np.cos(self.elevation), np.sin(self.elevation)),
-            (np.cos(self.azimuth), np.sin(self.azimuth)),
-        )
+        c, s = np.cos(self.elevation), np.sin(self.elevation)
+        ca, sa = np.cos(self.azimuth), np.sin(self.azimuth)
         back = np.array([c * ca, c * sa, s])
         right = np.array([-sa, ca, 0.0])
         return np.stack([right, np.cross(back, right), back])
@@ -112,9 +110,8 @@ class Painter:
         """Triangles (k, 3, 2) with their colours (k, 4), far ones first, shadows before all; q (nq,)."""
         poses = self.scene.body_poses(q)
         corners = np.concatenate([_moved(shape, s, poses) for shape, s in self.parts])
-        colours = np.concatenate(
-            [np.tile((*shape.colour, _ALPHA[shape.layer]), (len(s.faces), 1)) for shape, s in self.parts]
-        )
+        own = [np.tile((*shape.colour, _ALPHA[shape.layer]), (len(s.faces), 1)) for shape, s in self.parts]
+        colours = np.concatenate(own)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
@@ -181,11 +178,6 @@ def draw(
     camera : Camera
         Its ``project`` says where points (..., 3) [m] of the base frame are in the axes.
 
-    Raises
-    ------
-    MissingExtraError
-        There is no matplotlib.
-
     Examples
     --------
     >>> import twistwrench as tw
@@ -213,13 +205,8 @@ def draw(
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # hides the seams of what is solid
         under = np.arange(len(triangles)) < shadows  # no pose shades another
         for shown, order in ((under, 1), (~under & (inertia | (colours[:, 3] == 1.0)), 2)):
-            look: dict[str, Any] = {
-                "facecolors": colours[shown],
-                "edgecolors": edges[shown],
-                "linewidths": 0.3,
-                "zorder": order,
-            }
-            axes.add_collection(PolyCollection(list(triangles[shown]), **look))
+            look: dict[str, Any] = {"facecolors": colours[shown], "edgecolors": edges[shown], "linewidths": 0.3}
+            axes.add_collection(PolyCollection(list(triangles[shown]), zorder=order, **look))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
@@ -284,11 +271,6 @@ def film(
     speed : float, seconds of motion that a second of film shows
     progress : callable, optional, told how many of how many pictures are drawn
 
-    Raises
-    ------
-    MissingExtraError, ValueRangeError
-        As :func:`movie`.
-
     Examples
     --------
     >>> import tempfile, twistwrench as tw
@@ -303,7 +285,8 @@ def film(
     moments = _moments(motion, fps, speed)
     robot = motion.load.with_load
     scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
-    painter = _painter(scene, motion, moments)
+    some = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
+    painter = Painter(scene, *overview(scene, some))
     with replacing(target) as scratch, style.figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(100)
         left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
@@ -367,11 +350,6 @@ def _writer(suffix: str, fps: float) -> Any:
     return FFMpegWriter(fps=cast("int", fps), codec="libx264", extra_args=["-pix_fmt", "yuv420p", "-crf", "20"])
 
 
-def _painter(scene: Scene, motion: DrawnMotion, moments: Array) -> Painter:
-    some = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
-    return Painter(scene, *overview(scene, some))
-
-
 class _Stage:
     def __init__(self, axis: Any, painter: Painter) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
@@ -414,9 +392,8 @@ class _Bars:
         axis.set_yticks(rows, names, fontsize=style.SMALL)
         axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)
         axis.grid(visible=False, axis="y")
-        axis.set_xlabel(
-            "torque / limit" if self.limited[self.chosen].all() else "torque / limit, or / peak", fontsize=style.SMALL
-        )
+        peaks = "" if self.limited[self.chosen].all() else ", or / peak"
+        axis.set_xlabel(f"torque / limit{peaks}", fontsize=style.SMALL)
         self.clock = axis.set_title("", loc="right", color=style.QUIET, fontsize=style.SMALL + 1)
         axis.tick_params(labelcolor=style.INK)
 

@@ -39,32 +39,15 @@ if TYPE_CHECKING:
 
 _TRIANGLES = 300_000
 _SCRIPTS = (
-    "matrices.js",
-    "coordinates.js",
-    "forces.js",
-    "factors.js",
-    "effective_mass.js",
-    "mechanics.js",
-    "fall.js",
-    "solids.js",
-    "orbit.js",
-    "sharpness.js",
-    "stage.js",
-    "sticks.js",
-    "grasp.js",
-    "panel.js",
-    "load.js",
-    "scales.js",
-    "readouts.js",
-    "tip_readouts.js",
-    "book.js",
-    "page.js",
-)
+    "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js", "fall.js",
+    "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js", "panel.js", "load.js", "scales.js",
+    "readouts.js", "tip_readouts.js", "book.js", "page.js",
+)  # fmt: skip
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 )
 """Content-Security-Policy of the page, before the digests of its own scripts: no requests, no other scripts."""
-_KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
+KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
 def write_page(
@@ -131,10 +114,8 @@ def page_text(
     programs = PagePrograms(robot, tuple(wrenches), book)
     data |= programs.data()
     data["massScale"], data["tipDirections"] = mass_scale(robot, scene) if "mass" in data["programs"] else (0.0, 0)
-    for torque, peak in zip(
-        data["torques"], [0.0] * robot.nv if motion is None else motion.peaks.tolist(), strict=True
-    ):
-        torque["peak"] = peak
+    peaks = [0.0] * robot.nv if motion is None else motion.peaks.tolist()
+    data["torques"] = [{**torque, "peak": peak} for torque, peak in zip(data["torques"], peaks, strict=True)]
     data["book"] = None if book is None else section_data(book, robot, start)
     data["motion"] = None if motion is None else _motion_data(robot, motion, box)
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
@@ -159,27 +140,6 @@ def _digest(script: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
 
 
-def read_programs(path: str | Path) -> str:
-    """The script of a page that defines ``PROGRAMS``, its functions by name."""
-    return Path(path).read_text("utf-8").partition('<script id="programs">')[2].partition("</script>")[0]
-
-
-def read_page(path: str | Path) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The data in a page: what stands in its header, and the motion's arrays by name; for checks and for other programs."""
-    text = Path(path).read_text("utf-8")
-    _, _, rest = text.partition('<script id="data" type="application/octet-stream">')
-    raw = zlib.decompress(base64.b64decode(rest.partition("</script>")[0]))
-    length = int.from_bytes(raw[:4], "little")
-    header = json.loads(raw[8 : 8 + length])
-    start = 8 + -(-length // 8) * 8
-
-    def array(spec: Mapping[str, Any]) -> Array:
-        return np.frombuffer(raw, _KINDS[spec["kind"]], spec["count"], start + spec["at"])
-
-    found = {name: array(spec) for name, spec in (header["motion"] or {}).items() if spec}
-    return header, found
-
-
 class _Box:
     """Arrays one after another, each found by its offset."""
 
@@ -189,7 +149,7 @@ class _Box:
 
     def put(self, values: ArrayLike, kind: str) -> dict[str, Any]:
         """Add an array; returns its entry of the header."""
-        array = np.ascontiguousarray(values, dtype=_KINDS[kind]).ravel()
+        array = np.ascontiguousarray(values, dtype=KINDS[kind]).ravel()
         spec = {"at": self.size, "count": int(array.size), "kind": kind}
         raw = array.tobytes()
         raw += bytes(-len(raw) % 8)
@@ -205,23 +165,21 @@ class _Box:
 
 
 def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
-    surfaces: list[dict[str, Any]] = []
-    numbers: dict[int, int] = {}
-    shapes = []
-    for shape in scene.shapes:
-        key = id(shape.surface)
-        if key not in numbers:
-            numbers[key] = len(surfaces)
-            surface = shape.surface.creased()
-            low = surface.vertices.min(axis=0)
-            step = np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / 65535
-            kind = "u2" if len(surface.vertices) <= 65536 else "u4"
-            grid = box.put(np.round((surface.vertices - low) / step), "u2")
-            surfaces.append(
-                {"vertices": grid, "faces": box.put(surface.faces, kind), "low": low.tolist(), "step": step.tolist()}
-            )
-        shown = {"colour": shape.colour, "layer": shape.layer, "pose": shape.pose.ravel().tolist()}
-        shapes.append({"body": shape.body, "surface": numbers[key], **shown})
+    distinct = {id(shape.surface): shape.surface for shape in scene.shapes}
+    surfaces = []
+    for surface in (each.creased() for each in distinct.values()):
+        low, step = surface.vertices.min(axis=0), np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / 65535
+        grid = box.put(np.round((surface.vertices - low) / step), "u2")
+        faces = box.put(surface.faces, "u2" if len(surface.vertices) <= 65536 else "u4")
+        surfaces.append({"vertices": grid, "faces": faces, "low": low.tolist(), "step": step.tolist()})
+    place = {key: k for k, key in enumerate(distinct)}
+    shapes = [
+        {
+            "body": s.body, "surface": place[id(s.surface)],
+            "colour": s.colour, "layer": s.layer, "pose": s.pose.ravel().tolist(),
+        }
+        for s in scene.shapes
+    ]  # fmt: skip
     samples = start[None] if motion is None else motion.q[:: max(1, len(motion.q) // 12)]
     bounds = np.stack([scene.bounds(q) for q in samples])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
@@ -236,15 +194,9 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
 
 
 def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]:
-    path = None
-    if robot.tip is not None:
-        path = box.put(np.asarray(robot.forward_kinematics(motion.q))[:, :3, 3], "f4")
-    return {
-        "time": box.put(motion.time, "f8"),
-        "q": box.put(motion.q, "f4"),
-        "torques": box.put(motion.torques, "f4"),
-        "path": path,
-    }
+    path = None if robot.tip is None else box.put(np.asarray(robot.forward_kinematics(motion.q))[:, :3, 3], "f4")
+    time, q, torques = box.put(motion.time, "f8"), box.put(motion.q, "f4"), box.put(motion.torques, "f4")
+    return {"time": time, "q": q, "torques": torques, "path": path}
 
 
 def _left_out(robot: Robot) -> list[str]:

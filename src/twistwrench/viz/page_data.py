@@ -37,6 +37,10 @@ STEP = 1 / 8000
 seconds."""
 
 
+_NARROWER = ((";\n  const ", ",\n"), ("\n  ", "\n"), (" * ", "*"), (" + ", "+"), (" - ", "-"), (" = ", "="))
+"""Spellings of programs in the page, which are shorter."""
+
+
 class PagePrograms:
     """The programs of one page.
 
@@ -108,14 +112,7 @@ class PagePrograms:
         """One as an expression: the module's function, without the comment above it, in which the robot's name stands."""
         text = javascript_module(BridgedQuantity(self.robot, quantity, options))
         text = text[text.index("export function") + len("export ") :].rstrip()
-        for wide, narrow in (
-            (";\n  const ", ",\n"),
-            ("\n  ", "\n"),
-            (" * ", "*"),
-            (" + ", "+"),
-            (" - ", "-"),
-            (" = ", "="),
-        ):
+        for wide, narrow in _NARROWER:
             text = text.replace(wide, narrow)
         return text
 
@@ -199,6 +196,7 @@ def _of(model: Model, body: Body, slider: Slider) -> dict[str, Any]:
 
 # ── The robot in the page's header
 
+_REVERSED = np.diag([1.0, -1.0, -1.0, 1.0]).ravel().tolist()
 _LONGEST_ARROW = 0.35
 """Length of the largest force, as a share of the robot's size."""
 
@@ -214,13 +212,7 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
             {"name": n, "turns": bool(t)} for n, t in zip(coordinates.names, coordinates.endless, strict=True)
         ],
         "bodies": [
-            {
-                "name": b.link,
-                "kind": b.joint.kind,
-                "q": b.q_index,
-                "follows": b.follows,
-                "parent": b.parent,
-            }
+            {"name": b.link, "kind": b.joint.kind, "q": b.q_index, "follows": b.follows, "parent": b.parent}
             for b in model.bodies
         ],
         "frames": [{"name": n, "body": f.body, "pose": f.pose.ravel().tolist()} for n, f in model.all_frames.items()],
@@ -231,29 +223,17 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
         ],
         "hands": sliders_of(model),
         "colours": {**COLOURS, "shares": SHARES, "payload": PAYLOAD},
-        "marks": [
-            {
-                "torque": m.torque,
-                "body": m.body,
-                "pose": m.pose.ravel().tolist(),
-                "turns": m.turns,
-                "reversed": np.diag([1.0, -1.0, -1.0, 1.0]).ravel().tolist(),
-            }
-            for m in torque_marks(model)
-        ],
+        "marks": [{**vars(m), "pose": m.pose.ravel().tolist(), "reversed": _REVERSED} for m in torque_marks(model)],
     }
 
 
 def wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """The wrenches on the robot, and their arrows: a moment's around its axis, a force's along it."""
     frames = list(robot.frame_names)
-    given = {
-        name: arguments.finite(arguments.one(F, f"the wrench on {name!r}", 6), "a wrench", 6)
-        for name, F in wrenches.items()
-    }
+    one, finite = arguments.one, arguments.finite
+    given = {name: finite(one(F, f"the wrench on {name!r}", 6), "a wrench", 6) for name, F in wrenches.items()}
     largest = max((float(np.linalg.norm(F[3:])) for F in given.values()), default=0.0)
-    data: list[dict[str, Any]] = []
-    marks: list[dict[str, Any]] = []
+    data, marks = [], []
     for name, F in given.items():
         robot.model.frame(name)
         m, f = F[:3], F[3:]
@@ -283,9 +263,8 @@ def starting_pose(robot: Robot) -> Array:
 def default_view_pose(robot: Robot) -> Array:
     """A configuration above the floor of the base and far from singular ones; (nq,)."""
     Q = robot.random_configuration(0, 256)
-    turned = np.where(
-        Coordinates.from_model(robot.model).angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q
-    )  # to half a turn
+    angular = Coordinates.from_model(robot.model).angular
+    turned = np.where(angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q)  # to half a turn
     Q = np.where((robot.limits.lower <= turned) & (turned <= robot.limits.upper), turned, Q)
     heights = np.asarray(robot.link_poses(Q))[..., 2, 3]
     J = np.asarray(robot.jacobian(Q, kind="world_aligned"))

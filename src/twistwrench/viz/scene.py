@@ -90,11 +90,6 @@ def equal_inertia_ellipsoid(G: SpatialInertia) -> list[Surface]:
     return [ellipsoid(_semi_axes(G)).placed(se3.pose(R, G.com))]
 
 
-def payload_ball(G: SpatialInertia) -> list[Surface]:
-    """A steel ball of the payload's mass at its centre, in the frame of G."""
-    return [sphere(_ball(G.mass)).placed(se3.pose(np.eye(3), G.com))] if G.mass > 0 else []
-
-
 def _semi_axes(G: SpatialInertia) -> Array:
     I, _ = G.principal()
     squares = 5.0 * (I.sum() - 2.0 * I) / (2.0 * G.mass)
@@ -116,9 +111,7 @@ def _points(model: Model) -> dict[int, Array]:
         found[k] = [_axis_point(b.joint)] + ([np.array(b.inertia.com, float)] if b.inertia.mass > 0 else [])
     for frame in model.frames.values():
         found[frame.body].append(frame.pose[:3, 3])
-    return {
-        k: np.reshape(np.stack(at) @ poses[k][:3, :3].T + poses[k][:3, 3], (-1, 3)) for k, at in found.items() if at
-    }
+    return {k: np.stack(at) @ poses[k][:3, :3].T + poses[k][:3, 3] for k, at in found.items() if at}
 
 
 def _axis_point(joint: Joint) -> Array:
@@ -372,8 +365,9 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
             shapes.append(Shape(body, surface, here, colour, "looks"))
     shapes += [Shape(body, surface, here, colour, "inertia") for body, surface, colour in bones.ellipsoids]
     for name, inertia in model.payloads:
-        frame = model.all_frames[name]
-        shapes += [Shape(frame.body, s, frame.pose, PAYLOAD, "looks") for s in payload_ball(inertia)]
+        if inertia.mass > 0:  # a steel ball
+            frame, ball = model.all_frames[name], sphere(_ball(inertia.mass)).placed(se3.pose(np.eye(3), inertia.com))
+            shapes.append(Shape(frame.body, ball, frame.pose, PAYLOAD, "looks"))
     if remarks:
         warnings.warn(f"robot {robot.name!r}: {'. '.join(remarks)}.", ModelWarning, stacklevel=2)
     found = Scene(robot, tuple(shapes), tuple(remarks), bones.size, bool(dressed))

@@ -76,18 +76,16 @@ def formula_html(text: str) -> str:
     >>> formula_html("F_b = [ad_{V_b}]^T P")
     '<i>F</i><sub>b</sub> = [ad<sub><i>V</i><sub>b</sub></sub>]<sup>T</sup> <i>P</i>'
     """
-    return _TOKEN.sub(_html, text)
 
+    def html(token: re.Match[str]) -> str:
+        script, braced, plain, word, letter, dots = token.groups()
+        if script:
+            inside = plain if braced is None else formula_html(braced) if "_" in braced else braced
+            tag = "sub" if script == "_" else "sup"
+            return f"<{tag}>{inside}</{tag}>"
+        return word or (f'<i class="{_DOTS[dots]}">{letter}</i>' if dots else f"<i>{letter}</i>")
 
-def _html(token: re.Match[str]) -> str:
-    script, braced, plain, word, letter, dots = token.groups()
-    if script:
-        inside = plain if braced is None else formula_html(braced) if "_" in braced else braced
-        tag = "sub" if script == "_" else "sup"
-        return f"<{tag}>{inside}</{tag}>"
-    if word:
-        return word
-    return f'<i class="{_DOTS[dots]}">{letter}</i>' if dots else f"<i>{letter}</i>"
+    return _TOKEN.sub(html, text)
 
 
 # ── Directions of the base in which a tip can be moved at will
@@ -150,11 +148,7 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
         "ranks": _ranks(robot),
         "rows": [AXES.index(row) for row in ik_rows(robot)],
         "links": [
-            {
-                "name": body.link,
-                "inertia": body.inertia.matrix.ravel().tolist(),
-                "axis": body.joint.axes[0].tolist(),
-            }
+            {"name": body.link, "inertia": body.inertia.matrix.ravel().tolist(), "axis": body.joint.axes[0].tolist()}
             for body in model.bodies
         ],
     }
@@ -177,9 +171,8 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
     if section.presses:
         J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
         holding = holding + push / 4 * J  # with gravity, tau = g + J' F
-    torque = [
-        e if 0 < e < np.inf else round_above(max(2 * float(np.abs(holding).max()), 1.0)) for e in limits.effort.tolist()
-    ]
+    most_torque = round_above(max(2 * float(np.abs(holding).max()), 1.0))
+    torque = [e if 0 < e < np.inf else most_torque for e in limits.effort.tolist()]
     rates = [v if 0 < v < np.inf else 3.0 for v in limits.velocity.tolist()]
 
     def joints(unit: str, most: list[float], begin: list[float]) -> list[dict[str, Any]]:
@@ -201,10 +194,7 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
         "dq": joints("s", rates, first),
         "ddq": joints("s²", n * [10.0], [1.0, *(n - 1) * [0.0]]),
         "tau": tau,
-        "motor": [
-            {"name": name, "unit": unit, "least": least, "most": most, "start": start}
-            for name, unit, least, most, start in _MOTOR
-        ],
+        "motor": [dict(zip(("name", "unit", "least", "most", "start"), row, strict=True)) for row in _MOTOR],
         "wrench": [
             {"name": name, "unit": unit_of("tau", k < 3), "most": most[k], "start": begin[k]}
             for k, name in enumerate(_COMPONENTS)
@@ -242,11 +232,6 @@ def task(programs: PagePrograms) -> dict[str, Any]:
     return {"frame": programs.tip, "kind": "world_aligned", "rows": _rows(programs)}
 
 
-def link_jacobians(programs: PagePrograms) -> Asked:
-    """Body Jacobians of the links: the rows of the matrix L A of section 8.4."""
-    return {f"J{k}": ("jacobian", {"frame": f, "kind": "body"}) for k, f in enumerate(programs.body_frames)}
-
-
 def along_wall(programs: PagePrograms) -> Asked:
     """Dynamics with the tip held on a wall across the first axis of the base along which it can be moved."""
     tip, row = programs.tip or "", _rows(programs)[0]
@@ -262,10 +247,8 @@ def along_wall(programs: PagePrograms) -> Asked:
 def with_friction(programs: PagePrograms) -> Asked:
     """Inverse dynamics of the links, and friction by viscous and Coulomb coefficients of each joint."""
     names = [f"{b.joint.name}.{law}" for b in programs.robot.model.leaders for law in ("viscous", "coulomb")]
-    return {
-        "inverse": ("inverse_dynamics", programs.load),
-        "friction": ("friction_forces", {"parameters": tuple(names)}),
-    }
+    friction = "friction_forces", {"parameters": tuple(names)}
+    return {"inverse": ("inverse_dynamics", programs.load), "friction": friction}
 
 
 def _rows(programs: PagePrograms) -> tuple[str, ...]:
@@ -293,11 +276,7 @@ _SECTIONS = (
         "Twists and wrenches at the tip",
         "The same motion and the same load, written in two frames: {b} at the tip and {s} at the base. The six numbers change "
         "with the frame, and their product, the power, does not.",
-        (
-            ("V_s = [Ad_{T_sb}] V_b", "(3.83)"),
-            ("F_s = [Ad_{T_bs}]^T F_b", "(3.98)"),
-            ("V_b^T F_b = V_s^T F_s", "§3.4"),
-        ),
+        (("V_s = [Ad_{T_sb}] V_b", "(3.83)"), ("F_s = [Ad_{T_bs}]^T F_b", "(3.98)"), ("V_b^T F_b = V_s^T F_s", "§3.4")),
         ("dq", "wrench"),
         lambda p: {"twist_b": twist(p, "body"), "twist_s": twist(p, "space")},
         shown=("looks",),
@@ -309,11 +288,7 @@ _SECTIONS = (
         "each other, the tip has lost a direction.",
         (("V_s = J_s(θ) θ̇", "§5.1.1"), ("V_b = J_b(θ) θ̇", "§5.1.2")),
         ("dq",),
-        lambda p: {
-            "jacobian_b": jacobian(p, "body"),
-            "jacobian_s": jacobian(p, "space"),
-            "twist_b": twist(p, "body"),
-        },
+        lambda p: {"jacobian_b": jacobian(p, "body"), "jacobian_s": jacobian(p, "space"), "twist_b": twist(p, "body")},
         shown=("looks",),
     ),
     SectionPanel(
@@ -351,10 +326,7 @@ _SECTIONS = (
         "Coriolis and centripetal torques, term by term",
         "Without gravity and at constant joint velocities a robot still needs torques. Each is a sum of products of two "
         "velocities: squares are centripetal, the others Coriolis terms.",
-        (
-            ("c_i = ∑_j ∑_k Γ_ijk(θ) θ̇_j θ̇_k", "§8.1.2"),
-            ("Γ_ijk = ½ (∂m_ij/∂θ_k + ∂m_ik/∂θ_j − ∂m_jk/∂θ_i)", "(8.12)"),
-        ),
+        (("c_i = ∑_j ∑_k Γ_ijk(θ) θ̇_j θ̇_k", "§8.1.2"), ("Γ_ijk = ½ (∂m_ij/∂θ_k + ∂m_ik/∂θ_j − ∂m_jk/∂θ_i)", "(8.12)")),
         ("dq",),
         lambda p: {"christoffel": ("christoffel", p.load), "coriolis": ("coriolis_forces", p.load)},
         chooses="joint",
@@ -414,7 +386,7 @@ _SECTIONS = (
             ("g = A^T L^T G L V̇_{base}", "§8.4"),
         ),
         ("dq",),
-        link_jacobians,
+        lambda p: {f"J{k}": ("jacobian", {"frame": f, "kind": "body"}) for k, f in enumerate(p.body_frames)},
         chooses="link",
     ),
     SectionPanel(

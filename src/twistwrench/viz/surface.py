@@ -120,9 +120,8 @@ def revolved(profile: ArrayLike) -> Surface:
     i, k = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
     here, beside = i * _AROUND + k, i * _AROUND + (k + 1) % _AROUND
     above, across = here + _AROUND, beside + _AROUND
-    faces = np.concatenate(
-        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((here, beside, across), (here, across, above))]
-    )
+    halves = ((here, beside, across), (here, across, above))
+    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in halves])
     unique, group = np.unique(np.round(rings, 12), axis=0, return_inverse=True)
     return _without_slivers(Surface(unique, group.reshape(-1)[faces]))
 
@@ -183,12 +182,10 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
     """Colour in the file, if any: for meshes without colours trimesh supplies a grey of its own."""
-    if mesh.visual.kind == "texture":
-        r, g, b = (np.asarray(mesh.visual.material.main_color[:3], float) / 255).tolist()
-    elif mesh.visual.kind in ("face", "vertex"):
-        r, g, b = (np.asarray(mesh.visual.main_color[:3], float) / 255).tolist()
-    else:
+    if mesh.visual.kind not in ("texture", "face", "vertex"):
         return None
+    source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
+    r, g, b = (np.asarray(source.main_color[:3], float) / 255).tolist()
     return r, g, b
 
 

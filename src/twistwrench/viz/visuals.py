@@ -35,13 +35,10 @@ def find_resource(uri: str, robot_file: Path) -> Path | None:
     what would have to be fetched, as with http://.
     """
     try:
-        return next((path for path in _places(uri.strip(), robot_file) if _is_mesh(path)), None)
+        places = _places(uri.strip(), robot_file)
+        return next((path for path in places if path.suffix.lower() in MESHES and path.is_file()), None)
     except (OSError, ValueError):  # names that no file system takes
         return None
-
-
-def _is_mesh(path: Path) -> bool:
-    return path.suffix.lower() in MESHES and path.is_file()
 
 
 def _places(uri: str, robot_file: Path) -> Iterator[Path]:
@@ -55,19 +52,14 @@ def _places(uri: str, robot_file: Path) -> Iterator[Path]:
             yield folder / name / rest
             if folder.name == name:
                 yield folder / rest
-        for folder in _known_folders():
-            yield folder / name / rest
+        for folder in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+            yield Path(folder) / name / rest
+        for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+            yield Path(prefix) / "share" / name / rest
     elif uri.startswith("file://"):
         yield Path(unquote(uri.removeprefix("file://")))
     elif "://" not in uri and uri:
         yield robot_file.parent / uri
-
-
-def _known_folders() -> Iterator[Path]:
-    for folder in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-        yield Path(folder)
-    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-        yield Path(prefix) / "share"
 
 
 # ── ``<visual>`` elements of URDF
@@ -154,16 +146,15 @@ class _Reader:
         self.wanted[uri] += 1
         if uri not in self.meshes:
             self.meshes[uri] = []
-            path = find_resource(uri, self.path)
-            if path is None:
-                self.problems[uri] = "is not there"
-            else:
-                try:
+            try:
+                if (path := find_resource(uri, self.path)) is None:
+                    self.problems[uri] = "is not there"
+                else:
                     self.meshes[uri] = read_mesh(path)
-                except MissingExtraError:
-                    self.problems[uri] = f"needs 'trimesh', which is not installed: {MissingExtraError.advice('viz')}"
-                except ModelError as problem:
-                    self.problems[uri] = str(problem)
+            except MissingExtraError:
+                self.problems[uri] = f"needs 'trimesh', which is not installed: {MissingExtraError.advice('viz')}"
+            except ModelError as problem:
+                self.problems[uri] = str(problem)
         return self.meshes[uri]
 
     def _material(self, visual: Element) -> Colour | None:
