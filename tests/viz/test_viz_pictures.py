@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from page_files import read_page
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -20,7 +21,6 @@ from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.viz import drawn_motion as motion_module
 from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_power, plot_split, read_motion, scene_of
 from twistwrench.viz.movie import Camera, Painter
-from twistwrench.viz.page import read_page
 
 T = np.linspace(0.0, 2.0, 401)
 

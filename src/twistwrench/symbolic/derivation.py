@@ -29,7 +29,7 @@ from .expanded_form import (
 )
 from .factored_form import EquationWriter
 from .intermediate_names import named_derivation
-from .names import ModelEntries, model_entries, require_sympy, sympy
+from .names import model_entries, require_sympy, sympy
 
 # ── Size of a derivation, estimated before it begins
 
@@ -47,22 +47,17 @@ LARGEST_NAMED = 8_000
 """Lines of named intermediate results beyond which a derivation is refused."""
 
 
-def expanded_products(entries: ModelEntries, motion: SymbolicMotion | None) -> float:
-    """Number of products of terms in K; infinite if a position alone has too many."""
-    if motion is None:
-        return float("inf")
-    return motion.products(tuple([[e.value for e in row] for row in b.inertia] for b in entries.bodies))
-
-
 def check_expanded(name: str, products: float, coordinates: int) -> None:
     """ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
     if products * coordinates > LARGEST_EXPANDED:
         count = (
             f"more than {LARGEST_POSITION:,} terms in a coordinate of a position, or {LARGEST_ROTATION} in a rotation"
-            if products == float("inf")
-            else f"{int(products):,} products of terms in its kinetic energy, to be differentiated by {coordinates} "
-            f"coordinates; allowed are {LARGEST_EXPANDED // coordinates:,}"
         )
+        if products < float("inf"):
+            count = (
+                f"{int(products):,} products of terms in its kinetic energy, to be differentiated by {coordinates} "
+                f"coordinates; allowed are {LARGEST_EXPANDED // coordinates:,}"
+            )
         raise ValueRangeError(
             f"{name!r} is too large to write out: {count}. Leave form='expanded' out and intermediate results get names; or "
             "lock joints (robot.lock), or keep numbers instead of symbols, symbols='none'."
@@ -183,15 +178,10 @@ class DerivationCheck:
 def checked(equations: Equations, robot: Robot) -> DerivationCheck:
     """Compare; :class:`~twistwrench.KernelError` if the two sides disagree, for then one of them is wrong."""
     n, rng = robot.nv, np.random.default_rng(_SEED)
-    u, du, ddu = (
-        rng.uniform(-1.5, 1.5, (_STATES, n)),
-        rng.standard_normal((_STATES, n)),
-        rng.standard_normal((_STATES, n)),
-    )
+    u, (du, ddu) = rng.uniform(-1.5, 1.5, (_STATES, n)), rng.standard_normal((2, _STATES, n))
     found = Evaluator.from_state(equations, u, du, ddu)
-    wanted: dict[str, list[Array]] = {
-        name: [] for name in ("inverse_dynamics", "mass_matrix", "coriolis_forces", "gravity_forces")
-    }
+    quantities = ("inverse_dynamics", "mass_matrix", "coriolis_forces", "gravity_forces")
+    wanted: dict[str, list[Array]] = {name: [] for name in quantities}
     at_rest = np.zeros(n)
 
     def still(q: Array) -> Array:  # springs hold against what gravity alone does not
@@ -294,7 +284,8 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     motion = None
     if form == "expanded" or (form == "auto" and model.nv <= MOST_EXPANDED):
         motion = motion_of(model, entries, coordinates, ring, LARGEST_POSITION, LARGEST_ROTATION)
-        work = expanded_products(entries, motion)
+        moments = tuple([[e.value for e in row] for row in b.inertia] for b in entries.bodies)
+        work = float("inf") if motion is None else motion.products(moments)
         if form == "expanded":
             check_expanded(robot.name, work, model.nv)
         elif work > COMFORTABLE:
@@ -312,11 +303,12 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         writer = EquationWriter(ring, chain_angles(model, ring, coordinates), masses=masses)
         fields = assembled(terms, writer)
         tags = [b.tag for b in entries.bodies]
-        before = _energy_steps(
-            writer, coordinates, tags, motion, (kinetic, potential, springs, drives), fields["lagrangian"]
-        )
+        energy = kinetic, potential, springs, drives
+        before = _energy_steps(writer, coordinates, tags, motion, energy, fields["lagrangian"])
         found = {**fields, "steps": (*before, *fields["steps"]), "form": "expanded"}
-    seen = _free_symbols(found)
+    exprs = [found["lagrangian"], *found["tau"], *(e for _, e in found.get("definitions", ()))]
+    exprs += [e for step in found["steps"] for _, e in step.lines]
+    seen = {s.name for e in exprs for s in e.free_symbols}
     derivation = Derivation(
         name=robot.name,
         q=_symbols(c.name for c in coordinates),
@@ -341,12 +333,6 @@ def _friction_remark(robot: Robot) -> tuple[str, ...]:
 
 def _symbols(names: Iterable[str]) -> tuple[Any, ...]:
     return tuple(map(sympy.Symbol, names))
-
-
-def _free_symbols(found: dict[str, Any]) -> set[str]:
-    exprs = [found["lagrangian"], *found["tau"], *(e for _, e in found.get("definitions", ()))]
-    exprs += [e for step in found["steps"] for _, e in step.lines]
-    return {s.name for e in exprs for s in e.free_symbols}
 
 
 def _energy_steps(

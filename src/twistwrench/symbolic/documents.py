@@ -33,12 +33,8 @@ class Latex(Notation):
         return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else digits
 
     def function(self, name: str, argument: str, power: str = "") -> str:
-        raised = f"^{{{power}}}" if power else ""
-        return (
-            f"\\{name}{raised}{{{argument}}}"
-            if re.fullmatch(r"\\?\w+(_\{\w+\})?", argument)
-            else (f"\\{name}{raised}({argument})")
-        )
+        head = f"\\{name}" + (f"^{{{power}}}" if power else "")
+        return f"{head}{{{argument}}}" if re.fullmatch(r"\\?\w+(_\{\w+\})?", argument) else f"{head}({argument})"
 
     def raised(self, base: str, power: str) -> str:
         return f"{base}^{{{power}}}"
@@ -172,9 +168,8 @@ def _places(text: str) -> list[tuple[int, int]]:
         elif character == "}":
             braces -= 1
         elif character == "(":
-            brackets.append(
-                re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", text[max(0, k - 24) : k]) is not None
-            )
+            before = text[max(0, k - 24) : k]
+            brackets.append(re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", before) is not None)
         elif character == ")" and brackets:
             brackets.pop()
         elif character == " " and not braces and not any(brackets) and text[k + 1 : k + 3] in ("+ ", "− ", "- "):
@@ -260,10 +255,8 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
     """Headings, a table of symbols, formulas between dollars."""
     parts = [f"# Equations of motion of {_in_markdown(equations.name)}", *map(_in_markdown, remarks_of(equations))]
     if legend := _legend(equations):
-        rows = [
-            f"| ${notation.symbol(name)}$ | {_in_markdown(meaning).replace('|', chr(92) + '|')} |"
-            for name, meaning in legend
-        ]
+        cells = ((notation.symbol(name), _in_markdown(meaning).replace("|", "\\|")) for name, meaning in legend)
+        rows = [f"| ${symbol}$ | {meaning} |" for symbol, meaning in cells]
         parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
     for step in steps:
         parts.append(f"## {heading(step)}\n\n{sentence(step.remark)}")

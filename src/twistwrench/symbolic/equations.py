@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
 from inspect import Parameter as Argument
 from inspect import signature
 from typing import Any
+
+import numpy as np
 
 from ..core.glossary import complete
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
@@ -102,9 +104,8 @@ class Equations:
     """Results computed from these equations before."""
 
     def __repr__(self) -> str:
-        return (
-            f"<{type(self).__name__} of {self.name!r}: {len(self.q)} coordinates, {len(self.definitions)} definitions>"
-        )
+        sizes = f"{len(self.q)} coordinates, {len(self.definitions)} definitions"
+        return f"<{type(self).__name__} of {self.name!r}: {sizes}>"
 
     @property
     def centripetal(self) -> dict[tuple[int, int], Any]:
@@ -116,13 +117,8 @@ class Equations:
     def coriolis(self) -> dict[tuple[int, int, int], Any]:
         """The coefficient of q̇_j q̇_k, j < k, in c_i, those that are not zero: 2 Γ_ijk at (i, j, k), counted from 0."""
         n = range(len(self.q))
-        return {
-            (i, j, k): 2 * self.christoffel[i, j, k]
-            for i in n
-            for j in n
-            for k in range(j + 1, len(self.q))
-            if self.christoffel[i, j, k] != 0
-        }
+        triples = ((i, j, k) for i in n for j in n for k in range(j + 1, len(self.q)))
+        return {t: 2 * self.christoffel[t] for t in triples if self.christoffel[t] != 0}
 
     @property
     def values(self) -> dict[Any, float]:
@@ -385,10 +381,8 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     n, ring = len(terms.coordinates), terms.ring
     rates = [c.rate for c in terms.coordinates]
     motions = [*rates, *(c.acceleration for c in terms.coordinates)]
-    speed, push = (
-        [ring.symbol(c.rate) for c in terms.coordinates],
-        [ring.symbol(c.acceleration) for c in terms.coordinates],
-    )
+    speed = [ring.symbol(c.rate) for c in terms.coordinates]
+    push = [ring.symbol(c.acceleration) for c in terms.coordinates]
     L = terms.kinetic - terms.potential
 
     def moving(total: TrigPolynomial) -> Any:
@@ -408,13 +402,12 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     c = [sum((C[i][j] * speed[j] for j in range(n)), terms.zero) for i in range(n)]
     momenta = [L.diff(name) for name in rates]
     slopes = [L.diff(x.name) for x in terms.coordinates]
-    written_M = sympy.ImmutableMatrix(n, n, lambda i, j: writer.by_mass(M[min(i, j), max(i, j)]))
-    written_gamma = sympy.ImmutableDenseNDimArray(
-        [[[writer.by_angle(x) for x in row] for row in block] for block in gamma]
-    )
-    written_C = sympy.ImmutableMatrix(n, n, lambda i, j: moving(C[i][j]))
-    written_c = sympy.ImmutableMatrix([moving(x) for x in c])
-    written_g = sympy.ImmutableMatrix([writer.by_angle(x) for x in g])
+    matrix = sympy.ImmutableMatrix
+    written_M = matrix(n, n, lambda i, j: writer.by_mass(M[min(i, j), max(i, j)]))
+    symbols = [[[writer.by_angle(x) for x in row] for row in block] for block in gamma]
+    written_gamma = sympy.ImmutableDenseNDimArray(symbols)
+    written_C = matrix(n, n, lambda i, j: moving(C[i][j]))
+    written_c, written_g = matrix([moving(x) for x in c]), matrix([writer.by_angle(x) for x in g])
     ddq = [writer.symbols[x.acceleration] for x in terms.coordinates]
     inertial = [sympy.Add(*(written_M[i, j] * ddq[j] for j in range(n))) for i in range(n)]
     # Whatever L has beside ½ q̇'M q̇ and its potential: terms linear in the rates push too.
@@ -422,47 +415,43 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     for p, s, c_i, g_i, i in zip(momenta, slopes, c, g, range(n), strict=True):
         accelerated = sum((M[i, j] * push[j] for j in range(n)), terms.zero)
         rest.append((rate(p) - s - accelerated - c_i - g_i).without_dust(0.0))
-    tau = sympy.ImmutableMatrix(
-        [a + b + d + moving(e) for a, b, d, e in zip(inertial, written_c, written_g, rest, strict=True)]
-    )
-    lines: dict[str, list[Line]] = {
-        "momenta": [(Label("L", x), energetic(p)) for x, p in zip(rates, momenta, strict=True)],
-        "momentum_rates": [(Label("L", x, rate=True), energetic(rate(p))) for x, p in zip(rates, momenta, strict=True)],
-        "slopes": [(Label("L", x.name), moving(s)) for x, s in zip(terms.coordinates, slopes, strict=True)],
-        **term_lines(written_M, written_gamma, written_C, written_g),
-        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
-    }
-    return {
-        "lagrangian": energetic(L),
-        "mass_matrix": written_M,
-        "christoffel": written_gamma,
-        "coriolis_matrix": written_C,
-        "coriolis_forces": written_c,
-        "gravity_forces": written_g,
-        "tau": tau,
-        "split": all(not e.terms for e in rest),
-        "steps": steps_of(lines),
-    }
+    tau = matrix([a + b + d + moving(e) for a, b, d, e in zip(inertial, written_c, written_g, rest, strict=True)])
+    fields = equation_fields(
+        [x.name for x in terms.coordinates], rates, written_M, written_gamma, written_C, written_c, written_g, tau,
+        [energetic(p) for p in momenta], [energetic(rate(p)) for p in momenta], [moving(s) for s in slopes],
+    )  # fmt: skip
+    return {**fields, "lagrangian": energetic(L), "split": all(not e.terms for e in rest)}
 
 
-def steps_of(lines: dict[str, list[Line]]) -> tuple[Step, ...]:
-    """Steps of :data:`STEPS` that have lines."""
-    return tuple(Step(name, STEPS[name], tuple(lines[name])) for name in STEPS if lines.get(name))
-
-
-def term_lines(M: Any, gamma: Any, C: Any, g: Any) -> dict[str, list[Line]]:
-    """The lines of the named terms."""
-    n = M.shape[0]
+def equation_fields(
+    q: Sequence[str], dq: Sequence[str], M: Any, gamma: Any, C: Any, c: Any, g: Any, tau: Any,
+    momenta: Sequence[Any], rates: Sequence[Any], slopes: Sequence[Any], *,
+    explicit_time: Sequence[Line] = (), only: Iterable[str] = STEPS,
+) -> dict[str, Any]:  # fmt: skip
+    """The terms as fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines, ``only`` some of them."""
+    n = len(q)
     triples = [(i, j, k) for i in range(n) for j in range(n) for k in range(j, n) if gamma[i, j, k] != 0]
-    return {
+    lines: dict[str, Sequence[Line]] = {
+        "momenta": [(Label("L", v), p) for v, p in zip(dq, momenta, strict=True)],
+        "explicit_time": explicit_time,
+        "momentum_rates": [(Label("L", v, rate=True), r) for v, r in zip(dq, rates, strict=True)],
+        "slopes": [(Label("L", x), s) for x, s in zip(q, slopes, strict=True)],
         "mass_matrix": [(Label(entry_name("M", i, j)), M[i, j]) for i in range(n) for j in range(i, n)],
         "christoffel": [(Label(entry_name("Gamma", *t)), gamma[t]) for t in triples],
         "centripetal": [(Label(entry_name("b", i, j)), gamma[i, j, k]) for i, j, k in triples if j == k],
         "coriolis": [(Label(entry_name("b", i, j, k)), 2 * gamma[i, j, k]) for i, j, k in triples if j < k],
-        "coriolis_matrix": [
-            (Label(entry_name("C", i, j)), C[i, j]) for i in range(n) for j in range(n) if C[i, j] != 0
-        ],
+        "coriolis_matrix": [(Label(entry_name("C", *t)), C[t]) for t in np.ndindex(n, n) if C[t] != 0],
         "gravity_forces": [(Label(entry_name("g", i)), g[i]) for i in range(n)],
+        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
+    }
+    return {
+        "mass_matrix": M,
+        "christoffel": gamma,
+        "coriolis_matrix": C,
+        "coriolis_forces": c,
+        "gravity_forces": g,
+        "tau": tau,
+        "steps": tuple(Step(name, STEPS[name], tuple(lines[name])) for name in STEPS if name in only and lines[name]),
     }
 
 

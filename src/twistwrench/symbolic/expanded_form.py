@@ -35,13 +35,7 @@ class Arithmetic(Protocol):
 
 def numbers_of(arithmetic: Arithmetic, entries: Any) -> Array:
     """An array of entries in this arithmetic."""
-    array = np.empty(np.shape(entries), object)
-    for place in np.ndindex(array.shape):
-        entry = entries
-        for k in place:
-            entry = entry[k]
-        array[place] = arithmetic.number(entry)
-    return array
+    return np.asarray(np.frompyfunc(arithmetic.number, 1, 1)(np.array(entries, object)))
 
 
 def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
@@ -121,18 +115,12 @@ def dotted(name: str, mark: str = "dot") -> str:
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
     """The coordinates, in the order of q; numbered by the joints that have coordinates of their own."""
-    return tuple(c for n, body in enumerate(model.leaders, 1) for c in _of_joint(body, n))
-
-
-def _of_joint(body: Body, n: int) -> list[Coordinate]:
-    return [
-        Coordinate(
-            f"{entry.letter}_{n}",
-            entry.angle,
-            f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]",
-        )
-        for entry in body.joint.chart
-    ]
+    found = []
+    for n, body in enumerate(model.leaders, 1):
+        for entry in body.joint.chart:
+            meaning = f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]"
+            found.append(Coordinate(f"{entry.letter}_{n}", entry.angle, meaning))
+    return tuple(found)
 
 
 def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
@@ -214,13 +202,9 @@ def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
 
 
 def motion_of(
-    model: Model,
-    entries: ModelEntries,
-    coordinates: tuple[Coordinate, ...],
-    ring: Ring,
-    largest_position: int,
-    largest_rotation: int,
-) -> SymbolicMotion | None:
+    model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...], ring: Ring,
+    largest_position: int, largest_rotation: int,
+) -> SymbolicMotion | None:  # fmt: skip
     """Positions and velocities of all bodies; None once an entry of one has more terms than allowed."""
     arithmetic = RingArithmetic(ring, coordinates)
     poses: list[tuple[Array, Array]] = []
@@ -327,11 +311,6 @@ class Terms:
         return self.ring.number(0)
 
     @cached_property
-    def by_motion(self) -> dict[int, TrigPolynomial]:
-        """The coefficients of L by products of rates."""
-        return (self.kinetic - self.potential).split([c.rate for c in self.coordinates])
-
-    @cached_property
     def mass_matrix(self) -> Array:
         """M_ij = ∂²L/∂q̇_i∂q̇_j."""
         n = len(self.coordinates)
@@ -346,14 +325,10 @@ class Terms:
     @cached_property
     def christoffel(self) -> Array:
         """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i); MR section 8.1.2."""
-        n = len(self.coordinates)
-
-        def entry(i: int, j: int) -> TrigPolynomial:
-            return self.mass_matrix[i, j]
-
+        n, M = len(self.coordinates), self.mass_matrix
         dM = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
-            dM[i, j, k] = entry(i, j).diff(self.coordinates[k].name) if i <= j else dM[j, i, k]
+            dM[i, j, k] = M[i, j].diff(self.coordinates[k].name) if i <= j else dM[j, i, k]
         gamma = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
             gamma[i, j, k] = 0.5 * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i]) if j <= k else gamma[i, k, j]
@@ -362,5 +337,6 @@ class Terms:
     @cached_property
     def gravity_forces(self) -> Array:
         """g_i = ∂P/∂q_i; with energies that rates do not enter, of L too."""
-        still: TrigPolynomial = self.by_motion.get(0, self.zero)
+        by_motion = (self.kinetic - self.potential).split([c.rate for c in self.coordinates])
+        still = by_motion.get(0, self.zero)
         return np.array([-still.diff(c.name) for c in self.coordinates], object)

@@ -29,13 +29,9 @@ class EquationWriter:
     """Writes sums of one ring as SymPy expressions. ``expressions`` gives the meaning of the ring's symbols."""
 
     def __init__(
-        self,
-        ring: Ring,
-        sums: Array | None = None,
-        *,
-        masses: Iterable[str] = (),
-        expressions: Mapping[str, Any] | None = None,
-    ) -> None:
+        self, ring: Ring, sums: Array | None = None, *,
+        masses: Iterable[str] = (), expressions: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
         self.ring = ring
         given = expressions or {}
         self.symbols = {name: given.get(name, sympy.Symbol(name)) for name in ring.symbols}
@@ -135,11 +131,9 @@ class EquationWriter:
             scale = min(ratios) * (1 if sum(1 for r, _ in members if r > 0) * 2 >= len(members) else -1)
             inner = sympy.Add(*(as_number(r / scale) * self._power(motion) for r, motion in members))
             sign = -1 if all(scale * c < 0 for c in coefficient.terms.values()) else 1
-            parts.append(self._times(write(coefficient * (sign * scale)), inner, sign))
+            outer = sympy.Mul.make_args(write(coefficient * (sign * scale)))
+            parts.append(sympy.Mul(sign, *outer, *sympy.Mul.make_args(inner)))
         return sympy.Add(*parts)
-
-    def _times(self, one: Any, other: Any, sign: int) -> Any:
-        return sympy.Mul(sign, *sympy.Mul.make_args(one), *sympy.Mul.make_args(other))
 
     def _grouped(self, total: TrigPolynomial, key: Callable[[int], int]) -> Any:
         groups: dict[int, list[Row]] = defaultdict(list)

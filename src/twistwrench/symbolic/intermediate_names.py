@@ -9,7 +9,7 @@ import numpy as np
 from ..joints.joint import exact
 from ..model.model import BASE, Model
 from ..typing import Array
-from .equations import Label, Step, entry_name, steps_of, term_lines
+from .equations import Label, Step, entry_name, equation_fields
 from .expanded_form import Coordinate, chart_waves, joint_motion, numbers_of
 from .names import BodyEntries, Entry, ModelEntries, sympy
 
@@ -124,11 +124,12 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     names.group("potential_energy", "the sum of −m (gravity · p), and what springs store")
     lifted = (names.number(b.mass) * y for b, y in zip(entries.bodies, heights, strict=True))
     P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
-    names.group(
-        "slopes_of_energies", "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
-    )
+    said = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
+    names.group("slopes_of_energies", said)
     dM = [[[names.slope(M[min(i, j)][max(i, j)], k) for k in range(n)] for j in range(n)] for i in range(n)]
-    dM = _tied(names, dM, n)
+    for i, j, k in np.ndindex(n, n, n):
+        if i <= j:
+            dM[i][j][k] = names.name(f"d{entry_name('M', i, j)}_q{k + 1}", dM[i][j][k])
     g = sympy.ImmutableMatrix([names.slope(P, k) for k in range(n)])
     return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
 
@@ -146,10 +147,8 @@ def _velocities(
     names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
     """Velocities of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
-    names.group(
-        "velocities",
-        "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes",
-    )
+    said = "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes"
+    names.group("velocities", said)
     origins: list[dict[int, tuple[Array, Array]]] = []
     centres: list[dict[int, tuple[Array, Array]]] = []
     for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
@@ -162,19 +161,15 @@ def _velocities(
             own = _own(names, R, k, body, mine)
             old = columns.get(k)  # a follower moves with its leader's rate too
             columns[k] = own if old is None else (old[0] + own[0], old[1] + own[1])
-        named = {
-            j: (names.names(f"w_{mine.tag}_{j + 1}", w), names.names(f"u_{mine.tag}_{j + 1}", u))
-            for j, (w, u) in columns.items()
-        }
-        com = numbers_of(names, mine.com)
+        ends = {j: f"{mine.tag}_{j + 1}" for j in columns}
+        named = {j: (names.names(f"w_{ends[j]}", w), names.names(f"u_{ends[j]}", u)) for j, (w, u) in columns.items()}
+        com, massless = numbers_of(names, mine.com), not mine.mass.value
         origins.append(named)
-        massless = not mine.mass.value
-        centres.append(
-            {
-                j: (w, w * 0 if massless else names.names(f"v_{mine.tag}_{j + 1}", u + _cross(w, com)))
-                for j, (w, u) in named.items()
-            }
-        )
+        centre = {
+            j: (w, w * 0 if massless else names.names(f"v_{ends[j]}", u + _cross(w, com)))
+            for j, (w, u) in named.items()
+        }
+        centres.append(centre)
     return centres
 
 
@@ -197,10 +192,10 @@ def _cross(a: Array, b: Array) -> Array:
 
 def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
     """- gravity · (place of the centre of mass) of each body: n_i is -gravity in its axes, eta_i that of its origin."""
-    names.group(
-        "heights",
-        "n_i: minus gravity in the axes of link i; eta_i, zeta_i: that times the place of its origin and centre of mass",
+    said = (
+        "n_i: minus gravity in the axes of link i; eta_i, zeta_i: that times the place of its origin and centre of mass"
     )
+    names.group("heights", said)
     up = -numbers_of(names, entries.gravity)
     directions: list[Array] = []
     origins: list[Any] = []
@@ -240,20 +235,6 @@ def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: 
     return M
 
 
-def _tied(names: Definitions, dM: Any, n: int) -> Any:
-    """Derivatives of entries of M as short names, where they are not already."""
-    return [
-        [
-            [
-                names.name(f"d{entry_name('M', min(i, j), max(i, j))}_q{k + 1}", dM[i][j][k]) if i <= j else dM[j][i][k]
-                for k in range(n)
-            ]
-            for j in range(n)
-        ]
-        for i in range(n)
-    ]
-
-
 def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P: Any) -> dict[str, Any]:
     n = len(coordinates)
     dq = [sympy.Symbol(c.rate) for c in coordinates]
@@ -265,55 +246,31 @@ def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P:
 
     gamma = [[[half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i]) for k in range(n)] for j in range(n)] for i in range(n)]
     names.group("christoffel", "Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i), those that are not zero, j ≤ k")
-    for i in range(n):
-        for j in range(n):
-            for k in range(j, n):
-                gamma[i][j][k] = gamma[i][k][j] = names.name(entry_name("Gamma", i, j, k), gamma[i][j][k])
-    C = sympy.ImmutableMatrix(n, n, lambda i, j: total(gamma[i][j][k] * dq[k] for k in range(n)))
-    c = sympy.ImmutableMatrix(
-        [
-            total(gamma[i][j][k] * dq[j] * dq[k] * (1 if j == k else 2) for j in range(n) for k in range(j, n))
-            for i in range(n)
-        ]
-    )
+    for i, j, k in np.ndindex(n, n, n):
+        if j <= k:
+            gamma[i][j][k] = gamma[i][k][j] = names.name(entry_name("Gamma", i, j, k), gamma[i][j][k])
+    matrix = sympy.ImmutableMatrix
+    C = matrix(n, n, lambda i, j: total(gamma[i][j][k] * dq[k] for k in range(n)))
+    pairs = [(j, k) for j in range(n) for k in range(j, n)]
+    c = matrix([total(gamma[i][j][k] * dq[j] * dq[k] * (1 if j == k else 2) for j, k in pairs) for i in range(n)])
     names.group("gravity_forces", "g = ∂P/∂q, what is left at rest")
-    g = sympy.ImmutableMatrix([names.name(entry_name("g", i), x) for i, x in enumerate(g)])
-    tau = sympy.ImmutableMatrix([total(M[i][j] * ddq[j] for j in range(n)) + c[i] + g[i] for i in range(n)])
-    matrix = sympy.ImmutableMatrix(M)
-    symbols = sympy.ImmutableDenseNDimArray(gamma)
-    L = (
-        total(half * M[i][i] * dq[i] ** 2 for i in range(n))
-        + total(M[i][j] * dq[i] * dq[j] for i in range(n) for j in range(i + 1, n))
-        - P
-    )
+    g = matrix([names.name(entry_name("g", i), x) for i, x in enumerate(g)])
+    tau = matrix([total(M[i][j] * ddq[j] for j in range(n)) + c[i] + g[i] for i in range(n)])
+    squares = total(half * M[i][i] * dq[i] ** 2 for i in range(n))
+    L = squares + total(M[i][j] * dq[i] * dq[j] for i, j in pairs if i < j) - P
     momenta = [total(M[i][j] * dq[j] for j in range(n)) for i in range(n)]
     rates = [
         total(M[i][j] * ddq[j] + total(dM[i][j][k] * dq[k] for k in range(n)) * dq[j] for j in range(n))
         for i in range(n)
     ]
-    slopes = [
-        total(dM[j][k][i] * dq[j] * dq[k] * (half if j == k else 1) for j in range(n) for k in range(j, n)) - g[i]
-        for i in range(n)
-    ]
-    lines = term_lines(matrix, symbols, C, g)
-    lines = {key: lines[key] for key in ("centripetal", "coriolis", "coriolis_matrix")}
-    lines |= {
-        "momenta": [(Label("L", c.rate), x) for c, x in zip(coordinates, momenta, strict=True)],
-        "momentum_rates": [(Label("L", c.rate, rate=True), x) for c, x in zip(coordinates, rates, strict=True)],
-        "slopes": [(Label("L", c.name), x) for c, x in zip(coordinates, slopes, strict=True)],
-        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
-    }
+    slopes = [total(dM[j][k][i] * dq[j] * dq[k] * (half if j == k else 1) for j, k in pairs) - g[i] for i in range(n)]
+    named = ("momenta", "momentum_rates", "slopes", "centripetal", "coriolis", "coriolis_matrix", "equations")
+    fields = equation_fields(
+        [x.name for x in coordinates], [x.rate for x in coordinates], matrix(M), sympy.ImmutableDenseNDimArray(gamma),
+        C, c, g, tau, momenta, rates, slopes, only=named,
+    )  # fmt: skip
     first = Step("lagrangian", "K less P", ((Label("L"), L),))
-    return {
-        "lagrangian": L,
-        "mass_matrix": matrix,
-        "christoffel": symbols,
-        "coriolis_matrix": C,
-        "coriolis_forces": c,
-        "gravity_forces": g,
-        "tau": tau,
-        "steps": (*_defined(names), first, *steps_of(lines)),
-    }
+    return {**fields, "lagrangian": L, "steps": (*_defined(names), first, *fields["steps"])}
 
 
 def _defined(names: Definitions) -> list[Step]:

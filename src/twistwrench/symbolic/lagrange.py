@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from numbers import Real
 from typing import Any
 
 from ..errors import ShapeError, ValueRangeError
-from .equations import Equations, Label, Step, assembled, entry_name, steps_of, term_lines
-from .expanded_form import Coordinate, Terms, Variable, dotted
+from .equations import Equations, Label, Step, assembled, equation_fields
+from .expanded_form import Terms, Variable, dotted
 from .factored_form import EquationWriter
 from .names import require_sympy, sympy
 from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
@@ -17,13 +18,8 @@ from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
     """One symbol or several different ones, as a tuple; ShapeError for anything else."""
-    symbols = (
-        (given,)
-        if isinstance(given, sympy.Symbol)
-        else tuple(given)
-        if isinstance(given, Sequence | sympy.MatrixBase | sympy.Tuple)
-        else ()
-    )
+    several = isinstance(given, Sequence | sympy.MatrixBase | sympy.Tuple)
+    symbols = (given,) if isinstance(given, sympy.Symbol) else tuple(given) if several else ()
     if not symbols or not all(isinstance(s, sympy.Symbol) for s in symbols) or len(set(symbols)) < len(symbols):
         raise ShapeError(
             f"{what}={given!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
@@ -58,7 +54,8 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
             f"L contains another {_listed(twins)} than the coordinates, rates or time given: symbols of one name with "
             "different assumptions (real=True) differ in SymPy. Make each symbol once."
         )
-    if moving := {s for s in others if _is_rate(s.name)}:
+    # By the naming rule, xdot and thetaddot_1, or a common other one, theta_1dot and x_dot.
+    if moving := {s for s in others if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", s.name, flags=re.DOTALL)}:
         raise ValueRangeError(
             f"L contains {_listed(moving)}, by name the rate of a coordinate that is not in q={_listed(q)}, or a derivative "
             f"of too high an order: L may depend on the rates {_listed(dq)}. Add the coordinate to q, name rates of other "
@@ -73,12 +70,6 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
             f"L does not depend on {', '.join(map(str, dq))}, so there is no kinetic energy. Name the rates so, or give "
             "them: lagrange(L, q, rates=[…])."
         )
-
-
-def _is_rate(name: str) -> bool:
-    """True if the name is a rate by the naming rule, xdot and thetaddot_1, or by a common other one, theta_1dot and x_dot."""
-    stem = name.partition("_")[0]
-    return any(word.endswith("dot") and word != "dot" for word in (stem, name))
 
 
 def _listed(symbols: Any) -> str:
@@ -134,7 +125,6 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     velocities = _rates(rates, coordinates, L)
     now = time_of(time, (*coordinates, *velocities))
     check_lagrangian(L, coordinates, velocities, now)
-    named = tuple(Coordinate(s.name, True, "coordinate") for s in coordinates)
     accelerations = tuple(sympy.Symbol(dotted(s.name, "ddot")) for s in coordinates)
     moved = now is not None and now in L.free_symbols
     parsed = None if moved else _parsed(L, coordinates, velocities, accelerations)
@@ -146,14 +136,8 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
         fields = assembled(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
     first = Step("lagrangian", "as given", ((Label("L"), L),))
     fields = {**fields, "lagrangian": L, "steps": (first, *fields["steps"])}
-    return Equations(
-        name=name,
-        q=coordinates,
-        dq=velocities,
-        ddq=accelerations,
-        meanings=tuple((c.name, c.meaning) for c in named),
-        **fields,
-    )
+    meanings = tuple((s.name, "coordinate") for s in coordinates)
+    return Equations(name=name, q=coordinates, dq=velocities, ddq=accelerations, meanings=meanings, **fields)
 
 
 def _expression(L: Any) -> Any:
@@ -174,9 +158,8 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
         return tuple(known.get(dotted(s.name), sympy.Symbol(dotted(s.name))) for s in coordinates)
     found = symbols_of(rates, "rates")
     if len(found) != len(coordinates) or set(found) & set(coordinates):
-        raise ShapeError(
-            f"rates={rates!r}: one symbol for each of {', '.join(map(str, coordinates))}, and none of these."
-        )
+        listed = ", ".join(map(str, coordinates))
+        raise ShapeError(f"rates={rates!r}: one symbol for each of {listed}, and none of these.")
     return found
 
 
@@ -301,38 +284,21 @@ def _differentiated(
     ]
     dM = [[[M[i, j].diff(x) for x in q] for j in range(n)] for i in range(n)]
     half = sympy.Rational(1, 2)
-    gamma = sympy.ImmutableDenseNDimArray(
-        [
-            [[sympy.expand(half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i])) for k in range(n)] for j in range(n)]
-            for i in range(n)
-        ]
-    )
+
+    def christoffel(i: int, j: int, k: int) -> Any:
+        return sympy.expand(half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i]))
+
+    symbols = [[[christoffel(i, j, k) for k in range(n)] for j in range(n)] for i in range(n)]
+    gamma = sympy.ImmutableDenseNDimArray(symbols)
     C = sympy.ImmutableMatrix(n, n, lambda i, j: sympy.Add(*(gamma[i, j, k] * dq[k] for k in range(n))))
     c = sympy.ImmutableMatrix([sympy.expand(sympy.Add(*(C[i, j] * dq[j] for j in range(n)))) for i in range(n)])
     g = sympy.ImmutableMatrix([-s.subs(at_rest) for s in slopes])
-    tau = sympy.ImmutableMatrix(
-        [_collected(sympy.expand(r - s), (*ddq, *dq)) for r, s in zip(rates, slopes, strict=True)]
-    )
+    both = zip(rates, slopes, strict=True)
+    tau = sympy.ImmutableMatrix([sympy.collect(sympy.expand(r - s), (*ddq, *dq)) for r, s in both])
     parts = [sympy.Add(*(M[i, j] * ddq[j] for j in range(n)), c[i], g[i]) for i in range(n)]
-    lines = {
-        "momenta": [(Label("L", v.name), p) for v, p in zip(dq, momenta, strict=True)],
-        "explicit_time": [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0],
-        "momentum_rates": [(Label("L", v.name, rate=True), r) for v, r in zip(dq, rates, strict=True)],
-        "slopes": [(Label("L", x.name), s) for x, s in zip(q, slopes, strict=True)],
-        **term_lines(M, gamma, C, g),
-        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
-    }
-    return {
-        "mass_matrix": M,
-        "christoffel": gamma,
-        "coriolis_matrix": C,
-        "coriolis_forces": c,
-        "gravity_forces": g,
-        "tau": tau,
-        "split": all(sympy.expand(t - part) == 0 for t, part in zip(tau, parts, strict=True)),
-        "steps": steps_of(lines),
-    }
-
-
-def _collected(expr: Any, symbols: tuple[Any, ...]) -> Any:
-    return sympy.collect(expr, symbols)
+    explicit_time = [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0]
+    fields = equation_fields(
+        [s.name for s in q], [s.name for s in dq], M, gamma, C, c, g, tau, momenta, rates, slopes,
+        explicit_time=explicit_time,
+    )  # fmt: skip
+    return {**fields, "split": all(sympy.expand(t - part) == 0 for t, part in zip(tau, parts, strict=True))}

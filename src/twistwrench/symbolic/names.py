@@ -299,7 +299,7 @@ class Text(Notation):
 
 _AXES = "xyz"
 _SAME = 1e-12  # a centre of mass is a quotient, so it meets the joint's place to round-off
-_ROUND_OFF_of_symbols = 1e-14
+_DUST = 1e-14
 
 
 @dataclass(frozen=True)
@@ -374,16 +374,18 @@ class Namer:
         bodies = self.model.bodies
         lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
         found = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))
-        gravity = self._gravity()
-        springs = tuple(
-            Entry(
-                s.stiffness,
-                self._new(f"k_{n}", s.stiffness, ["springs"], f"stiffness between {joined} [N m/rad or N/m]"),
+        g = self.model.gravity
+        many = np.count_nonzero(g) > 1
+        letters = [f"g_{axis}" if many else "g" for axis in _AXES]
+        gravity = tuple(self._named(n, x, "gravity", "gravity [m/s²]") for n, x in zip(letters, g, strict=True))
+        springs = []
+        for n, spring in enumerate(self.model.springs, 1):
+            joined = " and ".join(joint for joint, _ in spring.terms)
+            parameter = self._new(
+                f"k_{n}", spring.stiffness, ["springs"], f"stiffness between {joined} [N m/rad or N/m]"
             )
-            for n, s in enumerate(self.model.springs, 1)
-            for joined in [" and ".join(joint for joint, _ in s.terms)]
-        )
-        return ModelEntries(found, gravity, springs, self._armature(), tuple(self.parameters))
+            springs.append(Entry(spring.stiffness, parameter))
+        return ModelEntries(found, gravity, tuple(springs), self._armature(), tuple(self.parameters))
 
     def _armature(self) -> Entries:
         found = [Entry(0.0)] * self.model.nv
@@ -400,9 +402,13 @@ class Namer:
                 found[body.v_index] = Entry(value, self._new(f"J_{n}", value, ["gears"], meaning))
         return tuple(found)
 
-    def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str) -> Parameter:
-        self.parameters.append(Parameter(name, float(abs(value)), frozenset(kinds), meaning))
+    def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str, *, signed: bool = False) -> Parameter:
+        self.parameters.append(Parameter(name, float(value if signed else abs(value)), frozenset(kinds), meaning))
         return self.parameters[-1]
+
+    def _named(self, name: str, value: float, kind: str, meaning: str) -> Entry:
+        """A number with a name of its own, unless it is zero."""
+        return Entry(float(value), self._new(name, value, [kind], meaning)) if value else Entry(0.0)
 
     def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
         """Symbols of lengths of body i: coordinate axis and size of displacements along it, of joints and its tip."""
@@ -431,18 +437,18 @@ class Namer:
 
     def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
         n, link, G = self.tags[i], body.link, body.inertia
-        m = shortest(G.mass)
-        mass = Entry(0.0) if not m else Entry(m, self._new(f"m_{n}", m, ["masses"], f"mass of {link} [kg]"))
+        mass = self._named(f"m_{n}", shortest(G.mass), "masses", f"mass of {link} [kg]")
         place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
         extent = float(np.abs(G.com).max())
-        com_places = [0.0 if abs(x) <= _ROUND_OFF_of_symbols * extent else shortest(x, extent) for x in G.com]
+        com_places = [0.0 if abs(x) <= _DUST * extent else shortest(x, extent) for x in G.com]
         com = [_with_length(k, x, lengths[i]) for k, x in enumerate(com_places)]
         unnamed = [k for k, entry in enumerate(com) if entry.value and entry.parameter is None]
         for k in unnamed:
-            name = f"r_{n}{_AXES[k] if len(unnamed) > 1 else ''}"
-            com[k] = Entry(
-                com[k].value, self._new(name, com[k].value, ["coms"], f"{_AXES[k]} of the centre of mass of {link} [m]")
+            name, meaning = (
+                f"r_{n}{_AXES[k] if len(unnamed) > 1 else ''}",
+                f"{_AXES[k]} of the centre of mass of {link} [m]",
             )
+            com[k] = self._named(name, com[k].value, "coms", meaning)
         point, pitch = self._axis(n, body)
         return BodyEntries(n, place, point, pitch, mass, tuple(com), self._inertia(n, body), self._ratio(n, body))
 
@@ -459,24 +465,12 @@ class Namer:
             return none, Entry(0.0)
         w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
         at, h = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
-        at = np.where(np.abs(at) <= _ROUND_OFF_of_symbols * np.abs(at).max(), 0.0, [shortest(x) for x in at])
+        at = np.where(np.abs(at) <= _DUST * np.abs(at).max(), 0.0, [shortest(x) for x in at])
         name = body.joint.name
-        many = np.count_nonzero(at) > 1
-        point = tuple(
-            Entry(
-                float(x),
-                self._new(
-                    f"a_{n}{_AXES[k] if many else ''}",
-                    x,
-                    ["lengths"],
-                    f"{_AXES[k]} of the axis of {name} in {body.link} [m]",
-                ),
-            )
-            if x
-            else Entry(0.0)
-            for k, x in enumerate(at)
-        )
-        if abs(h) <= _ROUND_OFF_of_symbols * float(np.abs(v).max(initial=0.0)):
+        many, meaning = np.count_nonzero(at) > 1, f"of the axis of {name} in {body.link} [m]"
+        each = zip(_AXES, at, strict=True)
+        point = tuple(self._named(f"a_{n}{k if many else ''}", x, "lengths", f"{k} {meaning}") for k, x in each)
+        if abs(h) <= _DUST * float(np.abs(v).max(initial=0.0)):
             return point, Entry(0.0)
         return point, Entry(h, self._new(f"h_{n}", h, ["lengths"], f"pitch of {name} [m/rad]"))
 
@@ -486,26 +480,13 @@ class Namer:
         for a in range(3):
             for b in range(a, 3):
                 value = shortest(I[a, b], scale)  # Steiner's term leaves its round-off behind
-                if abs(value) > _ROUND_OFF_of_symbols * scale:
+                if abs(value) > _DUST * scale:
                     axes = _AXES[a] + _AXES[b]
                     meaning = f"rotational inertia {axes} of {body.link} about its centre of mass [kg m²]"
-                    found[a][b] = found[b][a] = Entry(value, self._signed(f"I_{n}{axes}", value, meaning))
+                    # Products of inertia have a sign of their own, as the matrix has them.
+                    parameter = self._new(f"I_{n}{axes}", value, ["inertias"], meaning, signed=True)
+                    found[a][b] = found[b][a] = Entry(value, parameter)
         return tuple(map(tuple, found))
-
-    def _signed(self, name: str, value: float, meaning: str) -> Parameter:
-        # Products of inertia have a sign of their own, as the matrix has them.
-        self.parameters.append(Parameter(name, value, frozenset(["inertias"]), meaning))
-        return self.parameters[-1]
-
-    def _gravity(self) -> Entries:
-        g = self.model.gravity
-        many = np.count_nonzero(g) > 1
-        return tuple(
-            Entry(float(x), self._new(f"g_{_AXES[k]}" if many else "g", x, ["gravity"], "gravity [m/s²]"))
-            if x
-            else Entry(0.0)
-            for k, x in enumerate(g)
-        )
 
 
 def _driven(model: Model, rotor: Body) -> str:
@@ -554,10 +535,8 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
             return tuple(map(kept, entries))
         return entries if entries.parameter is None or entries.parameter.name in chosen else Entry(entries.value)
 
-    bodies = tuple(
-        BodyEntries(b.tag, **{name: kept(entry) for name, entry in vars(b).items() if name != "tag"})
-        for b in every.bodies
-    )
+    fields = ({name: kept(entry) for name, entry in vars(b).items() if name != "tag"} for b in every.bodies)
+    bodies = tuple(BodyEntries(b.tag, **some) for b, some in zip(every.bodies, fields, strict=True))
     parameters = tuple(p for p in every.parameters if p.name in chosen)
     return ModelEntries(bodies, kept(every.gravity), kept(every.springs), kept(every.armature), parameters)
 
@@ -580,7 +559,6 @@ def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> 
         elif word in names:
             chosen.add(word)
         elif word != "none":
-            raise UnknownNameError.from_choices(
-                "symbol or kind of symbols", word, ["all", "none", *KINDS, *sorted(names)]
-            )
+            choices = ["all", "none", *KINDS, *sorted(names)]
+            raise UnknownNameError.from_choices("symbol or kind of symbols", word, choices)
     return chosen

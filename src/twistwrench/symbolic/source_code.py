@@ -65,14 +65,8 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
     """A safe and unused name for every symbol."""
     taken: set[str] = set()
     names = {}
-    symbols = [
-        *equations.q,
-        *equations.dq,
-        *equations.ddq,
-        *constants(equations),
-        *(s for s, _ in equations.definitions),
-    ]
-    for symbol in symbols:
+    moving = (*equations.q, *equations.dq, *equations.ddq)
+    for symbol in (*moving, *constants(equations), *(s for s, _ in equations.definitions)):
         name = re.sub(r"\W", "_", symbol.name, flags=re.ASCII)
         name = name if re.match(r"[A-Za-z]", name) else f"v{name}"
         name = f"{name}_" if _MACRO.fullmatch(name) else name
@@ -112,14 +106,8 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
         shared, results = sympy.cse(exprs, symbols=fresh, order="none")
         lines = [(s.name, e) for s, e in shared]
     used = {s.name for e in [*(e for _, e in lines), *results] for s in e.free_symbols}
-    inputs = []
-    for array, symbols in (
-        ("q", equations.q),
-        ("dq", equations.dq),
-        ("ddq", equations.ddq),
-        ("p", constants(equations)),
-    ):
-        inputs += [(array, k, names[s]) for k, s in enumerate(symbols) if names[s] in used]
+    arrays = {"q": equations.q, "dq": equations.dq, "ddq": equations.ddq, "p": constants(equations)}
+    inputs = [(a, k, names[s]) for a, symbols in arrays.items() for k, s in enumerate(symbols) if names[s] in used]
     return Routine(name, tuple(inputs), tuple(lines), tuple(results))
 
 
@@ -136,13 +124,9 @@ def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> lis
 
 def header(equations: Equations) -> list[str]:
     """Sentences for the top of a file of source."""
-    split = "h = c(q, dq) + g(q)"
-    if not equations.split:
-        split = "h has more in it than c and g: what is linear in the rates, or due to time"
-    lines = [
-        f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians.",
-        f"{split}.",
-    ]
+    more = "h has more in it than c and g: what is linear in the rates, or due to time."
+    lines = [f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians."]
+    lines += ["h = c(q, dq) + g(q)." if equations.split else more]
     for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):
         lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
     lines += [f"{name}: {meaning}" for name, meaning in equations.meanings]
@@ -157,6 +141,8 @@ def unused(names: Iterable[str], made: Routine) -> list[str]:
 
 # ── Operators that Python and C share
 
+_WAVES = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
+
 
 def written(expr: Any, functions: Mapping[str, str]) -> str:
     """An expression in the operators that Python and C share; powers of whole numbers as products.
@@ -164,77 +150,60 @@ def written(expr: Any, functions: Mapping[str, str]) -> str:
     ``functions`` maps SymPy's name of each function that the language has to how a call of it looks. ValueRangeError names
     any other, and numbers that no double holds.
     """
-    return _Operators(functions).write(expr)
 
+    def write(x: Any) -> str:
+        if x.is_Add:
+            return " + ".join(map(write, x.args)).replace("+ -", "- ")
+        if x.is_Mul:
+            coefficient, rest = x.as_coeff_Mul()
+            return f"-{product(rest)}" if coefficient == -1 else product(x)
+        if x.is_Symbol:
+            return str(x.name)
+        if x.is_Number or x.is_NumberSymbol:
+            return _number(x)
+        return power(x.base, x.exp) if x.is_Pow else call(x.func.__name__ if x.args else str(x), *x.args)
 
-class _Operators:
-    def __init__(self, functions: Mapping[str, str]) -> None:
-        self.functions = functions
+    def power(base: Any, exponent: Any) -> str:
+        if exponent.is_Integer and 0 < int(exponent) <= 8:
+            return "*".join([factor(base)] * int(exponent))
+        if exponent.is_Integer and int(exponent) < 0:
+            below = base**-exponent
+            return f"1.0/{write(below) if below.is_Symbol or below.is_Function else f'({write(below)})'}"
+        if abs(exponent) == sympy.Rational(1, 2):
+            return ("" if exponent > 0 else "1.0/") + call("sqrt", base)
+        return call("pow", base, exponent)
 
-    def write(self, expr: Any) -> str:
-        if expr.is_Add:
-            return " + ".join(map(self.write, expr.args)).replace("+ -", "- ")
-        if expr.is_Mul:
-            coefficient, rest = expr.as_coeff_Mul()
-            if coefficient == -1:
-                return "-" + self._joined(rest)
-            return self._joined(expr)
-        if expr.is_Pow and expr.exp.is_Integer and 0 < int(expr.exp) <= 8:
-            return "*".join([self._factor(expr.base)] * int(expr.exp))
-        if expr.is_Pow and expr.exp.is_Integer and int(expr.exp) < 0:
-            return f"1.0/{self._divisor(expr.base**-expr.exp)}"
-        if expr.is_Symbol:
-            return str(expr.name)
-        if expr.is_Number or expr.is_NumberSymbol:
-            return self._number(expr)
-        if expr.is_Pow and expr.exp == sympy.Rational(1, 2):
-            return self._call("sqrt", expr.base)
-        if expr.is_Pow and expr.exp == sympy.Rational(-1, 2):
-            return f"1.0/{self._call('sqrt', expr.base)}"
-        if expr.is_Pow:
-            return self._call("pow", expr.base, expr.exp)
-        return self._call(expr.func.__name__ if expr.args else str(expr), *expr.args)
+    def product(x: Any) -> str:
+        return "*".join(map(factor, sympy.Mul.make_args(x)))
 
-    def _call(self, name: str, *args: Any) -> str:
-        if name not in self.functions:
-            known = ", ".join(n for n in self.functions if n != "pow")
+    def factor(x: Any) -> str:
+        plain = x.is_Symbol or x.is_Function or x.is_NumberSymbol or (x.is_Number and not x.is_negative)
+        return write(x) if plain or (x.is_Pow and x.exp.is_Integer and int(x.exp) > 0) else f"({write(x)})"
+
+    def call(name: str, *args: Any) -> str:
+        if name not in functions:
+            known = ", ".join(n for n in functions if n != "pow")
             raise ValueRangeError(
                 f"{name}, in these equations or the derivatives, cannot be written as source. Allowed are powers and {known}, "
                 "of symbols with real=True where Abs is differentiated. Rewrite the Lagrangian in these, or evaluate the "
                 "expressions with SymPy."
             )
-        return self.functions[name].format(*map(self.write, args))
+        return functions[name].format(*map(write, args))
 
-    def _number(self, x: Any) -> str:
-        if not (x.is_finite and math.isfinite(_double(x))):
-            raise ValueRangeError(
-                f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian."
-            )
-        if x.is_Rational and not x.is_Integer:
-            if max(abs(x.p), x.q) >= 1 << 1000:
-                return repr(float(x))
-            exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
-            return repr(float(x)) if exact else f"({x.p}.0/{x.q}.0)"
-        return repr(float(x))
-
-    def _joined(self, expr: Any) -> str:
-        return "*".join(map(self._factor, expr.args)) if expr.is_Mul else self._factor(expr)
-
-    def _factor(self, expr: Any) -> str:
-        text = self.write(expr)
-        plain = expr.is_Symbol or expr.is_Function or expr.is_NumberSymbol or (expr.is_Number and not expr.is_negative)
-        power = expr.is_Pow and expr.exp.is_Integer and int(expr.exp) > 0
-        return text if plain or power else f"({text})"
-
-    def _divisor(self, expr: Any) -> str:
-        return self.write(expr) if expr.is_Symbol or expr.is_Function else f"({self.write(expr)})"
+    return write(expr)
 
 
-def _double(x: Any) -> float:
+def _number(x: Any) -> str:
     try:
-        return float(x)
+        value = float(x) if x.is_finite else math.inf
     except OverflowError:
-        return math.inf
+        value = math.inf
+    if not math.isfinite(value):
+        raise ValueRangeError(f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian.")
+    whole = not x.is_Rational or x.is_Integer
+    if whole or max(abs(x.p), x.q) >= 1 << 1000 or (x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50):
+        return repr(value)
+    return f"({x.p}.0/{x.q}.0)"
 
 
 # ── C99: functions of plain arrays, no allocation, nothing but math.h
@@ -258,9 +227,8 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     about = [*header(equations)]
     if symbols:
         about.append(f"p = ({', '.join(s.name for s in symbols)})")
-    comment = "\n".join(
-        f" * {line}" for line in visible("\n".join(about)).replace("*/", "* /").replace("/*", "/ *").splitlines()
-    )
+    text = visible("\n".join(about)).replace("*/", "* /").replace("/*", "/ *")
+    comment = "\n".join(f" * {line}" for line in text.splitlines())
     parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
     signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
     parts.append("\n".join(f"{signature};" for signature in signatures.values()))
@@ -294,8 +262,8 @@ def _function(made: Routine, signature: str, n: int, has_parameters: bool) -> st
 
 
 _C = {
-    **{name: f"{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")},
-    **{f"a{name}": f"a{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{name: f"{name}({{}})" for name in (*_WAVES, "exp", "log", "sqrt")},
+    **{f"a{name}": f"a{name}({{}})" for name in _WAVES},
     "atan2": "atan2({}, {})",
     "Abs": "fabs({})",
     "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
@@ -351,10 +319,8 @@ def _numpy_function(equations: Equations, made: Routine) -> str:
 
 
 _NUMPY = {
-    **{
-        name: f"np.{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "sign")
-    },
-    **{f"a{name}": f"np.arc{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{name: f"np.{name}({{}})" for name in (*_WAVES, "exp", "log", "sqrt", "sign")},
+    **{f"a{name}": f"np.arc{name}({{}})" for name in _WAVES},
     "atan2": "np.arctan2({}, {})",
     "Abs": "np.abs({})",
     "pow": "np.power({}, {})",

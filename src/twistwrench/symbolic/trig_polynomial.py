@@ -7,6 +7,7 @@ add; hundreds of thousands of products take a second where trees of expressions 
 
 from __future__ import annotations
 
+import operator
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
@@ -90,10 +91,7 @@ class Ring:
         found = self._products.get((a, b))
         if found is None:
             (kind_a, f), (kind_b, g) = self.bases[a], self.bases[b]
-            plus, minus = (
-                tuple(x + y for x, y in zip(f, g, strict=True)),
-                tuple(x - y for x, y in zip(f, g, strict=True)),
-            )
+            plus, minus = tuple(map(operator.add, f, g)), tuple(map(operator.sub, f, g))
             if kind_a == kind_b:  # cos cos = ½ (cos⁻ + cos⁺), sin sin = ½ (cos⁻ - cos⁺)
                 parts = [("cos", minus, 1), ("cos", plus, 1 if kind_a == "cos" else -1)]
             else:  # sin f cos g = ½ (sin⁺ + sin⁻), cos f sin g = ½ (sin⁺ - sin⁻)
@@ -168,9 +166,8 @@ class TrigPolynomial:
     def __mul__(self, other: Any) -> TrigPolynomial:
         if not isinstance(other, TrigPolynomial):
             factor = Fraction(other) if self.ring.exact else float(other)
-            return TrigPolynomial(
-                self.ring, {key: factor * value for key, value in self.terms.items()} if factor else {}
-            )
+            scaled = {key: factor * value for key, value in self.terms.items()} if factor else {}
+            return TrigPolynomial(self.ring, scaled)
         ring, terms = self.ring, dict[tuple[int, int], Any]()
         for (m, a), x in self.terms.items():
             for (n, b), y in other.terms.items():
@@ -279,12 +276,9 @@ def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]
         form = dict(whole)
         for j, kept in zip(involved, keep, strict=True):
             form = _reduced(form, j, kept)
-        yield {
-            _waves_of(
-                {(("cos", "sin")[s], tuple(int(x) for x in sums[j])): p[j][s] for j in involved for s in (0, 1)}
-            ): c
-            for p, c in _without_dust(form).items()
-        }
+        least = 1e-14 * max((abs(c) for c in form.values()), default=0)
+        bases = [(j, s, (("cos", "sin")[s], tuple(int(x) for x in sums[j]))) for j in involved for s in (0, 1)]
+        yield {_waves_of({basis: p[j][s] for j, s, basis in bases}): c for p, c in form.items() if abs(c) > least}
 
 
 def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[int, int]]:
@@ -317,8 +311,3 @@ def _reduced(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
             q = (*p[:j], tuple(powers), *p[j + 1 :])
             todo[q] = todo.get(q, 0) + sign * c
     return dict(done)
-
-
-def _without_dust(form: Mapping[Any, Any]) -> dict[Any, Any]:
-    least = 1e-14 * max((abs(c) for c in form.values()), default=0)
-    return {p: c for p, c in form.items() if abs(c) > least}
