@@ -152,7 +152,7 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "com": "(3,) array_like, centre of mass of the payload in the frame [m]",
         "edges": "int, edges of each friction cone to begin with",
     },
-    "simulation": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
+    "symbolic": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
     "viz": {
         "path": "str or Path, .gif or .mp4",
         "motion": "DrawnMotion",

@@ -233,7 +233,9 @@ class Derivation(Equations):
 
 
 def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "auto") -> Derivation:
-    """Symbolic dynamics: Lagrange's equations of a robot with named symbols, checked against the kernels.
+    """Symbolic dynamics: Lagrange's equations of a robot with named symbols, checked against the kernels (MR section 8.1).
+
+    Friction is left out, as noted in ``remarks``. Numbers are the shortest decimals within 4e-16 of the model's.
 
     Parameters
     ----------
@@ -256,11 +258,6 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         There is no SymPy.
     KernelError
         The result disagrees with Newton–Euler.
-
-    Notes
-    -----
-    MR section 8.1. Friction is left out, as noted in ``remarks``. Numbers are the shortest decimals within 4e-16 of
-    the model's.
 
     Examples
     --------

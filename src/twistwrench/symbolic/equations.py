@@ -153,10 +153,6 @@ class Equations:
     def chosen(self, steps: Iterable[str] | None) -> tuple[Step, ...]:
         """Steps by their names, all of them for None.
 
-        Parameters
-        ----------
-        steps : iterable of str, optional, names of the steps that are written; None: all
-
         Returns
         -------
         steps : tuple of Step
@@ -173,10 +169,6 @@ class Equations:
 
     def text(self, steps: Iterable[str] | None = None) -> str:
         """Plain text with Greek letters.
-
-        Parameters
-        ----------
-        steps : iterable of str, optional, names of the steps that are written; None: all
 
         Examples
         --------
@@ -198,7 +190,6 @@ class Equations:
 
         Parameters
         ----------
-        steps : iterable of str, optional, names of the steps that are written; None: all
         document : bool, a document that compiles; False: what goes between
 
         Examples
@@ -213,10 +204,6 @@ class Equations:
     def markdown(self, steps: Iterable[str] | None = None) -> str:
         """Markdown with formulas between dollars, as GitHub and notebooks show them.
 
-        Parameters
-        ----------
-        steps : iterable of str, optional, names of the steps that are written; None: all
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -228,10 +215,6 @@ class Equations:
 
     def html(self, steps: Iterable[str] | None = None) -> str:
         """HTML page that needs nothing else: formulas are MathML, which browsers show without scripts.
-
-        Parameters
-        ----------
-        steps : iterable of str, optional, names of the steps that are written; None: all
 
         Examples
         --------

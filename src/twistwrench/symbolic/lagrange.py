@@ -80,7 +80,10 @@ def _listed(symbols: Any) -> str:
 
 
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
-    """Lagrange's equations d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression.
+    """Lagrange's equations d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression (MR eq. 8.2 and 8.3).
+
+    Every other symbol is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms linear in the rates
+    in the equations, and g is whatever is left at rest, centrifugal forces of a wire that is turned included.
 
     Parameters
     ----------
@@ -103,12 +106,6 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
         that ``time`` does not name.
     MissingExtraError
         There is no SymPy.
-
-    Notes
-    -----
-    MR eq. 8.2 and 8.3. Every other symbol is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms
-    linear in the rates in the equations, and g is whatever is left at rest, centrifugal forces of a wire that is turned
-    included.
 
     Examples
     --------
