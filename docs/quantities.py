@@ -6,7 +6,6 @@ from pathlib import Path
 
 import twistwrench as tw
 from twistwrench.robot.quantities import QUANTITIES, Quantity
-from twistwrench.robot.quantity_methods import METHODS
 
 PAGE = Path(__file__).with_name("quantities.md")
 _HEAD = """# Quantities
@@ -88,7 +87,7 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]], right: tuple[int
 
 
 def _name(name: str) -> str:
-    return f"`{name}`" + ("" if name in METHODS else "°")
+    return f"`{name}`" + ("" if hasattr(tw.Robot, name) else "°")
 
 
 def _code(names: str) -> str:

@@ -80,7 +80,7 @@ at_rest = closed.holding_torques(found.q, motors).tau[:, columns]
 
 moment, worst = np.unravel_index(np.argmax(np.abs(force)), force.shape)
 why = closed.explain(found.q[moment], dq[moment], ddq[moment], motors)
-share = why.of("payload at platform")[columns[worst]] / why.torque[columns[worst]]
+share = why.contribution("payload at platform")[columns[worst]] / why.torque[columns[worst]]
 print(f"{int(found.converged.sum())} poses of {len(t)}, loops closed to {found.gap.max():.1e} m")
 print(f"weight {9.81 * (load + 25 + 6 * 9):.0f} N; legs push {force.max():.0f} N at most and pull {-force.min():.0f} N")
 print(f"leg {worst} carries most, {force[moment, worst]:.0f} N at {t[moment]:.2f} s, {share:.0%} of it for the load")

@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 
 import twistwrench as tw
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.robot.closed.closed_robot import ClosedRobot
+from twistwrench.robot.closed_robot import ClosedRobot
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
 LENGTHS = {"crank": 0.3, "coupler": 0.8, "rocker": 0.6}  # m; the ground's is 0.7

@@ -20,8 +20,7 @@ import numpy as np
 
 import twistwrench as tw
 from twistwrench.ir.loops import Form
-from twistwrench.lowering.block import LOOP
-from twistwrench.lowering.lower import modules
+from twistwrench.lowering.lower import LOOP, modules
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, host
 from twistwrench.robot.quantities import CONFIGURATIONS
 from twistwrench.runtime.dispatch_ir import loop_steps

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib as _importlib
 import typing as _typing
 
-from . import interrupts as _interrupts  # noqa: F401  before all that takes time
+from .core import verdict as _verdict  # noqa: F401  hears Ctrl-C from here on, before all that takes time
 from .errors import (
     CacheWarning,
     ConstraintError,
@@ -82,7 +82,6 @@ if _typing.TYPE_CHECKING:
     from . import diagnosis as diagnosis
     from . import identification as identification
     from . import modern_robotics as modern_robotics
-    from . import pointwise as pointwise
     from . import robots as robots
     from . import sensing as sensing
     from . import simulation as simulation
@@ -102,6 +101,7 @@ if _typing.TYPE_CHECKING:
     from .lie.twist_wrench import Twist as Twist
     from .lie.twist_wrench import Wrench as Wrench
     from .motion.motion import Motion as Motion
+    from .robot import pointwise as pointwise
     from .robot.differentiate import differentiate as differentiate
     from .robots.finding import find as find
     from .runtime.batch_threads import get_threads as get_threads
@@ -110,23 +110,10 @@ if _typing.TYPE_CHECKING:
 _MODULES = {
     **{
         name: name
-        for name in (
-            "control",
-            "convert",
-            "diagnosis",
-            "identification",
-            "modern_robotics",
-            "pointwise",
-            "robots",
-            "sensing",
-            "simulation",
-            "statics",
-            "symbolic",
-            "testing",
-            "trajectories",
-            "viz",
-        )
+        for name in ("control", "convert", "diagnosis", "identification", "modern_robotics", "robots", "sensing")
     },
+    **{name: name for name in ("simulation", "statics", "symbolic", "testing", "trajectories", "viz")},
+    "pointwise": "robot.pointwise",
     "se3": "lie.se3",
     "so3": "lie.so3",
 }

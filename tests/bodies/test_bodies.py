@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 import twistwrench as tw
 from twistwrench import Ad, RigidBody, SpatialInertia, ad, se3, so3
-from twistwrench.testing import assert_close
-from twistwrench.testing.comparison import derivative, relative_gap
+from twistwrench.testing import assert_close, derivative, relative_gap
 
 TOL = 1e-12
 

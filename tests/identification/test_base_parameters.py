@@ -11,7 +11,7 @@ from places import SHARED
 
 import twistwrench as tw
 from twistwrench.identification import BaseParameters, MotorSide, UnknownParameters
-from twistwrench.testing.robots import random_robot
+from twistwrench.testing import random_robot
 
 TX40 = SHARED / "robots" / "staubli_tx40.urdf"
 PUBLISHED = SHARED / "logs" / "staubli_tx40" / "staubli_TX40_bp_5.csv"

@@ -9,7 +9,7 @@ from identification_logs import coloured, known_log
 import twistwrench as tw
 from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.identification import identify, without_links
-from twistwrench.testing.robots import random_robot
+from twistwrench.testing import random_robot
 
 ARM = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
 LOG = known_log(ARM, 1, seconds=15.0)

@@ -10,7 +10,7 @@ import twistwrench as tw
 from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
 from twistwrench.identification.consistent import MOST_STEPS, STRENGTHS, PositivePrior, PositiveProblem
-from twistwrench.testing.robots import random_robot
+from twistwrench.testing import random_robot
 
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
 

@@ -108,9 +108,9 @@ def test_code_of_another_compiler_or_processor_is_not_taken(place, monkeypatch):
 
 def test_the_second_process_compiles_nothing(place):
     code = (
-        "import twistwrench as tw; from twistwrench.runtime import gufunc, jit, kernel_metadata; made = []\n"
+        "import twistwrench as tw; from twistwrench.runtime import gufunc, jit; made = []\n"
         "def spy(*a): made.append(jit.compiled(*a)); return made[-1]\n"
-        "gufunc.compiled = kernel_metadata.compiled = spy\n"
+        "gufunc.compiled = spy\n"
         "robot = tw.load(tw.robots.path_of('cart_pole').read_text())\n"  # as text: files are known again, and nothing is asked for
         "robot.mass_matrix([0, 0.5]); robot.gravity_forces([0, 0.5])\n"
         "robot.mass_matrix(robot.neutral.astype('f'))\n"

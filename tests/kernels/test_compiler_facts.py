@@ -18,30 +18,30 @@ def asked(tmp_path, monkeypatch):
     llvm = pytest.importorskip("llvmlite.binding")
     monkeypatch.setenv(object_cache.VARIABLE, str(tmp_path / "cache"))
     count = []
-    truth = target_machine._asked
+    truth = target_machine._llvm_facts
 
     def ask():
         count.append(1)
         return truth()
 
-    monkeypatch.setattr(target_machine, "_asked", ask)
+    monkeypatch.setattr(target_machine, "_llvm_facts", ask)
     monkeypatch.setattr(target_machine, "_CPUINFO", tmp_path / "cpuinfo")
     assert llvm
 
     def known(text: str | None = None, **changes: str) -> tuple[target_machine.CompilerFacts, int]:
         about = {"core": "0", "name": "Y", "speed": "1000", "flags": "avx2", **changes}
         (tmp_path / "cpuinfo").write_text(CPUINFO.format(**about) if text is None else text)
-        target_machine._kept.cache_clear()
+        target_machine._cached_facts.cache_clear()
         before = len(count)
-        return target_machine._kept(), len(count) - before
+        return target_machine._cached_facts(), len(count) - before
 
     yield known
-    target_machine._kept.cache_clear()
+    target_machine._cached_facts.cache_clear()
 
 
 def test_it_is_asked_once_for_each_processor(asked):
     first, count = asked()
-    assert (first, count) == (target_machine._asked(), 1)
+    assert (first, count) == (target_machine._llvm_facts(), 1)
     assert asked() == (first, 0)
     assert asked(core="3", speed="2000") == (first, 0)  # another core of it, at another moment
     assert asked(flags="avx512f")[1] == 1
@@ -81,5 +81,5 @@ def test_an_entry_of_another_form_is_made_again(asked, tmp_path, kept):
 
 def test_where_llvm_is_loaded_it_is_asked_itself(asked, monkeypatch):
     first, _ = asked()
-    monkeypatch.setattr(target_machine, "_asked", lambda: first._replace(cpu="newer"))
+    monkeypatch.setattr(target_machine, "_llvm_facts", lambda: first._replace(cpu="newer"))
     assert target_machine.compiler().cpu == "newer"

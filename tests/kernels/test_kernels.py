@@ -11,7 +11,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.ir.program import Program
 from twistwrench.ir.tracer import trace
-from twistwrench.lowering.block import CUT_OUTPUTS, WIDE
+from twistwrench.lowering.lower import CUT_OUTPUTS, WIDE
 from twistwrench.lowering.reference_interpreter import NumpyKernel
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.runtime.gufunc import make_ufunc

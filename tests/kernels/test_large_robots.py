@@ -14,14 +14,14 @@ import pytest
 import twistwrench as tw
 from twistwrench.ir.program import Program
 from twistwrench.ir.tracer import trace
-from twistwrench.lowering import batch_loop, block, lower, partition
+from twistwrench.lowering import batch_loop, lower, partition
 from twistwrench.lowering.spill_frame import SpillFrame
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, Machine, host
 from twistwrench.model.builder import ModelBuilder
-from twistwrench.robot import large_robot_kernels
+from twistwrench.robot import programs
 from twistwrench.runtime import jit
 from twistwrench.runtime.gufunc import make_ufunc
-from twistwrench.testing.robots import random_inertia, random_pose
+from twistwrench.testing import random_inertia, random_pose
 
 tracing = sys.modules["twistwrench.ir.tracer"]
 
@@ -124,8 +124,8 @@ def test_sections_share_threads(bundled, monkeypatch):
 def test_programs_below_the_threshold_are_one_function(bundled):
     machine = Machine("x86_64-unknown-linux-gnu", "znver4", "", 512)
     program = bundled("panda").program("mass_matrix")
-    assert list(lower.modules(program, DOUBLE, machine)) == [block.assembly(program, DOUBLE, machine)]
-    assert "malloc" not in block.assembly(program, DOUBLE, machine)
+    assert list(lower.modules(program, DOUBLE, machine)) == [lower.assembly(program, DOUBLE, machine)]
+    assert "malloc" not in lower.assembly(program, DOUBLE, machine)
 
 
 @pytest.mark.parametrize("length", [40, 100, 333])
@@ -163,7 +163,7 @@ def test_a_frame_keeps_what_crosses_and_nothing_twice(bundled, length):
 def test_without_memory_results_are_nan(bundled, monkeypatch):
     program = bundled("panda").program("mass_matrix")
     monkeypatch.setattr(batch_loop, "ON_STACK", 0)
-    text = block.assembly(program, DOUBLE, host())
+    text = lower.assembly(program, DOUBLE, host())
     assert "declare ptr @malloc(i64)" in text
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
     monkeypatch.setattr(lower, "assembly", lambda *_: text.replace("declare ptr @malloc(i64)", none))
@@ -283,7 +283,7 @@ def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, 
     q, dq, tau = robot.random_configuration(rng, (2, 3)), rng.normal(size=(3, robot.nv)), rng.normal(size=robot.nv)
     wrench = {frame: rng.normal(size=6)}
     usual = robot.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
-    monkeypatch.setattr(large_robot_kernels, "LAPACK_FROM", 1)
+    monkeypatch.setattr(programs, "LAPACK_FROM", 1)
     long = tw.robot.Robot(robot.model)
     found = long.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
     assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "LapackDerivatives"

@@ -8,7 +8,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.errors import KernelError
-from twistwrench.runtime.bound_calls import bind_calls
+from twistwrench.runtime.dispatch import bind_calls
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,10 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.joints import JOINT_TYPES
-from twistwrench.robot.closed.closed_robot import ClosedRobot
+from twistwrench.robot.closed_robot import ClosedRobot
+from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_methods import METHODS
+from twistwrench.robot.quantity_methods import QuantityMethods
 from twistwrench.simulation.preparation import build_run
 from twistwrench.simulation.rollout_inputs import cleaned
 
@@ -127,6 +128,9 @@ def test_options_of_simulations_stand_once():
 
 # ── the table of quantities ──
 
+METHODS = [name for part in (QuantityMethods, DerivativeMethods) for name in vars(part) if not name.startswith("_")]
+METHODS.remove("linearize")  # which is made of quantities
+
 
 @pytest.mark.parametrize("name", sorted(QUANTITIES))
 def test_a_quantity_says_the_sizes_it_has(name):
@@ -149,9 +153,13 @@ def test_every_quantity_is_a_method_or_a_part_of_one():
     }  # fmt: skip
     methods = set(METHODS)
     assert set(QUANTITIES) - parts <= methods
-    derivatives = {"inverse_dynamics_gradient", "inverse_dynamics_hessian_product", "mass_matrix_derivative"}
+    derivatives = {
+        "inverse_dynamics_gradient",
+        "inverse_dynamics_hessian_product",
+        "mass_matrix_derivative",
+        "linearize",
+    }
     assert methods <= set(QUANTITIES) | derivatives
-    assert all(getattr(tw.Robot, name) is METHODS[name] for name in methods)
 
 
 def test_the_readme_names_every_method_of_a_quantity():

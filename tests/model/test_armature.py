@@ -44,7 +44,7 @@ def test_every_quantity_of_motion_has_it_and_nothing_else(pair):
         assert_close(carried + drives, tau, 1e-13, "sum of both")
         why = geared.explain(q, dq, ddq)
         assert_close(why.torque, tau, 1e-12, "explained")
-        assert_close(why.of("armature"), a * ddq, 1e-14, "cause armature")
+        assert_close(why.contribution("armature"), a * ddq, 1e-14, "cause armature")
 
 
 def test_derivatives_are_those_of_the_quantities(pair):
@@ -131,7 +131,7 @@ def test_velocities_of_a_moving_frame_bring_its_products(kind, seed):
     assert_close(robot.coriolis_forces(q, dq) + robot.gravity_forces(q), robot.bias_forces(q, dq), 1e-11, "c + g = h")
     products = velocity_products(robot, dq) + robot.armature * ddq
     assert_close(robot.drive_torques(q, dq, ddq)[1], products, 1e-12, "what the drives take")
-    assert_close(robot.explain(q, dq, ddq).of("armature"), products, 1e-12, "cause armature")
+    assert_close(robot.explain(q, dq, ddq).contribution("armature"), products, 1e-12, "cause armature")
     assert_close(robot.explain(q, dq, ddq).torque, tau, 1e-11, "explained")
     by_q, by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq)
     for k, e in enumerate(np.eye(robot.nv)):

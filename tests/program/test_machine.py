@@ -24,7 +24,7 @@ import twistwrench as tw
 from twistwrench.ir.program import Program
 from twistwrench.ir.tracer import trace
 from twistwrench.lowering import reference_interpreter, target_machine
-from twistwrench.lowering.block import assembly
+from twistwrench.lowering.lower import assembly
 from twistwrench.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
 from twistwrench.runtime import gufunc
 from twistwrench.runtime.gufunc import make_ufunc

@@ -103,7 +103,7 @@ def test_why_splits_the_worst_peak_by_link(robot):
     row = report.around[int(np.argmin(np.abs(report.around.time - report.joints[k].time)))]
     why = load.explain(row)
     assert why.torque[k] == pytest.approx(report.joints[k].peak, rel=1e-12)
-    assert why.of("payload at tool0")[k] == pytest.approx(report.joints[k].terms["payload"], rel=1e-9)
+    assert why.contribution("payload at tool0")[k] == pytest.approx(report.joints[k].terms["payload"], rel=1e-9)
     output = run("--payload", 5, "--why").output
     assert "Why shoulder_lift_joint at t = 1.808 s" in output
     assert "payload at tool0" in output

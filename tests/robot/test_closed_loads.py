@@ -51,7 +51,7 @@ def test_the_weight_of_a_link_on_the_motor_is_its_virtual_work(linkage):
     for name, mass in zip(("crank", "coupler", "rocker"), MASSES, strict=True):
         half = {"crank": 0.15, "coupler": 0.4, "rocker": 0.3}[name]
         up = [(linkage.robot.forward_kinematics(q + s * n, name) @ [half, 0, 0, 1])[2] for s in (1e-5, -1e-5)]
-        assert abs(why.of(name, "gravity")[0] - mass * G * (up[0] - up[1]) / 2e-5) < 1e-7
+        assert abs(why.contribution(name, "gravity")[0] - mass * G * (up[0] - up[1]) / 2e-5) < 1e-7
     assert np.abs(why.torque - linkage.holding_torques(q, ["a"]).tau).max() < 1e-12 * np.abs(why.torque).max()
     assert not why.torque[1:].any() and "coupler" in why.table("a")
 

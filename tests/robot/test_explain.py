@@ -71,7 +71,7 @@ def test_each_link_causes_what_a_robot_of_that_link_alone_would_need():
             replace(b, inertia=only if i == frame.body else tw.SpatialInertia.zero()) for i, b in enumerate(robot.model.bodies)
         )  # fmt: skip
         alone = tw.Robot(replace(robot.model, bodies=bodies)).inverse_dynamics(*state)
-        assert_close(why.of(cause), alone, ROUNDING, cause)
+        assert_close(why.contribution(cause), alone, ROUNDING, cause)
 
 
 def test_a_payload_causes_what_the_robot_needs_with_it_and_not_without():
@@ -80,11 +80,13 @@ def test_a_payload_causes_what_the_robot_needs_with_it_and_not_without():
     carrying = robot.with_payload(load, "panda_hand")
     state = random_state(robot, np.random.default_rng(5))
     why, bare = carrying.explain(*state), robot.explain(*state)
-    found = why.of("payload at panda_hand")
+    found = why.contribution("payload at panda_hand")
     assert_close(found, carrying.inverse_dynamics(*state) - robot.inverse_dynamics(*state), 1e-10, "payload")
     assert set(why.causes) == {*bare.causes, "payload at panda_hand"}
     for cause in bare.causes:  # and nothing else changes
-        np.testing.assert_allclose(why.of(cause), bare.of(cause), rtol=0, atol=1e-10 * np.abs(bare.torque).max())
+        np.testing.assert_allclose(
+            why.contribution(cause), bare.contribution(cause), rtol=0, atol=1e-10 * np.abs(bare.torque).max()
+        )
 
 
 def test_rotors_cause_what_they_add_whether_or_not_the_links_were_weighed_with_them():
@@ -94,7 +96,7 @@ def test_rotors_cause_what_they_add_whether_or_not_the_links_were_weighed_with_t
         entry = {"ratio": "100", "rotor": {"inertia": "0.2 kg cm^2", "extra": extra}}
         geared = robot.with_actuators({"actuators": dict.fromkeys(robot.joint_names, entry)})
         why = geared.explain(*state)
-        rotors = sum(why.of(c) for c in why.causes if c.endswith(".rotor"))
+        rotors = sum(why.contribution(c) for c in why.causes if c.endswith(".rotor"))
         assert_close(rotors, geared.inverse_dynamics(*state) - robot.inverse_dynamics(*state), 1e-10, "rotors")
         assert not [c for c in why.causes if "other" in c]
 
@@ -106,7 +108,9 @@ def test_springs_are_a_cause():
     robot = arm.with_actuators({"actuators": {"joint1": entry}})
     q, dq, ddq = random_state(robot, np.random.default_rng(7))
     why = robot.explain(q, dq, ddq)
-    assert_close(why.of("springs", "springs"), 500 * (q[0] - q[2]) * np.array([1.0, 0.0, -1.0]), 1e-12, "spring")
+    assert_close(
+        why.contribution("springs", "springs"), 500 * (q[0] - q[2]) * np.array([1.0, 0.0, -1.0]), 1e-12, "spring"
+    )
     assert_close(why.torque, robot.inverse_dynamics(q, dq, ddq), ROUNDING, "τ")
 
 
@@ -115,7 +119,7 @@ def test_wrenches_on_the_robot_count_with_a_minus():
     state, F = random_state(robot, np.random.default_rng(8)), np.array([1.0, -2, 3, 10, 20, -30])
     for keyword, sign in (("wrench_by_robot", 1), ("wrench_on_robot", -1)):
         why = robot.explain(*state, **{keyword: {"tool0": F}})
-        assert_close(why.of("wrench at tool0"), sign * robot.wrench_torques(state.q, F), ROUNDING, keyword)
+        assert_close(why.contribution("wrench at tool0"), sign * robot.wrench_torques(state.q, F), ROUNDING, keyword)
         assert_close(why.torque, robot.inverse_dynamics(*state, **{keyword: {"tool0": F}}), ROUNDING, "τ")
 
 
@@ -165,9 +169,9 @@ def test_bad_questions(tmp_path):
     assert "states (3,)" in str(why)
     one = robot.explain([0, 0], [0, 0], [0, 0])
     with pytest.raises(tw.UnknownNameError, match="no cause named 'hand'"):
-        one.of("hand")
+        one.contribution("hand")
     with pytest.raises(tw.UnknownNameError, match=r"no term named 'coriolis'\. Did you mean 'Coriolis'"):
-        one.of(one.causes[0], "coriolis")
+        one.contribution(one.causes[0], "coriolis")
     with pytest.raises(tw.UnknownNameError, match="no joint named 'elbow'"):
         one.table("elbow")
     with pytest.raises(tw.ShapeError, match="q has shape"):

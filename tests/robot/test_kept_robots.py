@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
-from twistwrench.robot import model_cache
+from twistwrench.robot import engine
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -27,7 +27,7 @@ ARM = """<robot name="arm">
 </robot>"""
 HEAVY = ("twistwrench.algorithms", "twistwrench.formats", "twistwrench.model.builder", "twistwrench.ir.tracer")
 HEAVY += (
-    "twistwrench.lowering.block",
+    "twistwrench.lowering.lower",
     "llvmlite.binding",
     "_hashlib",
     "tempfile",
@@ -97,7 +97,7 @@ def test_a_first_torque_imports_nothing_that_it_does_not_need(file, place):
     torque(file, place)
     code = TORQUE.format(path=str(file), options="", nv=2) + "print(*sys.modules)"
     loaded = python(code, place).splitlines()[1].split()
-    assert "twistwrench.robot.model_cache" in loaded
+    assert "twistwrench.robot.engine" in loaded
     placed = sys.platform.startswith("linux") and os.uname().machine == "x86_64"
     unwanted = HEAVY if placed else [name for name in HEAVY if "llvm" not in name]
     alone = python("import numpy, sys; print(*sys.modules)", place).split()
@@ -175,10 +175,10 @@ def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_
     for part in ("robot", "model"):
         (tmp_path / part).mkdir()
         (tmp_path / part / "module.pyc").write_bytes(b"old")
-    monkeypatch.setattr(model_cache, "__file__", str(tmp_path / "robot" / "model_cache.pyc"))
-    before = model_cache._version.__wrapped__()
+    monkeypatch.setattr(engine, "__file__", str(tmp_path / "robot" / "engine.pyc"))
+    before = engine._version.__wrapped__()
     (tmp_path / "model" / "module.pyc").write_bytes(b"newer")
-    assert model_cache._version.__wrapped__() != before
+    assert engine._version.__wrapped__() != before
 
 
 DAMAGE = {
@@ -210,7 +210,7 @@ def test_lost_entries_are_made_again(file, place):
 def test_another_version_of_the_library_makes_its_own(file, place):
     torque(file, place)
     code = TORQUE.format(path=str(file), options="", nv=2)
-    other = "from twistwrench.robot import model_cache; model_cache._version = lambda: 'another'\n" + code
+    other = "from twistwrench.robot import engine; engine._version = lambda: 'another'\n" + code
     assert python(other, place).split()[1] == "True"
     assert python(other, place).split()[1] == "False"
 

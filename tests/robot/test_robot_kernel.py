@@ -104,7 +104,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(bundled, mon
     def fails(*_):
         raise tw.KernelError("on purpose")
 
-    monkeypatch.setattr("twistwrench.runtime.kernel_metadata.compiled", fails)
+    monkeypatch.setattr("twistwrench.runtime.gufunc.compiled", fails)
     told = []
     monkeypatch.setattr("sys.unraisablehook", lambda what: told.append(what.exc_type))
     out = np.zeros((5, 4), np.float32)[:, ::2]

@@ -11,7 +11,7 @@ from simulated import rates
 
 import twistwrench as tw
 from twistwrench.lie import quaternion
-from twistwrench.lowering import block, scan_loop
+from twistwrench.lowering import lower, scan_loop
 from twistwrench.lowering.target_machine import DOUBLE, choices, host
 from twistwrench.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.simulation import BatchComputedTorque, BatchPD
@@ -573,7 +573,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch)
         raise tw.KernelError("on purpose")
 
     x, dt, tau = np.ones((5, 2), np.float32), np.full(6, 1e-3, np.float32), np.zeros((6, 2), np.float32)
-    monkeypatch.setattr("twistwrench.runtime.kernel_metadata.compiled", fails)
+    monkeypatch.setattr("twistwrench.runtime.gufunc.compiled", fails)
     told = []
     monkeypatch.setattr("sys.unraisablehook", lambda what: told.append(what.exc_type))
     out = np.zeros((5, 4, 2), np.float32)
@@ -587,7 +587,7 @@ def test_without_memory_results_are_nan(monkeypatch):
     robot = tw.robots.cart_pole()
     recurrence = recurrence_of(robot)
     monkeypatch.setattr(scan_loop, "ON_STACK", 0)
-    text = block.assembly(recurrence.program, DOUBLE, host(), scan_loop.loop_over(recurrence))
+    text = lower.assembly(recurrence.program, DOUBLE, host(), scan_loop.loop_over(recurrence))
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
     monkeypatch.setattr(
         "twistwrench.lowering.lower.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]

@@ -14,7 +14,7 @@ ROUNDING = 1e-11
 """Both sides are some thousand float64 operations on numbers of one size, 1e-16 each, so they agree to 1e-13 or better; this
 leaves room for unlucky cancellation and is far below any wrong term, which is of order 1."""
 DIFFERENCES = 1e-9
-"""One side is a derivative by differences of order six (see `twistwrench.testing.comparison`), good to some 1e-12 of the
+"""One side is a derivative by differences of order six (see `twistwrench.testing`), good to some 1e-12 of the
 function; this leaves the same room."""
 
 ONE_DEGREE = ("revolute", "continuous", "prismatic", "helical", "mimic", "fixed")

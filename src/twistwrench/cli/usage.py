@@ -21,9 +21,8 @@ from typing import Any, TypeAlias
 import click
 
 from ..core.arguments import visible
-from ..core.verdict import ExitCode
+from ..core.verdict import ExitCode, end_at_once
 from ..errors import ModelWarning, TwistWrenchError
-from ..interrupts import end_at_once
 
 
 class RobotOption(click.Option):

@@ -27,7 +27,7 @@ from ..errors import UnknownNameError, ValueRangeError
 from ..lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
-from ..robot.closed.closed_robot import ClosedRobot
+from ..robot.closed_robot import ClosedRobot
 from ..typing import Array
 from .references import Motion, Reference, gain, in_body, in_world, joint_motion, one_state, pose_motion, require_driven
 
@@ -288,7 +288,7 @@ class Impedance(TaskLaw):
 #     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
 #
 # so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, whatever the motion law asks for along A. As λ in the equations of
-# :mod:`twistwrench.robot.closed.closed_robot`, λ_d is what the robot applies where it is held.
+# :mod:`twistwrench.robot.closed_robot`, λ_d is what the robot applies where it is held.
 
 Law = Callable[[float, Array, Array], ArrayLike]
 

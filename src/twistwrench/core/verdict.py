@@ -15,8 +15,14 @@ code  meaning
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
+import sys
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from pathlib import Path
+from typing import Any
 
 __all__ = ["ExitCode", "Verdict", "Word"]
 
@@ -120,3 +126,24 @@ class Verdict:
 
     def __str__(self) -> str:
         return f"{self.word}: {'; '.join(self.reasons)}" if self.reasons else str(self.word)
+
+
+# ── Ctrl-C during the import of the package: the command ends as it does later, without a traceback
+
+
+def end_at_once(*_: Any) -> None:
+    """End the process; no work is lost."""
+    os.write(2, b"interrupted\n")
+    os._exit(ExitCode.INTERRUPTED)
+
+
+def _is_command() -> bool:
+    """True if the process is the command ``twistwrench``, not a program that imports the library."""
+    name = sys.argv[0] if getattr(sys, "argv", None) else ""
+    by_module = name == "-m" and " -m twistwrench " in f" {' '.join(sys.orig_argv)} "
+    return by_module or Path(name).name in ("twistwrench", "twistwrench.exe")
+
+
+if _is_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    with contextlib.suppress(ValueError):  # not in the main thread
+        signal.signal(signal.SIGINT, end_at_once)

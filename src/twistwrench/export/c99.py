@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ from ..core.glossary import complete
 from ..core.gravity import STRENGTH
 from ..core.numbers import in_file
 from ..errors import KernelError, ValueRangeError
-from ..ir.program import FUSED, Program, TensorSpec
+from ..ir.program import FUSED, TensorSpec
 from ..joints.units import unit_of
 from ..model.parameters import nominal
 from ..printers.c99 import FUSED_MACROS, PRECISIONS, identifier
@@ -142,18 +141,14 @@ def _about(robot: Robot, request: Request) -> list[str]:
     ]
     made = len(program.inputs)
     lines.append(f"In: {', '.join(shaped[:made])}. Out: {', '.join(shaped[made:])}.")
-    lines.append(f"{_cost(program)}.")
+    counts = program.counts()
+    named = [(sum(counts.get(op, 0) for op in ops), label) for label, ops in _COUNTED.items()]
+    lines.append(f"{', '.join(f'{n} {label}' for n, label in named if n) or 'No operation'}.")
     if names := full.get("parameters"):
         usual, wide = nominal(robot.model), max(map(len, names))
         lines.append("Entries of parameters, and the robot's own numbers:")
         lines += [f"  {k:3}  {name:{wide}}  {in_file(usual[name])}" for k, name in enumerate(names)]
     return lines
-
-
-def _cost(program: Program) -> str:
-    counts = program.counts()
-    named = [(sum(counts.get(op, 0) for op in ops), label) for label, ops in _COUNTED.items()]
-    return ", ".join(f"{n} {label}" for n, label in named if n) or "No operation"
 
 
 # ── Export of quantities as C99 (header, source and test) and as CUDA source: all files or none
@@ -204,11 +199,8 @@ def export_c(
     paths = {".h": plain.with_suffix(".h"), ".c": plain}
     if test:
         paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
-    read = robot.model.source
-    check_outputs(
-        {label: plain, **{f"{label} (its {end})": p for end, p in paths.items() if p is not plain}},
-        {"the robot": read if _is_file(read) else None, **(inputs or {})},
-    )
+    written = {label: plain, **{f"{label} (its {end})": p for end, p in paths.items() if p is not plain}}
+    check_outputs(written, {"the robot": _file_of(robot), **(inputs or {})})
     wanted = requests(robot, quantities, precision, prefix)
     texts = {".h": header(robot, wanted, plain.stem, prefix), ".c": source(robot, wanted, plain.stem)}
     if test:
@@ -257,8 +249,7 @@ def export_cuda(
             "Make the folder first: each kernel is a file of its own."
         )
     files = [given / f"{request.function.name}.cu" if given.is_dir() else given for request in wanted]
-    read = robot.model.source
-    check_outputs({f"path ({file.name})": file for file in files}, {"the robot": read if _is_file(read) else None})
+    check_outputs({f"path ({file.name})": file for file in files}, {"the robot": _file_of(robot)})
     texts = [_cuda_source(robot, request) for request in wanted]
     with replacing_together(files) as scratch:
         for file, text in zip(scratch, texts, strict=True):
@@ -302,11 +293,13 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
     return given
 
 
-def _is_file(source: str) -> bool:
+def _file_of(robot: Robot) -> str | None:
+    """The file that the robot was read from, if there is one."""
+    source = robot.model.source
     try:
-        return bool(source) and Path(source).is_file()
-    except OSError:  # XML text is no path
-        return False
+        return source if source and Path(source).is_file() else None
+    except OSError:  # XML text is not a path
+        return None
 
 
 # ── Self-test of an export: every function at a few states, against the results of the kernels
@@ -357,24 +350,15 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
         f'#include "{stem}.h"\n\n#include <math.h>\n#include <stdio.h>',
         _CHECK.format(type=precision, f=f, zero=f"0.0{f}"),
     ]
-    calls = []
     for request in requests:
-        data, function = _function(robot, request)
-        parts += [data, function]
-        calls.append(f"    passed &= test_{request.function.name}();")
+        parts += _test_of(robot, request)
+    calls = [f"    passed &= test_{request.function.name}();" for request in requests]
     parts.append("\n".join(["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]))
     return "\n\n".join(parts) + "\n"
 
 
-@dataclass(frozen=True)
-class _Numbers:
-    """Arrays of one input or output at all states, (STATES, size)."""
-
-    name: str
-    values: Array
-
-
-def _function(robot: Robot, request: Request) -> tuple[str, str]:
+def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
+    """Data and test of one function."""
     function = request.function
     program, precision = function.program, function.precision
     dtype = np.float32 if precision == "float" else np.float64
@@ -382,31 +366,28 @@ def _function(robot: Robot, request: Request) -> tuple[str, str]:
     inputs = _inputs(robot, request, dtype)
     wanted, allowed = _results(robot, request, inputs)
     ports = (*program.inputs, *program.outputs)
-    numbers = [
-        _Numbers(f"{function.name}_{name}", np.reshape(values, (STATES, port.size)))
-        for name, port, values in zip(function.parameters, ports, (*inputs, *wanted), strict=True)
-    ]
-    data = "\n".join(_array(n, precision) for n in numbers)
+    names = [f"{function.name}_{name}" for name in function.parameters]
+    numbers = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *wanted), strict=True)]
+    data = "\n".join(_array(name, values, precision) for name, values in zip(names, numbers, strict=True))
     f = PRECISIONS[precision]
     lines = [f"static int test_{function.name}(void)", "{", "    int passed = 1;"]
-    outputs = list(zip(function.parameters[made:], program.outputs, numbers[made:], allowed, strict=True))
-    for name, port, _, _ in outputs:
+    results = function.parameters[made:]
+    for name, port in zip(results, program.outputs, strict=True):
         lines += [f"    {precision} {name}[{port.size}];", f"    {precision} worst_{name} = 0.0{f};"]
-    arguments = ", ".join([*(f"{n.name}[k]" for n in numbers[:made]), *function.parameters[made:]])
+    arguments = ", ".join([*(f"{name}[k]" for name in names[:made]), *results])
     lines += [f"    for (int k = 0; k < {STATES}; k++) {{", f"        {function.name}({arguments});"]
-    for name, port, n, _ in outputs:
-        size = _size(n.values)
+    for name, its, values in zip(results, names[made:], numbers[made:], strict=True):
+        size = _hex(_size(values), precision)
         lines += [
             "        {",
-            f"            const {precision} apart = gap({name}, {n.name}[k], {port.size}, {_hex(size, precision)});",
+            f"            const {precision} apart = gap({name}, {its}[k], {values.shape[1]}, {size});",
             f"            if (worst_{name} >= 0.0{f} && !(apart <= worst_{name}))",
             f"                worst_{name} = apart;",
             "        }",
         ]
     lines.append("    }")
-    for name, _, _, tolerance in outputs:
-        what = f"{function.name}, {name}"
-        lines.append(f'    passed &= check("{what}", worst_{name}, {_hex(tolerance, precision)});')
+    for name, tolerance in zip(results, allowed, strict=True):
+        lines.append(f'    passed &= check("{function.name}, {name}", worst_{name}, {_hex(tolerance, precision)});')
     return data, "\n".join([*lines, "    return passed;", "}"])
 
 
@@ -430,15 +411,10 @@ def _results(robot: Robot, request: Request, inputs: list[Array]) -> tuple[list[
     """
     kernel = robot.kernel(request.quantity, **request.options)
     several = len(request.function.program.outputs) > 1
+    rounded = [a.astype(np.float32) for a in inputs]
     with np.errstate(all="ignore"):
-        single, double, given = (
-            found if several else (found,)
-            for found in (
-                kernel(*(a.astype(np.float32) for a in inputs)),
-                kernel(*(a.astype(np.float32).astype(np.float64) for a in inputs)),
-                kernel(*inputs),
-            )
-        )
+        found = [kernel(*arrays) for arrays in (rounded, [a.astype(np.float64) for a in rounded], inputs)]
+    single, double, given = found if several else [(x,) for x in found]
     wanted, allowed = [np.asarray(a) for a in given], []
     for name, port_single, port_double, port in zip(
         request.function.program.outputs, single, double, wanted, strict=True
@@ -459,9 +435,9 @@ def _size(values: Array) -> float:
     return float(np.abs(values).max()) or 1.0
 
 
-def _array(numbers: _Numbers, precision: str) -> str:
-    rows = ",\n".join("    {" + ", ".join(_hex(x, precision) for x in row) + "}" for row in numbers.values)
-    return f"static const {precision} {numbers.name}[{STATES}][{numbers.values.shape[1]}] = {{\n{rows}\n}};"
+def _array(name: str, values: Array, precision: str) -> str:
+    rows = ",\n".join("    {" + ", ".join(_hex(x, precision) for x in row) + "}" for row in values)
+    return f"static const {precision} {name}[{STATES}][{values.shape[1]}] = {{\n{rows}\n}};"
 
 
 def _hex(value: float, precision: str) -> str:

@@ -26,7 +26,7 @@ from ..ir.program import Program, TensorSpec
 from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from ..runtime.interpreter import compiles
 from ..runtime.xla_handler import is_compiled, make_handler
-from .bridge import BridgedQuantity
+from .request import BridgedQuantity
 
 _DTYPES = {11: np.float32, 12: np.float64}
 """XLA_FFI_DataType_F32 and F64."""
@@ -68,13 +68,8 @@ class _Api(Structure):
 
 class _CallFrame(Structure):
     _fields_ = (
-        *_HEAD,
-        ("api", POINTER(_Api)),
-        ("context", c_void_p),
-        ("stage", c_int),
-        ("args", _Buffers),
-        ("rets", _Buffers),
-    )
+        *_HEAD, ("api", POINTER(_Api)), ("context", c_void_p), ("stage", c_int), ("args", _Buffers), ("rets", _Buffers),
+    )  # fmt: skip
 
 
 _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
@@ -110,12 +105,16 @@ def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[
     def run(pointer: Any) -> int | None:
         frame = pointer.contents
         try:
-            if frame.extension and _answer_metadata(frame.extension, version):
-                return None
-            if frame.stage == _EXECUTE:
+            query = _Extension.from_address(frame.extension) if frame.extension else None
+            if query is not None and query.type == _METADATA:  # XLA only asks for the version
+                answer = query.metadata.contents.version
+                answer.major, answer.minor = version
+            elif frame.stage == _EXECUTE:
                 kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
         except Exception as error:  # nothing may be raised through C
-            return _failure(frame.api, f"{name}: {error}")
+            failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=f"{name}: {error}".encode(), code=_INTERNAL)
+            found: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
+            return found
         return None
 
     return _HANDLER(run)
@@ -126,16 +125,6 @@ def _version(jax: Any) -> tuple[int, int]:
     header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
     major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
     return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
-
-
-def _answer_metadata(extension: int, version: tuple[int, int]) -> bool:
-    """Write the version if XLA only queries it; True if it does."""
-    base = _Extension.from_address(extension)
-    if base.type != _METADATA:
-        return False
-    asked = base.metadata.contents.version
-    asked.major, asked.minor = version
-    return True
 
 
 def _arrays(buffers: Any) -> Sequence[Any]:
@@ -150,13 +139,6 @@ def _array(buffer: Any) -> Any:
         return np.empty(shape, dtype)
     memory: Any = (ctypes.c_char * size).from_address(buffer.data)
     return np.frombuffer(memory, dtype).reshape(shape)
-
-
-def _failure(api: Any, message: str) -> int | None:
-    made = _ErrorCreate(message=message.encode(), code=_INTERNAL)
-    made.size = ctypes.sizeof(_ErrorCreate)
-    found: int | None = _CREATE(api.contents.error_create)(ctypes.byref(made))
-    return found
 
 
 # ── A program as one operation of JAX, made when XLA lowers it: on the processor the compiled kernel, elsewhere JAX's own
@@ -252,71 +234,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         import jax.numpy as jnp
     except ImportError:
         raise MissingExtraError.from_extra("jax", "jax", "robot.to_jax") from None
-    inputs = quantity.inputs
-    names, outputs = [port.name for port in inputs], quantity.program.outputs
-    rates = _on_arrays(jnp, quantity.velocities()) if quantity.curved else None
-    jacobians: dict[tuple[str, ...], Any] = {}
-
-    def with_jacobian(by: tuple[str, ...]) -> Callable[..., Any]:
-        if by not in jacobians:
-            jacobians[by] = jax.custom_jvp(_compiled(jax, quantity.derivative(by, values=True)))
-            jacobians[by].defjvp(partial(along_again, by), symbolic_zeros=True)
-        return jacobians[by]
-
-    values = jax.custom_jvp(_compiled(jax, quantity))
-
-    def along(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
-        """Values and df = J B dx, for moving inputs."""
-        moved = _moved(jax, tangents)
-        by = tuple(names[k] for k in moved)
-        found = with_jacobian(by)(*primals)
-        results, slopes = found[: len(outputs)], found[len(outputs) :]
-        steps = [
-            rates(primals[k], tangents[k]) if rates and names[k] in quantity.curved else tangents[k] for k in moved
-        ]
-        ranks = [1 if names[k] in quantity.curved else len(inputs[k].shape) for k in moved]
-        changes = [
-            sum(
-                _contracted(jnp, J, v, rank, port.shape)
-                for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
-            )
-            for r, port in enumerate(outputs)
-        ]
-        return _alone(results), _alone(tuple(changes))
-
-    values.defjvp(along, symbolic_zeros=True)
-
-    @cache
-    def with_hessian(by: tuple[str, ...]) -> Callable[..., Any]:
-        return _compiled(jax, quantity.derivative(by, "hessian"))
-
-    def along_again(by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
-        """Values and J by some inputs, and df = J dx and dJ = H dx, for moving inputs."""
-        moved = _moved(jax, tangents)
-        every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
-        if not compiles() or any(name in quantity.curved for name in every):
-            plain = _on_arrays(jnp, quantity.derivative(by, values=True).program)
-            whole = [t if k in moved else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
-            derived: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(whole))
-            return derived
-        sizes = {port.name: port.size for port in inputs if port.name in every}
-        ends = dict(zip(sizes, accumulate(sizes.values()), strict=True))
-        part = {name: slice(end - sizes[name], end) for name, end in ends.items()}
-        given, found = with_jacobian(every)(*primals), with_jacobian(by)(*primals)
-        hessians = _listed(with_hessian(every)(*primals))
-        slopes, changes, bends = given[len(outputs) :], [], []
-        for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
-            J = dict(zip(every, slopes[r * len(every) :], strict=False))
-            change: Any = 0.0
-            bend: Any = 0.0
-            for k in moved:
-                step, rank = tangents[k], len(inputs[k].shape)
-                change += _contracted(jnp, J[names[k]], step, rank, port.shape)
-                flat = step.reshape((*step.shape[: step.ndim - rank], inputs[k].size))
-                bend += _contracted(jnp, H[..., part[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
-            changes.append(change)
-            bends += [bend[..., part[name]].reshape(J[name].shape) for name in by]
-        return found, (*changes, *bends)
+    inputs, values = quantity.inputs, _Differentiable(jax, quantity).values
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
@@ -331,6 +249,85 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
     function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {listed}."
     return function
+
+
+class _Differentiable:
+    """One quantity as a function that JAX differentiates twice by the analytic programs."""
+
+    def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
+        self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
+        self.names = [port.name for port in self.inputs]
+        self.rates = _on_arrays(jax.numpy, quantity.velocities()) if quantity.curved else None
+        self._jacobians: dict[tuple[str, ...], Any] = {}
+        self._hessians: dict[tuple[str, ...], Any] = {}
+        self.values = jax.custom_jvp(_compiled(jax, quantity))
+        self.values.defjvp(self.along, symbolic_zeros=True)
+
+    def with_jacobian(self, by: tuple[str, ...]) -> Callable[..., Any]:
+        """The values and J by some inputs, with derivatives of their own."""
+        if by not in self._jacobians:
+            found = self._jacobians[by] = self.jax.custom_jvp(
+                _compiled(self.jax, self.quantity.derivative(by, values=True))
+            )
+            found.defjvp(partial(self.along_again, by), symbolic_zeros=True)
+        return self._jacobians[by]
+
+    def hessian(self, by: tuple[str, ...]) -> Callable[..., Any]:
+        """H by some inputs."""
+        if by not in self._hessians:
+            self._hessians[by] = _compiled(self.jax, self.quantity.derivative(by, "hessian"))
+        return self._hessians[by]
+
+    def along(self, primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+        """Values and df = J B dx, for moving inputs."""
+        moved, curved, count = _moved(self.jax, tangents), self.quantity.curved, len(self.outputs)
+        by = tuple(self.names[k] for k in moved)
+        found = self.with_jacobian(by)(*primals)
+        slopes = found[count:]
+        steps = [
+            self.rates(primals[k], tangents[k]) if self.rates and self.names[k] in curved else tangents[k]
+            for k in moved
+        ]
+        ranks = [1 if self.names[k] in curved else len(self.inputs[k].shape) for k in moved]
+        changes = [
+            sum(
+                _contracted(self.jax.numpy, J, v, rank, port.shape)
+                for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
+            )
+            for r, port in enumerate(self.outputs)
+        ]
+        return _alone(found[:count]), _alone(tuple(changes))
+
+    def along_again(
+        self, by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Values and J by some inputs, and df = J dx and dJ = H dx, for moving inputs."""
+        jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
+        moved = _moved(jax, tangents)
+        every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
+        if not compiles() or any(name in quantity.curved for name in every):
+            plain = _on_arrays(jnp, quantity.derivative(by, values=True).program)
+            whole = [t if k in moved else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
+            derived: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(whole))
+            return derived
+        sizes = {port.name: port.size for port in self.inputs if port.name in every}
+        ends = dict(zip(sizes, accumulate(sizes.values()), strict=True))
+        part = {name: slice(end - sizes[name], end) for name, end in ends.items()}
+        given, found = self.with_jacobian(every)(*primals), self.with_jacobian(by)(*primals)
+        hessians = _listed(self.hessian(every)(*primals))
+        slopes, changes, bends = given[len(outputs) :], [], []
+        for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
+            J = dict(zip(every, slopes[r * len(every) :], strict=False))
+            change: Any = 0.0
+            bend: Any = 0.0
+            for k in moved:
+                step, rank = tangents[k], len(self.inputs[k].shape)
+                change += _contracted(jnp, J[names[k]], step, rank, port.shape)
+                flat = step.reshape((*step.shape[: step.ndim - rank], self.inputs[k].size))
+                bend += _contracted(jnp, H[..., part[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
+            changes.append(change)
+            bends += [bend[..., part[name]].reshape(J[name].shape) for name in by]
+        return found, (*changes, *bends)
 
 
 def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
@@ -398,9 +395,8 @@ def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> 
     size = prod(J.shape[split:])
     rows = J.reshape((*J.shape[:split], size))
     steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
-    return jnp.sum(
-        rows * steps, axis=-1
-    )  # XLA makes less of a product of matrices: rows of the identity are no special case
+    # XLA makes less of a product of matrices: rows of the identity are no special case
+    return jnp.sum(rows * steps, axis=-1)
 
 
 def _listed(found: Any) -> tuple[Any, ...]:

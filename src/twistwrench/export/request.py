@@ -1,20 +1,29 @@
-"""Requests of export: quantities with their options, each with the name of its function in C."""
+"""Quantities with their options: requests of export, each with its function in C, and quantities as the bridges need them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..algorithms.kinematics import velocity_map
+from ..core import arguments
 from ..errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ..ir.program import Program, TensorSpec
+from ..ir.tracer import trace
 from ..lie.labelled import TWIST
 from ..printers.c99 import PRECISIONS, CFunction, identifier
+from ..robot.arguments import CONFIGURATIONS
 from ..robot.programs import checked_options, program_of
 from ..robot.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from ..robot.engine import Engine
 
 Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, Mapping[str, Any]]]
 
@@ -59,7 +68,7 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
     found: list[Request] = []
     for name, options in named(quantities):
         full = checked_options(robot.model, name, options)
-        _require_a_program(robot, name, full)
+        _require_program(robot, name, full)
         function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
         if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
             raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
@@ -95,7 +104,7 @@ def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
             )
 
 
-def _require_a_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
+def _require_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
     """Raise KernelError for quantities that a program without branches computes wrongly everywhere."""
     if QUANTITIES[name].needs_inverse:
         robot.engine.require_invertible()
@@ -126,3 +135,106 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
         yield from ("by", *map(identifier, derivative.by))
         if derivative.form != "jacobian":
             yield derivative.form
+
+
+# ── One quantity for a bridge: program, derivatives, and rates of the entries of q
+
+BRIDGE_PRECISIONS = ("double", "single")
+
+
+@dataclass(frozen=True, eq=False)
+class BridgedQuantity:
+    """One quantity with its options; its parts are built once, since functions use them in every call."""
+
+    robot: Robot
+    name: str
+    options: Mapping[str, Any]
+    _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def from_robot(
+        cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str
+    ) -> BridgedQuantity:
+        """Checked quantity. Raises KernelError and UnknownNameError before the other package is used."""
+        arguments.choice(precision, f"{what}: precision", BRIDGE_PRECISIONS)
+        if options.get("by") is not None:
+            raise KernelError(
+                f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
+                "it goes to."
+            )
+        found = cls(robot, name, options)
+        _ = found.program
+        return found
+
+    @property
+    def engine(self) -> Engine:
+        """Engine of the robot."""
+        return self.robot.engine
+
+    @cached_property
+    def program(self) -> Program:
+        """The program of the quantity."""
+        return self.engine.program((self.name,), self.options)
+
+    @cached_property
+    def kernel(self) -> Any:
+        """Compiled function of the same program."""
+        return self.engine.kernel((self.name,), self.options)
+
+    def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
+        """Derivative of the quantity by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
+        key = tuple(by), form, values
+        if key not in self._derivatives:
+            asked = {**self.options, "by": tuple(by), "form": form, "values": values}
+            self._derivatives[key] = BridgedQuantity(self.robot, self.name, asked)
+        return self._derivatives[key]
+
+    @property
+    def inputs(self) -> tuple[TensorSpec, ...]:
+        """Names and shapes of the inputs."""
+        return self.program.inputs
+
+    def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
+        """Arrays of the other package as they are, all else as real arrays. Raises ShapeError and ValueRangeError."""
+        ports = self.inputs
+        if len(given) != len(ports):
+            names = ", ".join(port.name for port in ports)
+            raise ShapeError(f"{what} {self.name}: {len(given)} arrays given, {names} wanted.")
+        return [
+            x if isinstance(x, theirs) else arguments.real(x, f"{what} {self.name}: {port.name}", *port.shape)
+            for x, port in zip(given, ports, strict=True)
+        ]
+
+    def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
+        """Raise ShapeError unless these are the inputs' shapes behind batch shapes that broadcast."""
+        ports = self.inputs
+        for shape, port in zip(shapes, ports, strict=True):
+            if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
+                wanted = ", ".join(["…", *map(str, port.shape)])
+                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
+        batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
+        if len(several := set(batches)) <= 1:
+            return
+        try:
+            np.broadcast_shapes(*several)
+        except ValueError:
+            listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
+            raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None
+
+    @property
+    def curved(self) -> tuple[str, ...]:
+        """Inputs whose entries are not integrals of velocities: configurations with quaternions or other angles."""
+        plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
+        return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
+
+    def velocities(self) -> Program:
+        """(q, rates of its entries) -> joint velocities, linear in the rates; rates along a quaternion give zero."""
+        model = self.engine.model
+        return trace(
+            lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
+        )
+
+    def slopes(self) -> Program:
+        """(q, derivative along the velocities) -> derivative by the entries of q: the transpose of :meth:`velocities`."""
+        model = self.engine.model
+        return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

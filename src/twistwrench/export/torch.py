@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import KernelError, MissingExtraError, ValueRangeError
 from ..ir.program import Program
 from ..lowering.reference_interpreter import batch_shape, evaluated, functions_of
-from .bridge import BridgedQuantity
+from .request import BridgedQuantity
 
 
 def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
@@ -110,7 +110,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
     """Kernel of a quantity as a function of tensors with that backward: of tensors, weights, and flags for needed gradients."""
     ports = quantity.inputs
 
-    def kept(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG001  PyTorch passes them
+    def save(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG001  PyTorch passes them
         ctx.save_for_backward(*inputs)
 
     def forward_mode(ctx: Any, *tangents: Any) -> Any:  # noqa: ARG001  PyTorch passes them
@@ -127,17 +127,18 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
         """Variant for torch.func, which passes the context apart from the values; PyTorch reads the signature in every call."""
 
         forward = staticmethod(lambda *tensors: _called(torch, quantity, tensors))
-        setup_context = staticmethod(kept)
+        setup_context = staticmethod(save)
         backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
         @staticmethod
         def vmap(info: Any, dims: Any, *tensors: Any) -> Any:  # noqa: ARG004  PyTorch passes them
             """One call for all: the new axis comes before those of the widest batch."""
             ranks = [t.ndim - len(p.shape) - (d is not None) for t, p, d in zip(tensors, ports, dims, strict=True)]
-            wide = [
-                t if d is None else _in_front(t.movedim(d, 0), max(ranks) - rank)
-                for t, d, rank in zip(tensors, dims, ranks, strict=True)
-            ]
+            wide = list(tensors)
+            for k, (t, d, rank) in enumerate(zip(tensors, dims, ranks, strict=True)):
+                if d is not None:
+                    first = t.movedim(d, 0)
+                    wide[k] = first.reshape((first.shape[0], *(1,) * (max(ranks) - rank), *first.shape[1:]))
             found = Transformed.apply(*wide)
             return found, tuple(0 for _ in found) if isinstance(found, tuple) else 0
 
@@ -189,11 +190,6 @@ def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[An
 
 def _several(found: Any) -> list[Any]:
     return list(found) if isinstance(found, tuple) else [found]
-
-
-def _in_front(tensor: Any, axes: int) -> Any:
-    """The tensor with axes of length 1 behind the first."""
-    return tensor.reshape((tensor.shape[0], *(1,) * axes, *tensor.shape[1:]))
 
 
 def _summed(gradient: Any, tensor: Any) -> Any:

@@ -55,7 +55,7 @@ class Scan:
         return tuple(k for k, source in enumerate(self.sources) if source.kind == "given")
 
     @property
-    def said(self) -> tuple[int, ...]:
+    def reported(self) -> tuple[int, ...]:
         """Numbers of the results that are reported for each step at its beginning."""
         return tuple(range(self.visible + self.hidden, len(self.program.outputs)))
 
@@ -67,7 +67,7 @@ class Scan:
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
         """One row of the kernel's results: states, then reports of steps."""
-        return (*self.program.outputs[: self.visible], *(self.program.outputs[k] for k in self.said))
+        return (*self.program.outputs[: self.visible], *(self.program.outputs[k] for k in self.reported))
 
     @cached_property
     def signature(self) -> str:
@@ -116,9 +116,9 @@ class Search:
         return self.program.outputs[0]
 
     @property
-    def said(self) -> TensorSpec:
+    def status(self) -> TensorSpec:
         """Number of attempts, and the program's report on the best x."""
-        return TensorSpec("said", (self.program.outputs[1].size - self.x.size - 1,))
+        return TensorSpec("status", (self.program.outputs[1].size - self.x.size - 1,))
 
     @property
     def settings(self) -> TensorSpec:
@@ -136,7 +136,7 @@ class Search:
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
         """Results of the kernel."""
-        return self.x, self.said
+        return self.x, self.status
 
     @cached_property
     def signature(self) -> str:

@@ -25,6 +25,20 @@ LINE = 64
 """Bytes of a cache line, to which buffers are aligned."""
 
 
+def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[str], list[Step]]:
+    """Number of samples, addresses and strides of a call of the loop."""
+    samples = w.new("load i64, ptr %dims, align 8")
+    bases = [w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8") for k in range(len(ports))]
+    steps, following = [], 8 * len(ports)
+    for k, port in enumerate(ports):
+        outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * k)}, align 8")
+        axes = range(len(port.shape))
+        inner = [w.new(f"load i64, ptr {w.gep('%steps', following + 8 * axis)}, align 8") for axis in axes]
+        following += 8 * len(port.shape)
+        steps.append((outer, inner))
+    return samples, bases, steps
+
+
 def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
     """Bytes of a block of samples."""
     return max(port.size, 1) * w.lanes * w.precision.bytes
@@ -35,7 +49,7 @@ def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
     w.do(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
 
 
-def take(
+def allocate(
     w: LlvmWriter, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
 ) -> tuple[str, str, list[str]]:
     """Allocate buffers: the pointer to free, the label control is in, the buffers. Without memory, results are NaN."""
@@ -50,7 +64,7 @@ def take(
     w.begin(some)
     beyond = w.new(f"add i64 {w.new(f'ptrtoint ptr {taken} to i64')}, {LINE - 1}")
     place = w.new(f"inttoptr i64 {w.new(f'and i64 {beyond}, {-LINE}')} to ptr")
-    return taken, some, [w.at(place, sum(lines[:k])) for k in range(len(lines))]
+    return taken, some, [w.gep(place, sum(lines[:k])) for k in range(len(lines))]
 
 
 def call_copy(
@@ -76,17 +90,17 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
     per_sample = w.new(f"mul i64 {w.new('mul i64 %n0, %n1')}, %n2")
     size = w.new(f"mul i64 {per_sample}, {precision.bytes}")
     with w.loop("%count", "entry") as row:
-        place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
-        packed = w.at("%buffer", w.new(f"mul i64 {row}, {size}"))
+        place = w.gep("%place", w.new(f"mul i64 {row}, %outer"))
+        packed = w.gep("%buffer", w.new(f"mul i64 {row}, {size}"))
         with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j:
             line = w.new(f"add i64 {w.new(f'mul i64 {i}, %n1')}, {j}")
             number = w.new(f"mul i64 {line}, %n2")
-            near = w.at(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
-            far = w.at(w.at(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
+            near = w.gep(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
+            far = w.gep(w.gep(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
             with w.loop("%n2", w.after) as k:  # all that is left to do for an element: this takes most of a single call
                 close, away = (
-                    w.at(near, w.new(f"mul i64 {k}, {precision.bytes}")),
-                    w.at(far, w.new(f"mul i64 {k}, %s2")),
+                    w.gep(near, w.new(f"mul i64 {k}, {precision.bytes}")),
+                    w.gep(far, w.new(f"mul i64 {k}, %s2")),
                 )
                 here, there = (away, close) if inward else (close, away)
                 value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
@@ -100,13 +114,13 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
 
 def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
     """Repeat the last sample in the remaining rows of the block."""
-    last = w.at("%buffer", w.new(f"mul i64 {w.new('sub i64 %count, 1')}, {size}"))
+    last = w.gep("%buffer", w.new(f"mul i64 {w.new('sub i64 %count, 1')}, {size}"))
     missing = w.new(f"sub i64 {w.lanes}, %count")
     with w.loop(per_sample, w.after) as k:
-        source = w.at(last, w.new(f"mul i64 {k}, {w.precision.bytes}"))
+        source = w.gep(last, w.new(f"mul i64 {k}, {w.precision.bytes}"))
         value = w.new(f"load {word}, ptr {source}, align {w.precision.bytes}")
         with w.loop(missing, w.after) as row:
-            target = w.at(source, w.new(f"mul i64 {w.new(f'add i64 {row}, 1')}, {size}"))
+            target = w.gep(source, w.new(f"mul i64 {w.new(f'add i64 {row}, 1')}, {size}"))
             w.do(f"store {word} {value}, ptr {target}, align {w.precision.bytes}")
 
 
@@ -116,8 +130,8 @@ def streaming(precision: Precision, lanes: int) -> str:
     size = lanes * precision.bytes
     with w.loop("%count", "entry") as k:
         offset = w.new(f"mul i64 {k}, {size}")
-        vector = w.new(f"load {w.vector}, ptr {w.at('%buffer', offset)}, align {size}")
-        w.do(f"store {w.vector} {vector}, ptr {w.at('%place', offset)}, align {size}, !nontemporal !{{i32 1}}")
+        vector = w.new(f"load {w.vector}, ptr {w.gep('%buffer', offset)}, align {size}")
+        w.do(f"store {w.vector} {vector}, ptr {w.gep('%place', offset)}, align {size}, !nontemporal !{{i32 1}}")
     body = "\n".join(w.lines)
     arguments = "ptr %buffer, ptr %place, i64 %count"
     return f"define internal void @stream({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
@@ -127,12 +141,12 @@ def nan_filler(precision: Precision, lanes: int) -> str:
     """``fill_nan`` writes NaN into every entry of strided samples."""
     w = LlvmWriter(precision, lanes)
     with w.loop("%count", "entry") as row:
-        place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
+        place = w.gep("%place", w.new(f"mul i64 {row}, %outer"))
         with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:
             offset = w.new(f"add i64 {w.new(f'mul i64 {i}, %s0')}, {w.new(f'mul i64 {j}, %s1')}")
             offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {k}, %s2')}")
             nan = w.number(math.nan)
-            w.do(f"store {w.element} {nan}, ptr {w.at(place, offset)}, align {precision.bytes}")
+            w.do(f"store {w.element} {nan}, ptr {w.gep(place, offset)}, align {precision.bytes}")
     arguments = "ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
     body = "\n".join(w.lines)
     return f"define internal void @fill_nan({arguments}) noinline cold {{\nentry:\n{body}\n  ret void\n}}\n"
@@ -185,21 +199,12 @@ def loop(name: str, program: Program, precision: Precision, lanes: int, frame: i
 
 def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
     size = w.precision.bytes
-    samples = w.new("load i64, ptr %dims, align 8")
-    bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
-    step, following = [], 8 * len(ports)
-    for k, port in enumerate(ports):
-        outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
-        inner = [
-            w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in range(len(port.shape))
-        ]
-        following += 8 * len(port.shape)
-        step.append((outer, inner))
+    samples, bases, step = call_arrays(w, ports)
     taken, start = "", "entry"
     if large:
         sizes = [*(buffer_size(w, port) for port in ports), frame]
         results = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
-        taken, start, (*buffers, room) = take(w, sizes, samples, results)
+        taken, start, (*buffers, room) = allocate(w, sizes, samples, results)
     else:
         buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
         room = w.new(f"alloca [{frame} x i8], align {LINE}") if frame else ""
@@ -235,7 +240,7 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
         later = w.new(f"icmp sgt i64 {block}, 0")
         places, pointers, copied = [], [], []
         for k in range(len(ports)):
-            places.append(w.at(bases[k], w.new(f"mul i64 {first}, {step[k][0]}")))
+            places.append(w.gep(bases[k], w.new(f"mul i64 {first}, {step[k][0]}")))
             in_place = w.new(f"and i1 {direct[k]}, {whole_rows}")
             pointers.append(w.new(f"select i1 {in_place}, ptr {places[k]}, ptr {buffers[k]}"))
             copied.append(w.new(f"xor i1 {in_place}, true"))
@@ -287,7 +292,7 @@ def _blocks_past_caches(
 def _moved(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, group: int) -> list[str]:
     """Addresses of the arrays after ``count`` groups of blocks."""
     rows = group * w.lanes * w.precision.bytes
-    return [w.at(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
+    return [w.gep(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
 
 
 def _blocks_in_place(

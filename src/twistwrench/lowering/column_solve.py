@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from ..ir.loops import ColumnGroup, ColumnSolve
-from .block import Emitter
 from .ir_builder import LlvmWriter
+from .lower import Emitter
 from .spill_frame import RowLayout, load_slot, store_slot
 from .target_machine import Precision
 
@@ -35,8 +35,8 @@ def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
         for entry, value in _constants(columns, group):  # the columns of the last block are in their places
             store_slot(w, w.splat(value), entry)
         with w.loop(str(len(group.places)), label) as k:
-            place = w.new(f"load i64, ptr {w.at(f'@columns{number}', w.new(f'mul i64 {k}, 8'))}, align 8")
-            w.do(f"call void @column{number}(ptr %frame, ptr {w.at('%frame', place)})")
+            place = w.new(f"load i64, ptr {w.gep(f'@columns{number}', w.new(f'mul i64 {k}, 8'))}, align 8")
+            w.do(f"call void @column{number}(ptr %frame, ptr {w.gep('%frame', place)})")
         label = w.after
     return label
 
@@ -105,7 +105,7 @@ def call_lane_columns(w: LlvmWriter, columns: ColumnSolve, places: RowLayout) ->
     for number, group in enumerate(columns.groups):
         for matrix, column, count in _runs(group, WIDTH // w.precision.bytes):
             entry, base = places.place(columns.entry(matrix, 0, column))
-            place = w.at(base, entry * w.precision.bytes)
+            place = w.gep(base, entry * w.precision.bytes)
             w.do(f"call void @column{number}(ptr %frame, ptr {place}, i64 {count})")
 
 
@@ -144,19 +144,19 @@ class _Columns(Emitter):
         """The vector of an input."""
         w, size = self.w, self.w.precision.bytes
         if number >= self.before:
-            place = w.at("%column", (number - self.before) * self.row)
+            place = w.gep("%column", (number - self.before) * self.row)
             zeros = f"{w.vector} zeroinitializer"
             return w.new(
                 f"call {w.vector} @llvm.masked.load.{w.suffix}.p0(ptr {place}, i32 {size}, {self.mask}, {zeros})"
             )
-        place = w.at("%frame", (self.shared + number) * size)
+        place = w.gep("%frame", (self.shared + number) * size)
         shared = w.new(f"load {w.element}, ptr {place}, align {size}")
         first = w.new(f"insertelement {w.vector} poison, {w.element} {shared}, i32 0")
         return w.new(f"shufflevector {w.vector} {first}, {w.vector} poison, <{w.lanes} x i32> zeroinitializer")
 
     def output(self, number: int, value: str) -> None:
         """Store an entry of the solutions in its row."""
-        w, place = self.w, self.w.at("%column", number * self.row)
+        w, place = self.w, self.w.gep("%column", number * self.row)
         w.do(
             f"call void @llvm.masked.store.{w.suffix}.p0({w.vector} {value}, ptr {place}, i32 {w.precision.bytes}, {self.mask})"
         )

@@ -88,7 +88,7 @@ class LlvmWriter:
         picks = ", ".join(f"i32 {i}" for i in indices)
         return self.new(f"shufflevector {source} {a}, {source} {b}, <{len(indices)} x i32> <{picks}>")
 
-    def at(self, base: str, offset: int | str) -> str:
+    def gep(self, base: str, offset: int | str) -> str:
         """A pointer that many bytes on."""
         return self.new(f"getelementptr i8, ptr {base}, i64 {offset}")
 
@@ -140,3 +140,147 @@ class LlvmWriter:
         self.do(f"br label %{head}")
         self.begin(end)
         self.after = end
+
+
+# ── Rows to lanes and back, in registers
+
+# A block has ``lanes`` consecutive rows of a C-contiguous array. Columns are loaded in pieces of 128 bits a row, joined
+# and transposed by shuffles; the last piece ends with the row and overlaps its neighbour, so nothing is masked or read past
+# the end. A piece is loaded at the first use of one of its columns, and stored as soon as its columns are complete.
+
+
+def _pieces(columns: int, width: int) -> list[int]:
+    """First columns of the pieces that cover a row."""
+    if columns < width:
+        return []
+    starts = list(range(0, columns - width + 1, width))
+    return starts if columns % width == 0 else [*starts, columns - width]
+
+
+class _Rows:
+    """One array of ``lanes`` rows of ``columns`` elements at ``base``."""
+
+    def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
+        self.w, self.base, self.columns = w, base, columns
+        self.width = 16 // w.precision.bytes
+        self.groups = w.lanes // self.width
+        self.align = w.precision.bytes
+        self.piece = f"<{self.width} x {w.element}>"
+        self.starts = (
+            _pieces(columns, self.width) if self.groups else []
+        )  # fewer lanes than a piece is wide: one by one
+
+    def address(self, row: int, column: int) -> str:
+        return self.w.gep(self.base, (row * self.columns + column) * self.w.precision.bytes)
+
+    def within(self, a: str, b: str, picks: list[int]) -> str:
+        """A shuffle that does the same in every 128-bit group; picks number the group's elements of a, then of b."""
+        n, width = self.w.lanes, self.width
+        indices = [g * width + (i if i < width else n + i - width) for g in range(self.groups) for i in picks]
+        return self.w.shuffle(a, b, indices)
+
+    def transpose(self, v: list[str]) -> list[str]:
+        """Transpose the width × width squares that the groups of ``width`` vectors make; its own inverse."""
+        if self.width == 2:
+            return [self.within(v[0], v[1], [0, 2]), self.within(v[0], v[1], [1, 3])]
+        low, high = [0, 4, 1, 5], [2, 6, 3, 7]
+        a, b = self.within(v[0], v[1], low), self.within(v[2], v[3], low)
+        c, d = self.within(v[0], v[1], high), self.within(v[2], v[3], high)
+        first, second = [0, 1, 4, 5], [2, 3, 6, 7]
+        return [self.within(x, y, p) for x, y in ((a, b), (c, d)) for p in (first, second)]
+
+
+class RowLoader(_Rows):
+    """Columns of an input array, each loaded once."""
+
+    def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
+        super().__init__(w, base, columns)
+        self._ready: dict[int, str] = {}
+
+    def column(self, c: int) -> str:
+        """The vector of one column."""
+        if c not in self._ready:
+            start = next((s for s in self.starts if s <= c < s + self.width), None)
+            if start is None:
+                self._ready[c] = self._gather(c)
+            else:
+                for k, vector in enumerate(self._load(start)):
+                    self._ready.setdefault(start + k, vector)
+        return self._ready[c]
+
+    def _load(self, start: int) -> list[str]:
+        joined = []
+        for k in range(self.width):
+            parts = [
+                self.w.new(f"load {self.piece}, ptr {self.address(g * self.width + k, start)}, align {self.align}")
+                for g in range(self.groups)
+            ]
+            size = self.width
+            while len(parts) > 1:
+                pairs = zip(parts[::2], parts[1::2], strict=True)
+                parts = [self.w.shuffle(a, b, range(2 * size), size) for a, b in pairs]
+                size *= 2
+            joined.append(parts[0])
+        return self.transpose(joined)
+
+    def _gather(self, c: int) -> str:
+        w, vector = self.w, "poison"
+        for row in range(w.lanes):
+            x = w.new(f"load {w.element}, ptr {self.address(row, c)}, align {self.align}")
+            vector = w.new(f"insertelement {w.vector} {vector}, {w.element} {x}, i32 {row}")
+        return vector
+
+
+class RowStorer(_Rows):
+    """Columns of an output array, stored tile by tile as they become complete.
+
+    Storing limits wide results, so a tile is two pieces wide in long rows: half as many stores.
+    """
+
+    def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
+        super().__init__(w, base, columns)
+        self.span = 2 * self.width if columns >= 2 * self.width else self.width
+        self._ready: dict[int, str] = {}
+        self._missing = dict.fromkeys(_pieces(columns, self.span) if self.groups else [], self.span)
+        self._single = not self._missing
+
+    def put(self, c: int, vector: str) -> None:
+        """Store one column, once."""
+        self._ready[c] = vector
+        if self._single:
+            self._scatter(c, vector)
+        for start in self._tiles(c):
+            self._missing[start] -= 1
+            if not self._missing[start]:
+                self._store(start)
+
+    def _tiles(self, c: int) -> list[int]:
+        """First columns of the tiles with column c: the regular one, and the last, which ends with the row."""
+        starts = sorted({c - c % self.span, self.columns - self.span})
+        return [start for start in starts if start in self._missing and start <= c]
+
+    def _store(self, start: int) -> None:
+        w, width, span = self.w, self.width, self.span
+        tile = f"<{span} x {w.element}>"
+        left, right = self._transposed(start), self._transposed(start + span - width)
+        for k in range(width):
+            for g in range(self.groups):
+                group = list(range(g * width, g * width + width))
+                both = group + [w.lanes + i for i in group] if span > width else group
+                part = w.shuffle(left[k], right[k], both)
+                w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
+
+    def clear(self) -> None:
+        """Store zeros in the place of the first tile."""
+        kind = f"<{self.span} x {self.w.element}>"
+        for row in range(self.w.lanes):
+            self.w.do(f"store {kind} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
+
+    def _transposed(self, start: int) -> list[str]:
+        return self.transpose([self._ready[start + k] for k in range(self.width)])
+
+    def _scatter(self, c: int, vector: str) -> None:
+        w = self.w
+        for row in range(w.lanes):
+            x = w.new(f"extractelement {w.vector} {vector}, i32 {row}")
+            w.do(f"store {w.element} {x}, ptr {self.address(row, c)}, align {self.align}")

@@ -1,17 +1,20 @@
-"""LLVM assembly of a program with its loop: one function, or partitions if the program is long.
+"""Programs as LLVM assembly: a block of samples side by side in SIMD lanes with the loop around it, or partitions if long.
 
+No fast-math flags: only the program's own fused products are fused, so a sample's bits do not depend on the number of
+lanes, on its position in the batch, or on its neighbours. A processor without fused products rounds products and sums apart.
 Loops are imported at their first use: the first kernel of an arm needs few modules.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from ..ir.loops import ColumnSolve, Form, Products, Scan, program_of
-from ..ir.program import Program
+from ..ir.program import FUSED, Program
 from .batch_loop import Loop, loop
-from .block import assembly
-from .target_machine import Machine, Precision
+from .ir_builder import LlvmWriter, RowLoader, RowStorer
+from .target_machine import LOOP, Machine, Precision
+from .vector_math import exp, sincos, wrap, wrapper
 
 LONG = 2000
 """Most instructions of one function; longer programs are partitioned, and run faster so (bench/NOTES.md)."""
@@ -44,3 +47,189 @@ def _around(given: Form, machine: Machine) -> Loop:
     from .search_loop import search_over
 
     return search_over(given)
+
+
+# ── one block, in one function
+
+CUT = 500
+"""Instructions in a basic block of a large program."""
+
+SIDE_BY_SIDE = 6
+"""Angles whose sine and cosine are computed in lockstep."""
+
+LARGE = 6000
+"""Programs beyond this many instructions are cut: LLVM's time grows faster than the length of a block."""
+
+CUT_OUTPUTS = 125
+"""Entries of results stored in a basic block of a wide program."""
+
+WIDE = 500
+"""Programs with more entries of results are also cut by these: LLVM's schedulers compare every two stores of a block."""
+
+
+def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
+    """The module: the block, the loop around it, and the functions they call."""
+    lanes = machine.lanes(precision)
+    w = LlvmWriter(precision, lanes, fused=machine.fused)
+    e = _Whole(w, program)
+    entries: dict[int, list[int]] = {}
+    for k, result in enumerate(program.results):
+        entries.setdefault(result, []).append(k)
+    e.walk(0, len(program.instructions), entries, large=len(program.instructions) > LARGE)
+    body = "\n".join(w.lines)
+    ports = len(program.inputs) + len(program.outputs)
+    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(ports))
+    return "\n".join(
+        [
+            declarations(w),
+            wrapper(precision, lanes),
+            f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
+            around(LOOP, program, precision, lanes, 0, 1),
+        ]
+    )
+
+
+_INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
+
+
+def declarations(w: LlvmWriter) -> str:
+    """Declarations of the functions that a module may call."""
+    v, e, bits = w.vector, w.element, w.precision.bits
+    lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
+    lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
+    return "\n".join([*lines, "declare double @atan2(double, double)", ""])
+
+
+class Emitter:
+    """State of one walk through instructions: the value of each, and the label of the current basic block."""
+
+    def __init__(self, w: LlvmWriter, program: Program) -> None:
+        self.w, self.program = w, program
+        self.values: dict[int, str] = {}
+        self.label = "entry"
+        self.pairs: dict[int, tuple[str, str]] = {}
+        self.waiting: dict[int, str] = {}
+        loaders = [RowLoader(w, f"%a{k}", port.size) for k, port in enumerate(program.inputs)]
+        self._inputs = [
+            (loader, c) for loader, port in zip(loaders, program.inputs, strict=True) for c in range(port.size)
+        ]
+
+    def input(self, number: int) -> str:
+        """The vector of an input."""
+        loader, column = self._inputs[number]
+        return loader.column(column)
+
+    def meet(self, number: int) -> None:
+        """Visit an input in the order of the program."""
+        self.values[number] = self.input(int(self.program.instructions[number].value))
+
+    def value(self, number: int) -> str:
+        """The vector of an earlier instruction; constants are written anew at each use."""
+        instruction = self.program.instructions[number]
+        return self.w.splat(instruction.value) if instruction.op == "const" else self.values[number]
+
+    def record(self, number: int, value: str) -> None:
+        """Record the vector of an instruction."""
+        self.values[number] = value
+
+    def output(self, number: int, value: str) -> None:
+        """Store an entry of the results."""
+        raise NotImplementedError
+
+    def walk(self, first: int, end: int, entries: Mapping[int, Sequence[int]], *, large: bool) -> None:
+        """Emit some instructions and store the entries of the results that they make."""
+        instructions = self.program.instructions
+        self.check(_plain_angles(self.program, first, end))
+        for number in range(first, end):
+            op, args, value = instructions[number]
+            if op == "const":
+                for k in entries.get(number, ()):
+                    self.output(k, self.w.splat(value))
+                continue
+            if large and number % CUT == CUT - 1:
+                self.cut()
+            if op in ("sin", "cos"):
+                self.record(number, self.sincos(args[0])[op == "cos"])
+            elif op == "input":
+                self.meet(number)
+            else:
+                self.record(number, _operation(self.w, op, [self.value(a) for a in args]))
+            for k in entries.get(number, ()):
+                self.output(k, self.value(number))
+
+    def cut(self) -> None:
+        """End the basic block with a branch that is never taken, by a condition that LLVM cannot evaluate."""
+        following = self.w.label("cut")
+        never = self.w.new("icmp eq ptr %a0, null")
+        self.w.do(f"br i1 {never}, label %out{following}, label %{following}")
+        self.w.begin(f"out{following}")
+        self.w.do("ret void")
+        self.w.begin(following)
+        self.label = following
+
+    def check(self, angles: list[int]) -> None:
+        """Load angles that are inputs, and wrap huge ones."""
+        for number in angles:
+            self.values[number] = self.input(int(self.program.instructions[number].value))
+        if angles:
+            checked, self.label = wrap(self.w, [self.values[number] for number in angles], self.label)
+            self.waiting = dict(zip(angles, checked, strict=True))
+
+    def sincos(self, angle: int) -> tuple[str, str]:
+        """Sine and cosine of an angle, computed at the first use in lockstep with those of other pending angles."""
+        if angle not in self.pairs:
+            if angle in self.waiting:  # some others come along in lockstep
+                group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
+                reachable = [self.waiting.pop(a) for a in group]
+            else:
+                group = [angle]
+                reachable, self.label = wrap(self.w, [self.value(angle)], self.label)
+            self.pairs.update(zip(group, sincos(self.w, reachable), strict=True))
+        return self.pairs[angle]
+
+
+class _Whole(Emitter):
+    """Emitter of a whole program, which stores the results in the arrays."""
+
+    def __init__(self, w: LlvmWriter, program: Program) -> None:
+        super().__init__(w, program)
+        self.wide, self.stored = len(program.results) > WIDE, 0
+        first = len(program.inputs)
+        storers = [RowStorer(w, f"%a{k}", port.size) for k, port in enumerate(program.outputs, start=first)]
+        self._outputs = [(s, c) for s, port in zip(storers, program.outputs, strict=True) for c in range(port.size)]
+
+    def output(self, number: int, value: str) -> None:
+        """Store an entry of the results."""
+        storer, column = self._outputs[number]
+        storer.put(column, value)
+        self.stored += 1
+        if self.wide and self.stored % CUT_OUTPUTS == 0:
+            self.cut()
+
+
+def _plain_angles(program: Program, first: int, end: int) -> list[int]:
+    """Inputs that are arguments of sines and cosines: their sizes are checked together at the beginning."""
+    some = program.instructions[first:end]
+    taken = {i.args[0] for i in some if i.op in ("sin", "cos")}
+    return sorted(k for k in taken if program.instructions[k].op == "input")
+
+
+_BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+
+
+def _operation(w: LlvmWriter, op: str, x: list[str]) -> str:
+    if op in _BINARY:
+        return w.binary(_BINARY[op], x[0], x[1])
+    if op in FUSED:
+        product, addend = FUSED[op]
+        return w.fma(w.negate(x[0]) if product < 0 else x[0], x[1], w.negate(x[2]) if addend < 0 else x[2])
+    if op == "neg":
+        return w.negate(x[0])
+    if op == "sign":  # 0 stays 0 and NaN stays NaN; a comparison for equality raises no flags
+        neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
+        return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
+    if op in ("min", "max"):
+        return w.select(w.new(f"fcmp {'olt' if op == 'min' else 'ogt'} {w.vector} {x[0]}, {x[1]}"), x[0], x[1])
+    if op == "exp":
+        return exp(w, x[0])
+    return w.intrinsic(op, x[0])

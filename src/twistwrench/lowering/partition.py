@@ -14,9 +14,9 @@ from itertools import pairwise
 from ..ir.loops import ColumnSolve
 from ..ir.program import Program
 from .batch_loop import Loop
-from .block import CUT_OUTPUTS, Emitter, declarations
 from .column_solve import call_lane_columns, column_loop, column_programs, lane_column_programs
-from .ir_builder import LlvmWriter
+from .ir_builder import LlvmWriter, RowStorer
+from .lower import CUT_OUTPUTS, Emitter, declarations
 from .spill_frame import (
     FrameLayout,
     RowLayout,
@@ -29,7 +29,6 @@ from .spill_frame import (
 )
 from .target_machine import LOOP, Machine, Precision
 from .vector_math import wrapper
-from .vector_transpose import RowStorer
 
 PARTITION = 400
 """Approximate number of instructions of a partition."""
@@ -153,9 +152,9 @@ class _Partition(Emitter):
             )
         return super().value(number)
 
-    def made(self, number: int, value: str) -> None:
+    def record(self, number: int, value: str) -> None:
         """Record the vector of an instruction; entries of the results are stored in their slots in any case."""
-        super().made(number, value)
+        super().record(number, value)
         if number in self.frame.slots and number not in self.frame.entries:
             store_slot(self.w, value, *self.place(self.frame.slots[number]))
 

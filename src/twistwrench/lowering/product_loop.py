@@ -14,14 +14,14 @@ from .batch_loop import (
     LINE,
     SHORTEST_PIECE,
     Loop,
-    Step,
+    allocate,
     buffer_size,
+    call_arrays,
     call_block,
     call_copy,
     copying,
     nan_filler,
     streaming,
-    take,
 )
 from .ir_builder import LlvmWriter
 from .target_machine import Precision
@@ -34,7 +34,7 @@ _MIXED = 3
 def products_over(products: Products, *, fused: bool) -> Loop:
     """Writer of the loop of products around their program's blocks; ``fused``: the machine has fused products."""
 
-    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+    def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame)
         loop.write()
         return "\n".join(
@@ -53,7 +53,7 @@ def products_over(products: Products, *, fused: bool) -> Loop:
             ]
         )
 
-    return made
+    return write
 
 
 def _starts(n: int, step: int) -> list[int]:
@@ -104,24 +104,24 @@ class _Matrices:
             with w.loop(str(len(self.columns)), w.after) as b:
                 j = self._entry(w, "@tile_columns", b)
                 place = w.new(f"add i64 {w.new(f'mul i64 {a}, {len(self.columns)}')}, {b}")
-                kind = w.new(f"load i8, ptr {w.at('@tile_kinds', place)}, align 1")
+                kind = w.new(f"load i8, ptr {w.gep('@tile_kinds', place)}, align 1")
                 first = w.new(f"add i64 {w.new(f'mul i64 {i}, {self.n}')}, {j}")
-                corner = w.at("%matrix", w.new(f"mul i64 {first}, {self.bytes}"))
+                corner = w.gep("%matrix", w.new(f"mul i64 {first}, {self.bytes}"))
                 for which, factors in ((BEFORE, matrix.before), (AFTER, matrix.after)):
                     with w.when(w.new(f"icmp eq i8 {kind}, {which}")):
                         self._tile(w, factors, i, j, corner, self.n)
                 with w.when(w.new(f"icmp eq i8 {kind}, {NEITHER}")):
                     for row in range(self.height):
-                        self._store(w, w.splat(0.0), w.at(corner, row * self.n * self.bytes))
+                        self._store(w, w.splat(0.0), w.gep(corner, row * self.n * self.bytes))
                 with w.when(w.new(f"icmp eq i8 {kind}, {_MIXED}")):
                     self._tile(w, matrix.before, i, j, tile, self.width)
                     self._tile(w, matrix.after, i, j, corner, self.n)
                     for row in range(self.height):
                         self._choose(
-                            w, w.at("@tile_entries", first), row, w.at(tile, row * self.width * self.bytes), corner
+                            w, w.gep("@tile_entries", first), row, w.gep(tile, row * self.width * self.bytes), corner
                         )
         for r, c, x in matrix.added:
-            place = w.at("%matrix", (r * self.n + c) * self.bytes)
+            place = w.gep("%matrix", (r * self.n + c) * self.bytes)
             before = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
             total = w.new(f"fadd {w.element} {before}, {w.number(x)}")
             w.do(f"store {w.element} {total}, ptr {place}, align {self.bytes}")
@@ -130,7 +130,7 @@ class _Matrices:
         return f"define internal void @matrix{number}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
     def _entry(self, w: LlvmWriter, table: str, number: str) -> str:
-        return w.new(f"load i64, ptr {w.at(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+        return w.new(f"load i64, ptr {w.gep(table, w.new(f'mul i64 {number}, 8'))}, align 8")
 
     def _store(self, w: LlvmWriter, vector: str, place: str) -> None:
         w.do(f"store {w.vector} {vector}, ptr {place}, align {self.bytes}")
@@ -142,13 +142,13 @@ class _Matrices:
         """One product for all entries of a tile."""
         left, right = factors
         count = self.p.program.outputs[left].shape[1]
-        first = w.at(f"%f{left}", w.new(f"mul i64 {i}, {count * self.bytes}"))
-        beside = w.at(f"%f{right}", w.new(f"mul i64 {j}, {self.bytes}"))
+        first = w.gep(f"%f{left}", w.new(f"mul i64 {i}, {count * self.bytes}"))
+        beside = w.gep(f"%f{right}", w.new(f"mul i64 {j}, {self.bytes}"))
         sums: list[str] = []
         for k in range(count):
-            columns = self._load(w, w.at(beside, k * self.n * self.bytes))
+            columns = self._load(w, w.gep(beside, k * self.n * self.bytes))
             for row in range(self.height):
-                place = w.at(first, (row * count + k) * self.bytes)
+                place = w.gep(first, (row * count + k) * self.bytes)
                 x = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
                 one = w.new(f"insertelement {w.vector} poison, {w.element} {x}, i32 0")
                 every = w.shuffle(one, one, [0] * self.width)
@@ -157,12 +157,12 @@ class _Matrices:
                 else:
                     sums[row] = w.fma(every, columns, sums[row])
         for row, vector in enumerate(sums):
-            self._store(w, vector, w.at(corner, row * width * self.bytes))
+            self._store(w, vector, w.gep(corner, row * width * self.bytes))
 
     def _choose(self, w: LlvmWriter, entries: str, row: int, before: str, corner: str) -> None:
         """Select the product that each entry in a row of a tile needs."""
-        place = w.at(corner, row * self.n * self.bytes)
-        kinds = w.new(f"load <{self.width} x i8>, ptr {w.at(entries, row * self.n)}, align 1")
+        place = w.gep(corner, row * self.n * self.bytes)
+        kinds = w.new(f"load <{self.width} x i8>, ptr {w.gep(entries, row * self.n)}, align 1")
         after = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {AFTER})")
         none = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {NEITHER})")
         found = w.select(after, self._load(w, place), self._load(w, before))
@@ -173,22 +173,13 @@ class _Matrices:
     def write(self) -> None:
         """Everything between the loop's head and its return."""
         w, p = self.w, self.p
-        samples = w.new("load i64, ptr %dims, align 8")
         ports = [*p.inputs, *p.outputs]
-        bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
-        strides: list[Step] = []
-        following = 8 * len(ports)
-        for k, port in enumerate(ports):
-            outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
-            axes = range(len(port.shape))
-            inner = [w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in axes]
-            following += 8 * len(port.shape)
-            strides.append((outer, inner))
+        samples, bases, strides = call_arrays(w, ports)
         count, factors = len(p.inputs), p.program.outputs
         one = TensorSpec("one matrix", (-(-self.n * self.n // w.lanes),))
         sizes = [buffer_size(w, port) for port in (*p.inputs, *factors, one)]
         results = [(bases[k], ports[k].shape, strides[k]) for k in range(count, len(ports))]
-        taken, label, (*buffers, matrix, room) = take(w, [*sizes, self.frame], samples, results)
+        taken, label, (*buffers, matrix, room) = allocate(w, [*sizes, self.frame], samples, results)
         if self.frame:
             w.do(f"call void @prepare(ptr {room})")
         size = self.n * self.n * self.bytes
@@ -197,18 +188,18 @@ class _Matrices:
             first = w.new(f"mul i64 {block}, {w.lanes}")
             some, _ = w.share(samples, first)
             for k, port in enumerate(p.inputs):
-                place = w.at(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
+                place = w.gep(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
                 call_copy(w, "gather", buffers[k], place, some, port.shape, strides[k])
             call_block(w, [*buffers, *([room] if self.frame else [])])
             with w.loop(some, w.after) as lane:
                 row = w.new(f"add i64 {first}, {lane}")
                 mine = [
-                    w.at(buffer, w.new(f"mul i64 {lane}, {port.size * self.bytes}"))
+                    w.gep(buffer, w.new(f"mul i64 {lane}, {port.size * self.bytes}"))
                     for buffer, port in zip(buffers[count:], factors, strict=True)
                 ]
                 for number in range(len(p.matrices)):
                     base, (outer, inner) = bases[count + number], strides[count + number]
-                    place = w.at(base, w.new(f"mul i64 {row}, {outer}"))
+                    place = w.gep(base, w.new(f"mul i64 {row}, {outer}"))
                     plain = w.new(f"icmp eq i64 {inner[1]}, {self.bytes}")
                     plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {inner[0]}, {self.n * self.bytes}')}")
                     past = w.new(f"and i1 {self._may_go_past(many, place)}, {plain}")

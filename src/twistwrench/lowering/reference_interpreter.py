@@ -325,7 +325,7 @@ class NumpySteps:
                     )
                     state = list(found[: len(r.states)])
                     if stage == 0 and between == 0:
-                        for k, result in zip(r.said, out[r.visible :], strict=True):
+                        for k, result in zip(r.reported, out[r.visible :], strict=True):
                             result[..., row, :] = found[k]
             for result, x in zip(out, state[: r.visible], strict=False):
                 result[..., row, :] = x

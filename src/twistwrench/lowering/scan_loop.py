@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from ..ir.loops import Scan
 from ..ir.program import Program, TensorSpec, axes_of
-from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, nan_filler, take
+from .batch_loop import LINE, ON_STACK, Loop, Step, allocate, buffer_size, call_block, call_copy, copying, nan_filler
 from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
@@ -21,7 +21,7 @@ TABLE = "stages"
 def loop_over(recurrence: Scan) -> Loop:
     """Writer of the loop of a scan around its program's blocks."""
 
-    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+    def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
         loop.write()
         return "\n".join(
@@ -37,7 +37,7 @@ def loop_over(recurrence: Scan) -> Loop:
             ]
         )
 
-    return made
+    return write
 
 
 def _table(recurrence: Scan, w: LlvmWriter) -> str:
@@ -91,7 +91,7 @@ class _Steps:
             first = w.new(f"mul i64 {block}, {w.lanes}")
             self.count, short = w.share(samples, first)
             self.whole = w.new(f"xor i1 {short}, true")
-            places = [w.at(x.base, w.new(f"mul i64 {first}, {x.outer}")) for x in operands]
+            places = [w.gep(x.base, w.new(f"mul i64 {first}, {x.outer}")) for x in operands]
             for k, operand in enumerate(inputs[: r.visible]):
                 self._copy("gather", self.state[k], places[k], operand)
             for k in range(r.visible, len(r.states)):
@@ -102,7 +102,7 @@ class _Steps:
                 begins = w.new(f"icmp eq i64 {between}, 0")
                 ends = w.new(f"icmp eq i64 {w.new(f'add i64 {between}, 1')}, {every}")
                 rows = [
-                    w.at(places[len(inputs) + k], w.new(f"mul i64 {row}, {x.along}")) for k, x in enumerate(outputs)
+                    w.gep(places[len(inputs) + k], w.new(f"mul i64 {row}, {x.along}")) for k, x in enumerate(outputs)
                 ]
                 self._step(begins, rows[r.visible :], outputs[r.visible :])
                 with w.when(ends):
@@ -118,10 +118,10 @@ class _Steps:
         ports, stepped = [*r.inputs, *r.outputs], [k >= r.visible for k in range(len(r.inputs) + len(r.outputs))]
         found, following = [], 8 * len(ports)
         for k, (port, has_steps) in enumerate(zip(ports, stepped, strict=True)):
-            base = w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8")
-            outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
+            base = w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8")
+            outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * k)}, align 8")
             axes = len(port.shape) + has_steps
-            inner = [w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in range(axes)]
+            inner = [w.new(f"load i64, ptr {w.gep('%steps', following + 8 * axis)}, align 8") for axis in range(axes)]
             following += 8 * axes
             found.append(_Operand(port, base, outer, inner, stepped=has_steps))
         return found
@@ -129,7 +129,7 @@ class _Steps:
     def _size(self, operand: int) -> str:
         """The length of the axis of steps, or of rows, of an operand."""
         place = axes_of(self.r.signature)[operand][0]
-        return self.w.new(f"load i64, ptr {self.w.at('%dims', 8 * place)}, align 8")
+        return self.w.new(f"load i64, ptr {self.w.gep('%dims', 8 * place)}, align 8")
 
     def _places(self, samples: str, outputs: Sequence[_Operand], kept: str) -> tuple[str, str]:
         """Allocate all buffers; returns the pointer to free, and the label control is in."""
@@ -139,7 +139,7 @@ class _Steps:
             results: list[tuple[str, list[int | str], Step]] = [
                 (x.base, [kept, *x.port.shape], (x.outer, x.strides)) for x in outputs
             ]
-            taken, label, (*buffers, self.room) = take(w, sizes, samples, results)
+            taken, label, (*buffers, self.room) = allocate(w, sizes, samples, results)
         else:
             buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
             self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
@@ -159,10 +159,10 @@ class _Steps:
         for buffer, place, operand in zip(self.given.values(), places, operands, strict=True):
             changes = w.new(f"icmp ne i64 {operand.along}, 0")
             with w.when(w.new(f"or i1 {first}, {changes}")):
-                here = w.at(place, w.new(f"mul i64 {number}, {operand.along}"))
+                here = w.gep(place, w.new(f"mul i64 {number}, {operand.along}"))
                 self._copy("gather", buffer, here, operand)
 
-    def _step(self, begins: str, rows: Sequence[str], said: Sequence[_Operand]) -> None:
+    def _step(self, begins: str, rows: Sequence[str], reported: Sequence[_Operand]) -> None:
         """Evaluate the program once for each stage of a step."""
         w, r = self.w, self.r
         for j, start in self.start.items():
@@ -170,9 +170,9 @@ class _Steps:
         further = [self.room] if self.frame else []
         for stage in range(len(r.table)):
             call_block(w, [*(self._input(k, stage) for k in range(len(r.sources))), *self.results, *further])
-            if stage == 0 and said:
+            if stage == 0 and reported:
                 with w.when(begins):
-                    for k, row, operand in zip(r.said, rows, said, strict=True):
+                    for k, row, operand in zip(r.reported, rows, reported, strict=True):
                         self._copy("scatter", self.results[k], row, operand)
             for state, result, port in zip(self.state, self.results, r.states, strict=False):
                 self._move(state, result, port)
@@ -183,7 +183,7 @@ class _Steps:
             return self.given[k]
         if source.kind == "stage":
             row = buffer_size(self.w, self.program.inputs[k])
-            return self.w.at(f"@{TABLE}", stage * row)
+            return self.w.gep(f"@{TABLE}", stage * row)
         return self.start[source.state] if source.kind == "start" else self.state[source.state]
 
     def _copy(self, which: str, buffer: str, place: str, operand: _Operand) -> None:
@@ -194,8 +194,8 @@ class _Steps:
             plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {stride}, {size}')}")
         with w.when(plain):
             for lane in range(w.lanes):
-                near = w.at(buffer, lane * operand.port.size * size)
-                far = w.at(place, w.new(f"mul i64 {operand.outer}, {lane}"))
+                near = w.gep(buffer, lane * operand.port.size * size)
+                far = w.gep(place, w.new(f"mul i64 {operand.outer}, {lane}"))
                 self._bytes(*((near, far) if which == "gather" else (far, near)), operand.port.size * size, size)
         with w.when(w.new(f"xor i1 {plain}, true")):
             call_copy(w, which, buffer, place, self.count, operand.port.shape, operand.step)
@@ -210,5 +210,5 @@ class _Steps:
     def _clear(self, buffer: str, port: TensorSpec) -> None:
         w = self.w
         for k in range(port.size):
-            place = w.at(buffer, k * w.lanes * w.precision.bytes)
+            place = w.gep(buffer, k * w.lanes * w.precision.bytes)
             w.do(f"store {w.vector} zeroinitializer, ptr {place}, align {w.lanes * w.precision.bytes}")

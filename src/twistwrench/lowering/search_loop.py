@@ -6,7 +6,7 @@ import math
 
 from ..ir.loops import ALLOWED, ATTEMPTS, PLACES, TIMES, Search
 from ..ir.program import Program, TensorSpec
-from .batch_loop import LINE, ON_STACK, Loop, Step, buffer_size, call_block, call_copy, copying, nan_filler, take
+from .batch_loop import LINE, ON_STACK, Loop, Step, allocate, buffer_size, call_block, call_copy, copying, nan_filler
 from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
@@ -16,7 +16,7 @@ NONE = 1 << 62
 OF_SAMPLE, OF_LANE = ("sample", "next", "winner", "flying", "nearest"), ("attempt", "times")
 """Integers of each lane. Those of a sample belong to its lane, or to the first lane if all have the same sample."""
 
-X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, SAID = range(8)
+X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, STATUS = range(8)
 """Buffers; those of inputs follow."""
 
 
@@ -35,7 +35,7 @@ class SearchState:
             passed,
             passed,
             TensorSpec("far", (PLACES,)),
-            search.said,
+            search.status,
         ]
         self.ports += search.inputs
         self.samples = ""
@@ -52,10 +52,10 @@ class SearchState:
         self.plain: list[str] = []
         following = 8 * len(ports)
         for k, port in enumerate(ports):
-            self.bases.append(w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8"))
-            outer = w.new(f"load i64, ptr {w.at('%steps', 8 * k)}, align 8")
+            self.bases.append(w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8"))
+            outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * k)}, align 8")
             axes = range(len(port.shape))
-            inner = [w.new(f"load i64, ptr {w.at('%steps', following + 8 * axis)}, align 8") for axis in axes]
+            inner = [w.new(f"load i64, ptr {w.gep('%steps', following + 8 * axis)}, align 8") for axis in axes]
             following += 8 * len(port.shape)
             self.strides.append((outer, inner))
             plain, expected = "true", self.bytes
@@ -77,7 +77,7 @@ class SearchState:
                 (self.bases[k], port.shape, self.strides[k])
                 for k, port in enumerate(self.s.outputs, len(self.s.inputs))
             ]
-            taken, w.after, (*self.buffers, self.frame_room) = take(w, sizes, self.samples, results)
+            taken, w.after, (*self.buffers, self.frame_room) = allocate(w, sizes, self.samples, results)
         else:
             self.buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
             self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
@@ -90,7 +90,7 @@ class SearchState:
         w = self.w
         found = []
         for k in range(2, len(self.s.inputs)):
-            buffer = self.buffers[SAID + 1 + k]
+            buffer = self.buffers[STATUS + 1 + k]
             with w.when(w.new(f"xor i1 {self.plain[k]}, true")):
                 call_copy(w, "gather", buffer, self.bases[k], "1", self.s.inputs[k].shape, self.strides[k])
             found.append(w.new(f"select i1 {self.plain[k]}, ptr {self.bases[k]}, ptr {buffer}"))
@@ -104,8 +104,8 @@ class SearchState:
     def place(self, name: str, lane: str) -> str:
         """Address of the integer of a lane."""
         names = OF_SAMPLE + OF_LANE
-        first = self.w.at(self.counts, names.index(name) * self.w.lanes * 8)
-        return self.w.at(first, self.w.new(f"mul i64 {lane}, 8"))
+        first = self.w.gep(self.counts, names.index(name) * self.w.lanes * 8)
+        return self.w.gep(first, self.w.new(f"mul i64 {lane}, 8"))
 
     def count(self, name: str, lane: str) -> str:
         """The integer of a lane."""
@@ -117,15 +117,15 @@ class SearchState:
 
     def row(self, which: int, lane: str) -> str:
         """Address of the row of a lane in a buffer."""
-        return self.w.at(self.buffers[which], self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}"))
+        return self.w.gep(self.buffers[which], self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}"))
 
     def number(self, place: str, entry: int) -> str:
         """An entry of a row."""
-        return self.w.new(f"load {self.w.element}, ptr {self.w.at(place, entry * self.bytes)}, align {self.bytes}")
+        return self.w.new(f"load {self.w.element}, ptr {self.w.gep(place, entry * self.bytes)}, align {self.bytes}")
 
     def store(self, place: str, entry: int, value: str) -> None:
         """Set an entry of a row."""
-        self.w.do(f"store {self.w.element} {value}, ptr {self.w.at(place, entry * self.bytes)}, align {self.bytes}")
+        self.w.do(f"store {self.w.element} {value}, ptr {self.w.gep(place, entry * self.bytes)}, align {self.bytes}")
 
     def move(self, there: str, here: str, count: int, align: int = 0) -> None:
         """Copy some bytes."""
@@ -137,7 +137,7 @@ class SearchState:
         """Fill a buffer with zeros."""
         w, size = self.w, self.w.lanes * self.bytes
         with w.loop(str(port.size), w.after) as k:
-            w.do(f"store {w.vector} zeroinitializer, ptr {w.at(buffer, w.new(f'mul i64 {k}, {size}'))}, align {size}")
+            w.do(f"store {w.vector} zeroinitializer, ptr {w.gep(buffer, w.new(f'mul i64 {k}, {size}'))}, align {size}")
 
     def either(self, condition: str, a: str | int, b: str | int) -> str:
         """One of two integers."""
@@ -154,7 +154,7 @@ class SearchState:
     def copied_in(self, k: int, there: str, sample: str) -> None:
         """Copy one sample of an input to a row."""
         w, port = self.w, self.s.inputs[k]
-        here = w.at(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
+        here = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
         with w.when(self.plain[k]):
             self.move(there, here, port.size * self.bytes)
         with w.when(w.new(f"xor i1 {self.plain[k]}, true")):
@@ -163,7 +163,7 @@ class SearchState:
     def copied_out(self, k: int, here: str, sample: str) -> None:
         """Copy a row to one sample of a result."""
         w, port, number = self.w, self.s.outputs[k], len(self.s.inputs) + k
-        there = w.at(self.bases[number], w.new(f"mul i64 {sample}, {self.strides[number][0]}"))
+        there = w.gep(self.bases[number], w.new(f"mul i64 {sample}, {self.strides[number][0]}"))
         with w.when(self.plain[number]):
             self.move(there, here, port.size * self.bytes)
         with w.when(w.new(f"xor i1 {self.plain[number]}, true")):
@@ -181,7 +181,7 @@ class SearchState:
 def search_over(search: Search) -> Loop:
     """Writer of the loop of a search around its program's blocks."""
 
-    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+    def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
         loop.write()
         w = loop.w
@@ -199,7 +199,7 @@ def search_over(search: Search) -> Loop:
             ]
         )
 
-    return made
+    return write
 
 
 def _constant(w: LlvmWriter, numbers: tuple[float, ...]) -> str:
@@ -258,15 +258,15 @@ class _Attempts(SearchState):
             idle = w.new(f"icmp eq i64 {self.count('flying', mine)}, 0")
             with w.when(self.both(f"xor i1 {more}, true", idle)):
                 with w.when(w.new(f"icmp sge i64 {self.count('sample', mine)}, 0")):
-                    self._say(mine)
-                self._take(mine)
+                    self._report(mine)
+                self._next_sample(mine)
             none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NONE}")
             with w.when(self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")):
                 self._start(lane, mine)
         with w.when(w.new(f"icmp sge i64 {self.count('attempt', lane)}, 0")):
             w.do(f"store i64 1, ptr {self.working}, align 8")
 
-    def _take(self, mine: str) -> None:
+    def _next_sample(self, mine: str) -> None:
         """The next sample, if there is one."""
         w = self.w
         sample = w.new(f"load i64, ptr {self.queue}, align 8")
@@ -289,7 +289,7 @@ class _Attempts(SearchState):
         self.copied_in(0, given, sample)
         size = self.s.target.size * self.bytes
         rest = self.ports[GIVEN].size * self.bytes - size
-        self.move(w.at(given, size), w.at(self.settings, ALLOWED * self.bytes), rest)
+        self.move(w.gep(given, size), w.gep(self.settings, ALLOWED * self.bytes), rest)
         with w.when(w.new(f"icmp eq i64 {attempt}, 0")):
             self.copied_in(1, x, sample)
             self._bring_inside(x)
@@ -298,20 +298,20 @@ class _Attempts(SearchState):
         with w.when(w.new(f"icmp sgt i64 {attempt}, 0")):
             nearest = self._nearest(mine)
             size = self.ports[X].size * self.bytes
-            self.move(x, w.at(self.places, w.new(f"mul i64 {nearest}, {size}")), size)
+            self.move(x, w.gep(self.places, w.new(f"mul i64 {nearest}, {size}")), size)
         size = self.ports[X].size * self.bytes
         self.move(passed, x, size)
-        self.move(w.at(passed, size), "@begins", len(self.s.begins) * self.bytes)
+        self.move(w.gep(passed, size), "@begins", len(self.s.begins) * self.bytes)
 
     def _bring_inside(self, x: str) -> None:
         """Clamp the entries of x to their limits."""
         w, e = self.w, self.w.element
         with w.loop(str(self.s.x.size), w.after) as k:
             offset = w.new(f"mul i64 {k}, {self.bytes}")
-            place = w.at(x, offset)
+            place = w.gep(x, offset)
             value = self.number(place, 0)
             for table, order in (("@least", "olt"), ("@most", "ogt")):
-                bound = self.number(w.at(table, offset), 0)
+                bound = self.number(w.gep(table, offset), 0)
                 beyond = w.new(f"fcmp {order} {e} {value}, {bound}")
                 value = w.new(f"select i1 {beyond}, {e} {bound}, {e} {value}")
             self.store(place, 0, value)
@@ -330,10 +330,10 @@ class _Attempts(SearchState):
         with w.loop(str(PLACES // w.lanes), w.after) as k:
             offset, total = w.new(f"mul i64 {k}, {w.lanes * self.bytes}"), w.splat(0.0)
             for entry, (wanted, weight) in enumerate(pairs):
-                place = w.at(w.at(self.reached, entry * PLACES * self.bytes), offset)
+                place = w.gep(w.gep(self.reached, entry * PLACES * self.bytes), offset)
                 gap = w.new(f"fsub {wanted}, {w.new(f'load {w.vector}, ptr {place}, align {self.bytes}')}")
                 total = w.binary("fadd", total, w.new(f"fmul {weight}, {w.binary('fmul', gap, gap)}"))
-            w.do(f"store {w.vector} {total}, ptr {w.at(far, offset)}, align {self.bytes}")
+            w.do(f"store {w.vector} {total}, ptr {w.gep(far, offset)}, align {self.bytes}")
 
     def _everywhere(self, number: str) -> str:
         w = self.w
@@ -348,7 +348,7 @@ class _Attempts(SearchState):
         w.do(f"store i64 0, ptr {found}, align 8")
         w.do(f"store {w.element} {w.number(math.inf)}, ptr {least}, align 8")
         with w.loop(str(PLACES), w.after) as k:
-            this = w.new(f"load {w.element}, ptr {w.at(far, w.new(f'mul i64 {k}, {self.bytes}'))}, align {self.bytes}")
+            this = w.new(f"load {w.element}, ptr {w.gep(far, w.new(f'mul i64 {k}, {self.bytes}'))}, align {self.bytes}")
             before = w.new(f"load {w.element}, ptr {least}, align 8")
             nearer = w.new(f"fcmp olt {w.element} {this}, {before}")
             w.do(
@@ -356,7 +356,7 @@ class _Attempts(SearchState):
             )
             w.do(f"store i64 {self.either(nearer, k, w.new(f'load i64, ptr {found}, align 8'))}, ptr {found}, align 8")
         nearest = w.new(f"load i64, ptr {found}, align 8")
-        place = w.at(far, w.new(f"mul i64 {nearest}, {self.bytes}"))
+        place = w.gep(far, w.new(f"mul i64 {nearest}, {self.bytes}"))
         w.do(f"store {w.element} {w.number(math.inf)}, ptr {place}, align {self.bytes}")
         return nearest
 
@@ -399,14 +399,16 @@ class _Attempts(SearchState):
             self.put("nearest", mine, attempt)
             self.move(best, passed, self.ports[PASSED].size * self.bytes)
 
-    def _say(self, mine: str) -> None:
+    def _report(self, mine: str) -> None:
         """Store the results of a sample."""
         w = self.w
         sample, winner, best = self.count("sample", mine), self.count("winner", mine), self.row(BEST, mine)
         none = w.new(f"icmp eq i64 {winner}, {NONE}")
         starts = self.either(none, self.count("next", mine), w.new(f"add i64 {winner}, 1"))
-        said = self.row(SAID, mine)
-        self.store(said, 0, w.new(f"sitofp i64 {starts} to {w.element}"))
-        self.move(w.at(said, self.bytes), w.at(best, self.s.x.size * self.bytes), (self.s.said.size - 1) * self.bytes)
+        status = self.row(STATUS, mine)
+        self.store(status, 0, w.new(f"sitofp i64 {starts} to {w.element}"))
+        self.move(
+            w.gep(status, self.bytes), w.gep(best, self.s.x.size * self.bytes), (self.s.status.size - 1) * self.bytes
+        )
         self.copied_out(0, best, sample)
-        self.copied_out(1, said, sample)
+        self.copied_out(1, status, sample)

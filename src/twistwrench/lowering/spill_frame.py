@@ -15,8 +15,7 @@ from itertools import accumulate, pairwise
 
 from ..ir.loops import ColumnSolve
 from ..ir.program import Program
-from .ir_builder import LlvmWriter
-from .vector_transpose import RowStorer
+from .ir_builder import LlvmWriter, RowStorer
 
 AT_HAND = ("const", "input")
 """Operations whose values any part can load from their origin."""
@@ -110,20 +109,20 @@ class SpillFrame:
 # ── The frame of a long program, as text: vectors read and written, constant results put in, rows of results made of it
 
 
-def _at(w: LlvmWriter, slot: int | str, base: str) -> str:
+def _slot_address(w: LlvmWriter, slot: int | str, base: str) -> str:
     """Address of a vector of the frame."""
     size = w.lanes * w.precision.bytes
-    return w.at(base, slot * size if isinstance(slot, int) else w.new(f"mul i64 {slot}, {size}"))
+    return w.gep(base, slot * size if isinstance(slot, int) else w.new(f"mul i64 {slot}, {size}"))
 
 
 def load_slot(w: LlvmWriter, slot: int | str, base: str = "%frame") -> str:
     """Load a vector from its slot in the frame, or from another ``base`` in it."""
-    return w.new(f"load {w.vector}, ptr {_at(w, slot, base)}, align {w.lanes * w.precision.bytes}")
+    return w.new(f"load {w.vector}, ptr {_slot_address(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
 def store_slot(w: LlvmWriter, value: str, slot: int | str, base: str = "%frame") -> None:
     """Store a vector in its slot."""
-    w.do(f"store {w.vector} {value}, ptr {_at(w, slot, base)}, align {w.lanes * w.precision.bytes}")
+    w.do(f"store {w.vector} {value}, ptr {_slot_address(w, slot, base)}, align {w.lanes * w.precision.bytes}")
 
 
 def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
@@ -140,10 +139,10 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
         first = w.new(f"mul i64 {tile}, {whole.span}")
         if zeros:
             full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
-            nothing = w.new(f"load i1, ptr {w.at(f'@{zeros}', tile)}, align 1")
+            nothing = w.new(f"load i1, ptr {w.gep(f'@{zeros}', tile)}, align 1")
             w.do(f"br i1 {nothing}, label %{empty}, label %{full}")
             w.begin(empty)
-            place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
+            place = w.gep(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
             RowStorer(w, place, columns).clear()
             w.do(f"br label %{stored}")
             w.begin(full)
@@ -167,7 +166,7 @@ def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
 
 
 def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> None:
-    place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
+    place = w.gep(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
     storer = RowStorer(w, place, columns)
     for c in range(storer.span):
         storer.put(c, load_slot(w, w.new(f"add i64 {entry}, {c}")))
@@ -237,5 +236,5 @@ class RowLayout(FrameLayout):
             nearest = min((start - first for start in self.starts if start > first), default=count)
             together = min(end - first, nearest, WIDEST_STORE // size)
             constant = f"splat ({w.element} {w.number(value)})"
-            w.do(f"store <{together} x {w.element}> {constant}, ptr {w.at(base, number * size)}, align {size}")
+            w.do(f"store <{together} x {w.element}> {constant}, ptr {w.gep(base, number * size)}, align {size}")
             first += together

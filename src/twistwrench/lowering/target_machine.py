@@ -41,10 +41,10 @@ class CompilerFacts(NamedTuple):
 
 def compiler() -> CompilerFacts:
     """LLVM's facts if it is loaded, else those cached for this processor."""
-    return _asked() if "llvmlite.binding" in sys.modules else _kept()
+    return _llvm_facts() if "llvmlite.binding" in sys.modules else _cached_facts()
 
 
-def _asked() -> CompilerFacts:
+def _llvm_facts() -> CompilerFacts:
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
@@ -55,15 +55,15 @@ def _asked() -> CompilerFacts:
 
 
 @cache
-def _kept() -> CompilerFacts:
+def _cached_facts() -> CompilerFacts:
     about = _processor()
     if about is None:
-        return _asked()
+        return _llvm_facts()
     key = object_cache.digest("compiler", *_llvmlite(), about).hex()
     words = (object_cache.load(key) or b"").decode().split("\n")
     if len(words) == len(CompilerFacts._fields):
         return CompilerFacts(*words)
-    found = _asked()
+    found = _llvm_facts()
     object_cache.store(key, "\n".join(found).encode())
     return found
 

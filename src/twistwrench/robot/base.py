@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..model.model import Model, OfferedClosure
     from ..runtime.dispatch import CallSignature
-    from .model_cache import CachedModel
+    from .engine import CachedModel
     from .programs import KernelOptions
     from .robot import Robot
 
@@ -47,7 +47,7 @@ class RobotBase:
         return self.model
 
     def __setstate__(self, model: Model) -> None:
-        self.__init__(model)  # type: ignore[misc]
+        type(self).__init__(self, model)
 
     def _open(self) -> Robot:
         """The robot with all its methods."""
@@ -258,6 +258,8 @@ class RobotBase:
     def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
         """Compiled kernel of one quantity, or of several at once: a ``numpy.ufunc`` with the robot's own sizes.
 
+        Of several quantities, inputs of one name are one input, and what the quantities share is computed once.
+
         Parameters
         ----------
         *names : str, quantities
@@ -284,10 +286,6 @@ class RobotBase:
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
-        Notes
-        -----
-        Of several quantities, inputs of one name are one input, and what the quantities share is computed once.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -301,6 +299,10 @@ class RobotBase:
     def varying(self, *patterns: str) -> dict[str, float]:
         """Parameters that can be inputs of a kernel (masses, inertias, lengths, friction), with the robot's own numbers.
 
+        Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
+        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a
+        payload.
+
         Parameters
         ----------
         *patterns : str, names with wildcards such as ``"*.mass"``; none: all
@@ -308,12 +310,6 @@ class RobotBase:
         Returns
         -------
         parameters : {name: float}, in a kernel's order [SI units]
-
-        Notes
-        -----
-        Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
-        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a
-        payload.
 
         Examples
         --------
@@ -342,11 +338,6 @@ class RobotBase:
         Returns
         -------
         program : Program
-
-        Raises
-        ------
-        KernelError
-            An option does not apply.
 
         Examples
         --------

@@ -33,11 +33,6 @@ class EditMethods(RobotBase):
         ----------
         payload : SpatialInertia, in the axes of the frame and about its origin
 
-        Raises
-        ------
-        InertiaError
-            Such a body cannot exist.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -78,16 +73,6 @@ class EditMethods(RobotBase):
         source : str, Path or mapping, a YAML file, its text, or what it says; docs/actuation.md shows the file
         stiff : bool, take elastic gears to be rigid, so that no motor has a coordinate of its own, and warn of it
 
-        Raises
-        ------
-        NotFoundError, ModelError, UnknownNameError
-            There is no such file, or an entry, which is named, is invalid.
-
-        Warns
-        -----
-        ModelWarning
-            Elastic gears are taken to be rigid.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -103,14 +88,12 @@ class EditMethods(RobotBase):
     def with_armature(self, joints: Mapping[str, ArrayLike]) -> Robot:
         """The robot with other armature (reflected inertia of the drives) at the joints named.
 
+        A rotor of inertia J behind a gear of ratio G has the armature G² J. It is part of every torque, energy and
+        acceleration, and has no weight and no gyroscopic effect; a rotor described to :meth:`with_actuators` has those too.
+
         Parameters
         ----------
         joints : {joint: armature} [kg m², sliding joints: kg]; joints with several velocities take one number, or one each
-
-        Notes
-        -----
-        A rotor of inertia J behind a gear of ratio G has the armature G² J. It is part of every torque, energy and
-        acceleration, and has no weight and no gyroscopic effect; a rotor described to :meth:`with_actuators` has those too.
 
         Examples
         --------
@@ -153,6 +136,9 @@ class EditMethods(RobotBase):
     ) -> Robot:
         """The robot with another one fixed to a frame of it, such as a gripper on an arm.
 
+        Gravity is this robot's. Configurations of one name become one; where one robot has none of a name, it is neutral.
+        The result is written to a file as any robot is.
+
         Parameters
         ----------
         other : Robot, whose base is fixed; of a floating base the joint that lets it float goes
@@ -169,13 +155,6 @@ class EditMethods(RobotBase):
         ------
         ModelError
             Both have a link or a joint of one name; a prefix keeps them apart.
-        FrameError
-            No frame is named, and the robot has no single tip.
-
-        Notes
-        -----
-        Gravity is this robot's. Configurations of one name become one; where one robot has none of a name, it is neutral.
-        The result is written to a file as any robot is.
 
         Examples
         --------
@@ -191,6 +170,9 @@ class EditMethods(RobotBase):
 
     def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
         """A part of the robot by itself: what a link carries, or the chain of joints between it and a tip.
+
+        Gravity is as the base feels it with every joint of the robot neutral. To keep what branches off, lock its joints
+        first: :meth:`lock`.
 
         Parameters
         ----------
@@ -209,11 +191,6 @@ class EditMethods(RobotBase):
         ModelError
             A joint of the part follows one outside, or a rotor of it is on a link outside.
 
-        Notes
-        -----
-        Gravity is as the base feels it with every joint of the robot neutral. To keep what branches off, lock its joints
-        first: :meth:`lock`.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -228,24 +205,15 @@ class EditMethods(RobotBase):
 
 
 class FileMethods(RobotBase):
-    """The methods of a robot that write it."""
+    """The robot as text of files and as models of other libraries.
+
+    A ModelWarning lists what the format cannot say of the robot, such as springs; looks and shapes are not kept by a robot, and
+    not written. ModelError is raised if it has no words for how the robot moves: a screw axis that is not of unit length, or,
+    in MJCF and SDF, a joint that floats in the middle of the tree.
+    """
 
     def to_urdf(self) -> str:
         """URDF text of the robot: every link with its own inertia, fixed joints too.
-
-        Raises
-        ------
-        ModelError
-            A screw axis is not of unit length, which no robot file can say.
-
-        Warns
-        -----
-        ModelWarning
-            The format cannot say something of the robot, such as armature and springs; :func:`twistwrench.save` lists it.
-
-        Notes
-        -----
-        Looks and shapes are not kept by a robot, and are not written.
 
         Examples
         --------
@@ -259,16 +227,6 @@ class FileMethods(RobotBase):
     def to_mjcf(self) -> str:
         """MJCF text of the robot: each moving body with the inertia of all that is fixed to it, other links as empty bodies.
 
-        Raises
-        ------
-        ModelError
-            A screw axis is not of unit length, or a joint floats in the middle of the tree.
-
-        Warns
-        -----
-        ModelWarning
-            The format cannot say something of the robot, such as limits of velocity; :func:`twistwrench.save` lists it.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -281,16 +239,6 @@ class FileMethods(RobotBase):
     def to_sdf(self) -> str:
         """SDF text of the robot: every link with its own inertia; fixed links without mass become frames.
 
-        Raises
-        ------
-        ModelError
-            A screw axis is not of unit length, or a joint floats in the middle of the tree.
-
-        Warns
-        -----
-        ModelWarning
-            The format cannot say something of the robot, such as keyframes; :func:`twistwrench.save` lists it.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -301,7 +249,7 @@ class FileMethods(RobotBase):
         return _text(self, "sdf")
 
     def to_mujoco(self) -> Any:
-        """MuJoCo's model of the robot, compiled from :meth:`to_mjcf`.
+        """MuJoCo's model of the robot, compiled from :meth:`to_mjcf`; :func:`twistwrench.convert.to_mujoco` translates states.
 
         Returns
         -------
@@ -309,20 +257,8 @@ class FileMethods(RobotBase):
 
         Raises
         ------
-        MissingExtraError
-            MuJoCo is not installed.
         ModelError
-            The format has no words for how the robot moves, or MuJoCo refuses its bodies: those that cannot exist, and
-            moving ones without mass.
-
-        Warns
-        -----
-        ModelWarning
-            The format cannot say something of the robot.
-
-        Notes
-        -----
-        :func:`twistwrench.convert.to_mujoco` translates states.
+            MuJoCo refuses the robot's bodies: those that cannot exist, and moving ones without mass.
 
         Examples
         --------
@@ -341,27 +277,13 @@ class FileMethods(RobotBase):
             raise ModelError(f"MuJoCo refuses robot {self.name!r}: {' '.join(str(refusal).split())}.") from None
 
     def to_pinocchio(self) -> Any:
-        """Pinocchio's model of the robot, made joint by joint.
+        """Pinocchio's model of the robot; :func:`twistwrench.convert.to_pinocchio` translates states.
+
+        Joints that follow others are joints of their own there. A joint that is none of Pinocchio's is a ModelError.
 
         Returns
         -------
         model : pinocchio.Model
-
-        Raises
-        ------
-        MissingExtraError
-            Pinocchio is not installed.
-        ModelError
-            A joint is none of Pinocchio's.
-
-        Warns
-        -----
-        ModelWarning
-            Such a model cannot say something of the robot, such as springs.
-
-        Notes
-        -----
-        :func:`twistwrench.convert.to_pinocchio` translates states. Joints that follow others are joints of their own there.
 
         Examples
         --------
@@ -393,12 +315,18 @@ def _warn(name: str, form: str, lost: Iterable[str]) -> None:
 
 
 class BridgeMethods(RobotBase):
-    """The methods of a robot that hand its programs to JAX, PyTorch, CasADi and JavaScript."""
+    """Quantities as functions of JAX, PyTorch, CasADi and JavaScript.
+
+    MissingExtraError is raised if the library is not installed, KernelError if an option does not apply.
+    """
 
     def to_jax(
         self, quantity: str, *, precision: Literal["double", "single"] = "double", **options: Unpack[KernelOptions]
     ) -> Callable[..., Any]:
         """Function of JAX arrays that computes one quantity: it jits, vmaps, and differentiates in both modes.
+
+        First derivatives are the robot's analytic ones. Derivatives by q are by its entries; along a quaternion's own
+        length they are zero.
 
         Parameters
         ----------
@@ -410,18 +338,6 @@ class BridgeMethods(RobotBase):
         -------
         function : callable, of the quantity's inputs with any leading batch shape
 
-        Raises
-        ------
-        KernelError
-            An option does not apply.
-        MissingExtraError
-            JAX is not installed.
-
-        Notes
-        -----
-        First derivatives are the robot's analytic ones. Derivatives by q are by its entries; along a quaternion's own
-        length they are zero.
-
         Examples
         --------
         >>> import jax, twistwrench as tw
@@ -430,13 +346,16 @@ class BridgeMethods(RobotBase):
         >>> float(jax.jacobian(gravity_forces)(jax.numpy.zeros(1))[0, 0]).__round__(2)
         9.81
         """
-        from ..export.bridge import BridgedQuantity
         from ..export.jax import jax_function
+        from ..export.request import BridgedQuantity
 
         return jax_function(BridgedQuantity.from_robot("to_jax", self._open(), quantity, options, precision), precision)
 
     def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """Function of PyTorch tensors that computes one quantity by compiled kernels, differentiable twice.
+
+        Works with ``torch.func`` (grad, jacrev, vmap). Derivatives by q are by its entries; along a quaternion's own
+        length they are zero.
 
         Parameters
         ----------
@@ -447,18 +366,6 @@ class BridgeMethods(RobotBase):
         function : callable, of the quantity's inputs with any leading batch shape
             Tensors on the processor share their memory with the kernel, those on a GPU stay there; float32 if all are.
 
-        Raises
-        ------
-        KernelError
-            An option does not apply.
-        MissingExtraError
-            PyTorch is not installed.
-
-        Notes
-        -----
-        Works with ``torch.func`` (grad, jacrev, vmap). Derivatives by q are by its entries; along a quaternion's own
-        length they are zero.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -468,13 +375,15 @@ class BridgeMethods(RobotBase):
         >>> torch.autograd.grad(energy(q), q)  # doctest: +SKIP
         (tensor([0.], dtype=torch.float64),)
         """
-        from ..export.bridge import BridgedQuantity
+        from ..export.request import BridgedQuantity
         from ..export.torch import torch_function
 
         return torch_function(BridgedQuantity.from_robot("to_torch", self._open(), quantity, options, "double"))
 
     def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity, in SX symbols, for optimal control and code generation.
+
+        Derivatives are CasADi's, by the entries of q; those of a quaternion are not kept at length one.
 
         Parameters
         ----------
@@ -484,25 +393,14 @@ class BridgeMethods(RobotBase):
         -------
         function : casadi.Function, of columns; a result of more than two axes has the first as its rows
 
-        Raises
-        ------
-        KernelError
-            An option does not apply.
-        MissingExtraError
-            CasADi is not installed.
-
-        Notes
-        -----
-        Derivatives are CasADi's, by the entries of q; those of a quaternion are not kept at length one.
-
         Examples
         --------
         >>> import twistwrench as tw
         >>> tw.robots.pendulum().to_casadi("inverse_dynamics")
         Function(inverse_dynamics:(q,dq,ddq)->(tau) SXFunction)
         """
-        from ..export.bridge import BridgedQuantity
         from ..export.javascript import casadi_function
+        from ..export.request import BridgedQuantity
 
         return casadi_function(BridgedQuantity.from_robot("to_casadi", self._open(), quantity, options, "double"))
 
@@ -519,11 +417,6 @@ class BridgeMethods(RobotBase):
             Its function takes arrays of numbers, matrices flat in C order, and last an ``out`` to fill, a fresh
             ``Float64Array`` if left out; of several results an object of arrays.
 
-        Raises
-        ------
-        KernelError
-            An option does not apply.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -538,8 +431,8 @@ class BridgeMethods(RobotBase):
         }
         <BLANKLINE>
         """
-        from ..export.bridge import BridgedQuantity
         from ..export.javascript import javascript_module
+        from ..export.request import BridgedQuantity
 
         return javascript_module(BridgedQuantity(self._open(), quantity, options))
 

@@ -12,23 +12,17 @@ from ..typing import Array
 from .arguments import Kind, Wrenches
 from .base import RobotBase
 
-# ── Derivatives of quantities as methods
-
 
 class DerivativeMethods(RobotBase):
     """Derivatives of a robot's dynamics and kinematics."""
 
     def inverse_dynamics_derivatives(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> tuple[Array, Array]:
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
+
+        Wrenches keep their numbers in their frames, which move along. Friction is left out.
 
         Parameters
         ----------
@@ -39,10 +33,6 @@ class DerivativeMethods(RobotBase):
         tau_by_q : (nv, nv) array, ∂τ/∂q, columns along :meth:`add`
         tau_by_dq : (nv, nv) array, ∂τ/∂dq
 
-        Notes
-        -----
-        Wrenches keep their numbers in their frames, which move along. Friction is left out.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -50,22 +40,16 @@ class DerivativeMethods(RobotBase):
         >>> np.round(by_q, 2).tolist()
         [[-29.43, -9.81], [-9.81, -9.81]]
         """
-        by_q, by_dq = self._with_wrenches(
-            "inverse_dynamics_derivatives", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out
-        )
-        return by_q, by_dq
+        given = q, dq, ddq
+        return self._with_wrenches("inverse_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
 
     def forward_dynamics_derivatives(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        tau: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> tuple[Array, Array, Array]:
+        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
         """Derivatives of forward dynamics, ∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹.
+
+        Wrenches keep their numbers in their frames, which move along. Friction is left out.
 
         Parameters
         ----------
@@ -81,36 +65,17 @@ class DerivativeMethods(RobotBase):
         ------
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        Wrenches keep their numbers in their frames, which move along. Friction is left out.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> by_q, by_dq, inverse = arm.forward_dynamics_derivatives([0, 0], [0, 0], [0, 0])
-        >>> (inverse @ arm.mass_matrix([0, 0])).round(12).tolist()
-        [[1.0, 0.0], [0.0, 1.0]]
         """
-        by_q, by_dq, inverse = self._with_wrenches(
-            "forward_dynamics_derivatives", (q, dq, tau), wrench_by_robot, wrench_on_robot, out
-        )
-        return by_q, by_dq, inverse
+        given = q, dq, tau
+        return self._with_wrenches("forward_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
 
     def inverse_dynamics_gradient(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        weights: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> tuple[Array, Array, Array]:
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, weights: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
         """Gradient of a weighted sum of torques, ∂(w·τ)/∂(q, dq, ddq), by reverse mode.
+
+        At a few times the cost of τ.
 
         Parameters
         ----------
@@ -123,10 +88,6 @@ class DerivativeMethods(RobotBase):
         by_dq : (nv,) array, ∂(w·τ)/∂dq
         by_ddq : (nv,) array, ∂(w·τ)/∂ddq, which is M w
 
-        Notes
-        -----
-        At a few times the cost of τ.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -136,26 +97,17 @@ class DerivativeMethods(RobotBase):
         """
         how = {"by": ("q", "dq", "ddq"), "form": "weighted"}
         given = (q, dq, ddq, weights)
-        by_q, by_dq, by_ddq = self._with_wrenches(
-            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
-        )
-        return by_q, by_dq, by_ddq
+        return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
 
     def inverse_dynamics_hessian_product(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        weights: ArrayLike,
-        along_q: ArrayLike,
-        along_dq: ArrayLike,
-        along_ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> tuple[Array, Array, Array]:
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, weights: ArrayLike, along_q: ArrayLike, along_dq: ArrayLike,
+        along_ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
+
+        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every
+        robot.
 
         Parameters
         ----------
@@ -167,11 +119,6 @@ class DerivativeMethods(RobotBase):
         -------
         by_q, by_dq, by_ddq : (nv,) array, parts of the product
 
-        Notes
-        -----
-        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every
-        robot.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -182,10 +129,7 @@ class DerivativeMethods(RobotBase):
         """
         how = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
         given = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
-        by_q, by_dq, by_ddq = self._with_wrenches(
-            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
-        )
-        return by_q, by_dq, by_ddq
+        return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
 
     def jacobian_derivative(
         self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
@@ -195,14 +139,6 @@ class DerivativeMethods(RobotBase):
         Returns
         -------
         J_by_q : (6, nv, nv) array, of :meth:`jacobian`, last axis along :meth:`add`
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> dJ = arm.jacobian_derivative([0, 1]) @ [1, 2]
-        >>> np.allclose(dJ, arm.jacobian_rate([0, 1], [1, 2]))
-        True
         """
         return self._call("jacobian_derivative", q, frame=frame, kind=kind, out=out)
 
@@ -212,21 +148,10 @@ class DerivativeMethods(RobotBase):
         Returns
         -------
         M_by_q : (nv, nv, nv) array, last axis along :meth:`add`
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> tw.robots.planar_2r().mass_matrix_derivative([0, np.pi / 2])[:, :, 1].round(2).tolist()
-        [[-2.0, -1.0], [-1.0, 0.0]]
         """
         return self._call("mass_matrix", q, by="q", out=out)
 
-
-# ── Linearised dynamics. Modern Robotics section 8.5
-
-
-class LinearizationMethods(RobotBase):
-    """The method of a robot that linearises its dynamics."""
+    # ── linearised dynamics ──
 
     def linearize(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> tuple[Array, Array]:
         """State-space matrices A and B of small deviations from a state: dx/dt = A x + B u, x = (δ, δdq), u = δτ.
@@ -235,11 +160,6 @@ class LinearizationMethods(RobotBase):
         -------
         A : (2 nv, 2 nv) array
         B : (2 nv, nv) array
-
-        Raises
-        ------
-        SingularMassMatrixError
-            As for :meth:`forward_dynamics`.
 
         Notes
         -----

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+from ast import literal_eval
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core import arguments, third_party
+from ..core import arguments, object_cache, third_party
+from ..core.files import read_bytes
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..lie import series
 from ..runtime import batch_threads
 from ..runtime.interpreter import compiles
 from ..typing import Array
-from . import model_cache
 from .arguments import brought, by_frame, is_symbolic, misfit, numbers
 
 if TYPE_CHECKING:
@@ -24,7 +28,6 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..runtime.dispatch import CallSignature
     from .arguments import Wrenches
-    from .model_cache import CachedModel
 
 Options = Mapping[str, Any]
 
@@ -33,12 +36,207 @@ LARGEST_COMPILED = 1_000_000
 instruction (bench/NOTES.md), so two minutes at most; the regressor of a chain of 100 links has 800,000."""
 
 
-class ModelKernels:
-    """The programs and kernels of one model, each made once."""
+def _model_of(given: Model | CachedModel) -> Model:
+    return given.model if isinstance(given, CachedModel) else given
 
-    def __init__(self, model: Model | CachedModel) -> None:
+
+def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
+    """The program of the quantities named, with the loop that serves it best."""
+    from .programs import columns_of, products_of, program_of_several, wanted
+
+    asked = wanted(model, names, options)
+    looped: Form | None = products_of(model, asked) or columns_of(model, asked)
+    return looped or program_of_several(model, asked)
+
+
+def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
+    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
+
+    What is ``scalar`` is for one sample at a time.
+    """
+    from ..ir.loops import program_of
+
+    program = program_of(given)
+    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
+    # samples of three axes at most, and second derivatives of matrices have four.
+    empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
+    if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
+        from ..lowering.reference_interpreter import on_numpy
+
+        return on_numpy(given, name, doc)
+    from ..runtime.gufunc import make_ufunc
+
+    return make_ufunc(given, name, doc, scalar=scalar)
+
+
+# ── Checks of ``out=``
+
+
+def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
+    """Two results in one memory are two wrong results, and NumPy lets them."""
+    arrays = [a for a in out if isinstance(a, np.ndarray)]
+    if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
+        raise ShapeError(
+            f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
+        )
+
+
+def refuse_text(out: Any) -> None:
+    """NumPy would write numbers into an array of text, cut to its width."""
+    if any(
+        getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))
+    ):
+        raise TypeError
+
+
+def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
+    """The error for an ``out`` that the results do not fit in."""
+    given = [np.asarray(a) for a in arrays]
+    batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(given, program.inputs, strict=True)))
+    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in given) else "float64"
+    wanted = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
+    shown = [
+        f"a{' writable' if a.flags.writeable else ' read-only'} array of {a.dtype.name} and shape {a.shape}"
+        if isinstance(a, np.ndarray)
+        else f"a {type(a).__name__}"
+        for a in (out if isinstance(out, tuple) else (out,))
+    ]
+    several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
+    return ShapeError(
+        f"{name}: out= is {' and '.join(shown)}. Give {several} of {kind} that can be written to, {wanted}; or leave it out."
+    )
+
+
+# ── Disk cache of loaded robots: first results without parsing or tracing
+
+# A robot is known by the bytes of its file, the options it was loaded with, and the versions of this library, Python and NumPy.
+# Only URDF is known so, which is read from one file. Remarks are kept too, and issued at each loading. The model is made, from
+# the bytes that were read, when more is asked for than the kernels that are kept.
+
+_PLAIN = (str, int, float, bool, type(None))
+"""Types of options that their text identifies."""
+
+
+class CacheEntry(NamedTuple):
+    """A robot's file, with the options it is loaded with."""
+
+    data: bytes
+    key: str
+    remarks: tuple[str, ...] | None
+    """Warnings of an earlier loading; None if there was none."""
+
+
+class CachedModel:
+    """Model of a robot with cached kernels, under the key of its file; built at first use."""
+
+    def __init__(self, key: str, make: Callable[[], Model]) -> None:
+        self.key, self._make = key, make
+
+    @cached_property
+    def model(self) -> Model:
+        """The model."""
+        return self._make()
+
+
+def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
+    """Cache entry of a robot's file; None if it is not a plain URDF file, or there is no cache."""
+    if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
+        return None
+    written = _written(options)
+    try:
+        if written is None or not Path(source).is_file() or object_cache.folder() is None:
+            return None
+        data, version = read_bytes(Path(source)), _version()
+    except (OSError, ValueError):  # which loading explains; or the library's own files are in an archive
+        return None
+    if b"<robot" not in data or b"<mujoco" in data or b"<sdf" in data:
+        return None
+    key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
+    kept = object_cache.load(key)
+    return CacheEntry(data, key, None if kept is None else literal_eval(kept.decode()))
+
+
+def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
+    """Note that a file was loaded, and the warnings that came with it."""
+    object_cache.store(known.key, repr(tuple(remarks)).encode())
+
+
+def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
+    """The key of what is kept of a kernel; empty where nothing is."""
+    written = _written({**options, "names": tuple(names)}) if origin else None
+    if written is None:
+        return ""
+    import llvmlite
+
+    from ..lowering.target_machine import chosen, compiler
+
+    return object_cache.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
+
+
+@cache
+def _version() -> str:
+    """Versions of Python and NumPy, and of this library: size and time of all its files, so that an edited copy is another.
+
+    Raises OSError if the library is in no folder, as in an archive.
+    """
+    found, folders = [], [str(Path(__file__).parents[1])]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.name.endswith((".py", ".pyc")):  # compiled ones in the place of others, if it has no others
+                    about = entry.stat()
+                    found.append(f"{entry.path} {about.st_size} {about.st_mtime_ns}")
+                elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
+                    folders.append(entry.path)
+    return "\n".join([sys.version, np.__version__, *sorted(found)])
+
+
+def _written(options: Mapping[str, Any]) -> str | None:
+    """Options as text, without those that are None; None if one is not a plain value."""
+    given = {name: value for name, value in sorted(options.items()) if value is not None}
+    return repr(given) if _is_plain(given) else None
+
+
+def _is_plain(value: Any) -> bool:
+    if type(value) is dict:
+        return all(type(name) is str and _is_plain(x) for name, x in value.items())
+    return type(value) in _PLAIN or (type(value) in (list, tuple) and all(map(_is_plain, value)))
+
+
+# ── Engine: options, programs, kernels and calls
+
+# A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
+
+CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
+"""Callback (name, kernel, call signature, number of calls); True stops further counting."""
+
+ENOUGH = -1
+
+
+class Engine:
+    """The programs and kernels of one model, each made once, and calls of them.
+
+    It pickles as the model: machine code is made again there.
+    """
+
+    def __init__(
+        self, model: Model | CachedModel, called_again: Callable[[], CalledAgain | None] | None = None
+    ) -> None:
         self._given = model
         self._kernels: dict[Any, Any] = {}
+        self._called_again = called_again
+        """Weak reference to the callback for calls with one state."""
+        self.single_poses: dict[Any, Any] = {}
+        """Searches for single poses, by their options."""
+        self._called: dict[Any, Any] = {}
+        self._calls: dict[Any, int] = {}
+        """Number of calls with one state, by call signature; :data:`ENOUGH` once counting has stopped."""
+
+    def __getstate__(self) -> Model:
+        return self.model
+
+    def __setstate__(self, model: Model) -> None:
+        type(self).__init__(self, model)
 
     @cached_property
     def model(self) -> Model:
@@ -54,23 +252,24 @@ class ModelKernels:
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """One compiled function of the quantities named; raises UnknownNameError, KernelError, SingularMassMatrixError."""
         key, kept = "", self._given
-        if isinstance(kept, model_cache.CachedModel) and compiles():
-            key = model_cache.kernel_key(kept.key, names, options)
+        if isinstance(kept, CachedModel) and compiles():
+            key = kernel_key(kept.key, names, options)
         if not key:
-            return self._made(names, options)
+            return self._build(names, options)
         if key not in self._kernels:
+            from ..runtime.gufunc import load_ufunc, store_ufunc
+
             # What makes the program is held by the kernel, and must not hold what holds the kernel.
-            found = model_cache.kernel(key, lambda: execution_form(_model_of(kept), names, options))
+            found = load_ufunc(key, lambda: execution_form(_model_of(kept), names, options))
             if found is None:
-                found = self._made(names, options)
-                model_cache.keep_kernel(key, found)
+                found = self._build(names, options)
+                store_ufunc(key, found)
             self._kernels[key] = found
         return self._kernels[key]
 
-    def _made(self, names: Sequence[str], options: Options) -> Any:
+    def _build(self, names: Sequence[str], options: Options) -> Any:
         """The same, traced and compiled here."""
-        from . import large_robot_kernels
-        from .programs import wanted
+        from .programs import LapackDerivatives, needs_lapack, wanted
         from .quantities import QUANTITIES
 
         asked = wanted(self.model, names, options)
@@ -79,8 +278,8 @@ class ModelKernels:
             return self._kernels[key]
         if any(QUANTITIES[name].needs_inverse for name in asked):
             self.require_invertible()
-        if large_robot_kernels.applies(self.model, asked):
-            found: Any = large_robot_kernels.LapackDerivatives(self, options)
+        if needs_lapack(self.model, asked):
+            found: Any = LapackDerivatives(self, options)
         else:
             program, title = execution_form(self.model, names, options), ", ".join(asked)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
@@ -147,118 +346,6 @@ class ModelKernels:
                 f"reference {name}: a matrix to be inverted is singular at this state. The method of that name goes on."
             ) from None
         return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
-
-
-def _model_of(given: Model | CachedModel) -> Model:
-    return given.model if isinstance(given, model_cache.CachedModel) else given
-
-
-def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
-    """The program of the quantities named, with the loop that serves it best."""
-    from . import large_robot_kernels
-    from .programs import program_of_several, wanted
-
-    asked = wanted(model, names, options)
-    looped: Form | None = large_robot_kernels.products_of(model, asked) or large_robot_kernels.columns_of(model, asked)
-    return looped or program_of_several(model, asked)
-
-
-def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
-    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
-
-    What is ``scalar`` is for one sample at a time.
-    """
-    from ..ir.loops import program_of
-
-    program = program_of(given)
-    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
-    # samples of three axes at most, and second derivatives of matrices have four.
-    empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
-    if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
-        from ..lowering.reference_interpreter import on_numpy
-
-        return on_numpy(given, name, doc)
-    from ..runtime.gufunc import make_ufunc
-
-    return make_ufunc(given, name, doc, scalar=scalar)
-
-
-# ── Checks of ``out=``
-
-
-def refuse_lazy(name: str, out: Any) -> None:
-    """Nothing can be written now that is computed later."""
-    if out is not None:
-        raise ShapeError(
-            f"{name}: out= is for results that are computed now, and those of Dask arrays are computed later. Leave it out."
-        )
-
-
-def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
-    """Two results in one memory are two wrong results, and NumPy lets them."""
-    arrays = [a for a in out if isinstance(a, np.ndarray)]
-    if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
-        raise ShapeError(
-            f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
-        )
-
-
-def refuse_text(out: Any) -> None:
-    """NumPy would write numbers into an array of text, cut to its width."""
-    if any(
-        getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))
-    ):
-        raise TypeError
-
-
-def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
-    """The error for an ``out`` that the results do not fit in."""
-    given = [np.asarray(a) for a in arrays]
-    batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(given, program.inputs, strict=True)))
-    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in given) else "float64"
-    wanted = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
-    shown = [
-        f"a{' writable' if a.flags.writeable else ' read-only'} array of {a.dtype.name} and shape {a.shape}"
-        if isinstance(a, np.ndarray)
-        else f"a {type(a).__name__}"
-        for a in (out if isinstance(out, tuple) else (out,))
-    ]
-    several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
-    return ShapeError(
-        f"{name}: out= is {' and '.join(shown)}. Give {several} of {kind} that can be written to, {wanted}; or leave it out."
-    )
-
-
-# ── Engine: options, programs, kernels and calls
-
-# A robot has one engine, ``robot.engine``. All that is built on robots asks it, and reaches for nothing else inside a robot.
-
-CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
-"""Callback (name, kernel, call signature, number of calls); True stops further counting."""
-
-ENOUGH = -1
-
-
-class Engine(ModelKernels):
-    """The programs and kernels of one model, and calls of them. It pickles as the model: machine code is made again there."""
-
-    def __init__(
-        self, model: Model | CachedModel, called_again: Callable[[], CalledAgain | None] | None = None
-    ) -> None:
-        super().__init__(model)
-        self._called_again = called_again
-        """Weak reference to the callback for calls with one state."""
-        self.single_poses: dict[Any, Any] = {}
-        """Searches for single poses, by their options."""
-        self._called: dict[Any, Any] = {}
-        self._calls: dict[Any, int] = {}
-        """Number of calls with one state, by call signature; :data:`ENOUGH` once counting has stopped."""
-
-    def __getstate__(self) -> Model:
-        return self.model
-
-    def __setstate__(self, model: Model) -> None:
-        self.__init__(model)  # type: ignore[misc]
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
         """A quantity of arrays of any batch shape, by its kernel; of symbols, by its algorithm; of Dask arrays, later."""
@@ -337,7 +424,10 @@ class Engine(ModelKernels):
         signature = self.kernel((name,), options).signature
         if (problem := misfit(self.model, name, arrays, options)) is not None:
             raise problem
-        refuse_lazy(name, out)
+        if out is not None:
+            raise ShapeError(
+                f"{name}: out= is for results that are computed now, and those of Dask arrays are computed later. Leave it out."
+            )
         return third_party.later(partial(_now, self, name, options), str(signature), arrays)
 
 
@@ -351,8 +441,8 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     batch = (0,) * (max(a.ndim for a in arrays) - 1)
     dtype: Any = np.float32 if all(np.can_cast(a.dtype, np.float32) for a in arrays) else np.float64
     cores = [core.count(",") + bool(core) for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])]
-    found = tuple(np.empty(batch + (0,) * rank, dtype) for rank in cores)
-    return found if len(found) > 1 else found[0]
+    found: list[Array] = [np.empty(batch + (0,) * rank, dtype) for rank in cores]
+    return tuple(found) if len(found) > 1 else found[0]
 
 
 # ── exp and log of rotations and rigid motions as kernels

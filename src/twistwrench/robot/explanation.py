@@ -6,10 +6,9 @@ it times its own parameters: nothing is estimated, and the parts add up to τ.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,25 @@ MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
-    """Joint torques τ split by term and by cause; a part without a body (friction, springs, wrenches) is both."""
+    """Joint torques τ split by term and by cause; a part without a body (friction, springs, wrenches) is both.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, twistwrench as tw
+    >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
+    >>> why.contribution("link2", "gravity").round(2).tolist()
+    [19.62, 9.81]
+    >>> why.with_term("cable", np.array([1.0, 0.0])).rows()[0]
+    ['caused by', 'joint1 [N m]', 'joint2 [N m]']
+    >>> print(why.table("joint1"))
+    caused by  inertia  centripetal  Coriolis  gravity  together [N m]
+    link1            ·            ·         ·     9.81            9.81
+    link2            ·            ·         ·    19.62           19.62
+    together         ·            ·         ·    29.43           29.43
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     why.plot(f"{folder}/why.svg").name
+    'why.svg'
+    """
 
     terms: tuple[str, ...]
     """Names of the terms: inertia, centripetal, Coriolis, gravity, and those that no body causes."""
@@ -55,7 +72,7 @@ class Explanation:
         """Torques by cause, all terms together; (..., causes, nv), N m (sliding joints: N)."""
         return np.asarray(self.parts.sum(axis=-3))
 
-    def of(self, cause: str, term: str | None = None) -> Array:
+    def contribution(self, cause: str, term: str | None = None) -> Array:
         """Torque that one cause contributes at each joint.
 
         Parameters
@@ -66,13 +83,6 @@ class Explanation:
         Returns
         -------
         tau : (..., nv) array [N m, sliding joints: N]
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
-        >>> why.of("link2", "gravity").round(2).tolist()
-        [19.62, 9.81]
         """
         for kind, name, choices in (("cause", cause, self.causes), ("term", term, self.terms)):
             if name is not None and name not in choices:
@@ -91,13 +101,6 @@ class Explanation:
         Returns
         -------
         explanation : Explanation
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
-        >>> why.with_term("cable", np.array([1.0, 0.0])).of("cable").tolist()
-        [1.0, 0.0]
         """
         name = f"({name})" if name in self.causes else name
         parts = np.pad(self.parts, [(0, 0)] * (self.parts.ndim - 3) + [(0, 1), (0, 1), (0, 0)])
@@ -114,13 +117,6 @@ class Explanation:
         Returns
         -------
         rows : list of rows of str
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
-        >>> why.rows()[0]
-        ['caused by', 'joint1 [N m]', 'joint2 [N m]']
         """
         parts, heads = self._columns(joint)
         least = 1e-12 * max(float(np.abs(self.torque).max(initial=0.0)), 1.0)
@@ -141,16 +137,6 @@ class Explanation:
         Returns
         -------
         text : str, of one state
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
-        >>> print(why.table("joint1"))
-        caused by  inertia  centripetal  Coriolis  gravity  together [N m]
-        link1            ·            ·         ·     9.81            9.81
-        link2            ·            ·         ·    19.62           19.62
-        together         ·            ·         ·    29.43           29.43
         """
         rows = self.rows(joint)
         first, *wide = (max(map(len, column)) for column in zip(*rows, strict=True))
@@ -189,19 +175,9 @@ class Explanation:
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
 
-        Raises
-        ------
-        MissingExtraError
-            There is no matplotlib.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     why.plot(f"{folder}/why.svg").name
-        'why.svg'
+        Returns
+        -------
+        path : Path of the file written
         """
         self._columns(None)
         from ..plotting.explanation import plot_explanation
@@ -259,7 +235,9 @@ def _causes(model: Model) -> dict[str, Array]:
             columns = causes.setdefault(name, np.zeros(10 * len(model.bodies)))
             columns[10 * body : 10 * body + 10] += parameters
 
-    carried = _by_frame(model.payloads)
+    carried: dict[str, Array] = {}
+    for name, payload in model.payloads:
+        carried[name] = carried.get(name, np.zeros(10)) + payload.parameters
     for name, frame in model.all_frames.items():
         mine = model.link_inertias.get(name)  # sites have none
         own = np.zeros(10) if mine is None else mine.parameters - carried.get(name, np.zeros(10))
@@ -277,13 +255,6 @@ def _causes(model: Model) -> dict[str, Array]:
         if np.abs(rest).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
             count(f"{body.link} (other)", i, rest)
     return causes
-
-
-def _by_frame(payloads: Sequence[tuple[str, Any]]) -> dict[str, Array]:
-    carried: dict[str, Array] = {}
-    for frame, inertia in payloads:
-        carried[frame] = carried.get(frame, np.zeros(10)) + inertia.parameters
-    return carried
 
 
 def _moved(parameters: Array, T: Array) -> Array:

@@ -33,7 +33,7 @@ _OPEN = 1e-9
 
 
 @dataclass(frozen=True)
-class Searched:
+class PoseRequest:
     """Request of a search: joints, rows of the frames, number of loop rows."""
 
     joint_names: tuple[str, ...]
@@ -53,13 +53,13 @@ class IKResult:
     q: Array
     """(..., nq): the best configuration found, inside the limits; nan where the pose is."""
 
-    _said: Array
-    _asked: Searched
+    _status: Array
+    _request: PoseRequest
 
     @property
     def converged(self) -> Array:
         """(...) of bool: whether it is there to the tolerances, and nothing less counts."""
-        return np.asarray(self._said[..., 1] > 0.0)
+        return np.asarray(self._status[..., 1] > 0.0)
 
     @property
     def angle(self) -> Array:
@@ -75,34 +75,34 @@ class IKResult:
     def gap(self) -> Array:
         """(...) rad or m, by how much the loops of a closed robot are open there at most; zero for an open one."""
         first = 3 + len(self.rows)
-        return np.asarray(np.abs(self._said[..., first : first + self._asked.loops]).max(axis=-1, initial=0.0))
+        return np.asarray(np.abs(self._status[..., first : first + self._request.loops]).max(axis=-1, initial=0.0))
 
     @property
     def starts(self) -> Array:
         """(...) of int: how many starts it took."""
-        return np.asarray(self._said[..., 0].astype(int))
+        return np.asarray(self._status[..., 0].astype(int))
 
     @property
     def held(self) -> Array:
         """(..., nv) of bool: joints whose limits keep this from coming nearer."""
-        held: Array = self._said[..., self._said.shape[-1] - len(self.joint_names) :] > 0.5
+        held: Array = self._status[..., self._status.shape[-1] - len(self.joint_names) :] > 0.5
         return held & ~self.converged[..., None]
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """A name for each entry of ``held``."""
-        return self._asked.joint_names
+        return self._request.joint_names
 
     @property
     def rows(self) -> tuple[int, ...]:
         """Selected rows of the twist, 0 to 5."""
-        return tuple(row for rows in self._asked.frames for row in rows)
+        return tuple(row for rows in self._request.frames for row in rows)
 
     def _length(self, *, turning: bool) -> Array:
         """Norm of the remaining angles, or of the distances between the origins."""
-        total, at = np.zeros(self._said.shape[:-1]), 3
-        for rows in self._asked.frames:
-            left = self._said[..., at : at + len(rows)]
+        total, at = np.zeros(self._status.shape[:-1]), 3
+        for rows in self._request.frames:
+            left = self._status[..., at : at + len(rows)]
             at += len(rows)
             if len(rows) == 6 and not turning:  # a twist, whose linear part is longer than the way if it turns, too
                 left = np.concatenate([left[..., :3], se3.exp(left)[..., :3, 3]], axis=-1)
@@ -157,7 +157,7 @@ class IKResult:
 
 def selected(found: IKResult, which: Array, q: Array) -> IKResult:
     """Select poses of a batch with one axis, in an order, with configurations ``q``."""
-    return IKResult(q, found._said[which], found._asked)
+    return IKResult(q, found._status[which], found._request)
 
 
 # ── Damped Newton method on SE(3) within the joint limits, for batches of poses
@@ -198,7 +198,7 @@ def solve(
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
             return IKResult(found[0], found[1], way[1])
-    asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
+    request, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
     if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
         target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
@@ -219,24 +219,24 @@ def solve(
             ) from None
     start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
     poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
-    q, said = search.best(poses, start, *given)
-    odd = ~(said[:, 1] >= 0.0)
+    q, status = search.best(poses, start, *given)
+    odd = ~(status[:, 1] >= 0.0)
     if odd.any():  # no poses, or not to the last digit
-        q[odd], said[odd] = search.best(_rigid(target, (*shape, *core)).reshape(-1, *core)[odd], start[odd], *given)
-        lost = ~np.isfinite(said[:, 1])
-        q[lost], said[lost] = np.nan, np.nan
-        said[lost, 0] = 0.0
+        q[odd], status[odd] = search.best(_rigid(target, (*shape, *core)).reshape(-1, *core)[odd], start[odd], *given)
+        lost = ~np.isfinite(status[:, 1])
+        q[lost], status[lost] = np.nan, np.nan
+        status[lost, 0] = 0.0
     elif key is not None and not shape and given[0] <= PLACES:
         if len(often) >= MOST_WAYS and key not in often:
             often.clear()
         alone = SinglePose(search, *given) if key in often else None  # from the second time on
-        often[key] = (alone, asked) if alone is not None and alone.call is not None else None
+        often[key] = (alone, request) if alone is not None and alone.call is not None else None
     if nearest:
-        q, said = search.nearest(_rigid(poses), start, (q, said), given[2])
+        q, status = search.nearest(_rigid(poses), start, (q, status), given[2])
     if loops is not None:
-        q, said = _on_loops(search, _frames(robot, frame, rows), loops, poses, (q, said))
+        q, status = _on_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
     q = search.rounded(q.reshape(*shape, robot.nq), kind)
-    return IKResult(q, said.reshape(*shape, -1), asked)
+    return IKResult(q, status.reshape(*shape, -1), request)
 
 
 def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
@@ -254,7 +254,7 @@ def _looked_at(
     angle: Any,
     distance: Any,
     loops: LoopClosureSolver | None,
-) -> tuple[Searched, PoseSearch, tuple[int, int, tuple[float, float]]]:
+) -> tuple[PoseRequest, PoseSearch, tuple[int, int, tuple[float, float]]]:
     """Check the options: the request, its search, and restarts, seed and tolerances."""
     frames = _frames(robot, frame, rows)
     try:
@@ -277,7 +277,7 @@ def _looked_at(
     search = _search(robot, frames, loops)
     most = allowed[0], allowed[1] * max(1.0, search.length)
     return (
-        Searched(
+        PoseRequest(
             robot.model.velocity_names,
             tuple(mine for _, mine in frames),
             0 if loops is None else len(loops.kinds),
@@ -307,8 +307,8 @@ def _drawn(seed: int) -> int:
 
 def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     """The frames by name, each with its rows."""
-    several = frame is not None and not isinstance(frame, str)
-    given = list(frame) if several else [frame]
+    several = not (frame is None or isinstance(frame, str))
+    given = [frame] if frame is None or isinstance(frame, str) else list(frame)
     if not given or not all(name is None or isinstance(name, str) for name in given) or (several and None in given):
         raise ValueRangeError(f"frame={frame!r}: give the name of a link, or several, one for each pose.")
     if len(set(given)) < len(given):
@@ -326,14 +326,14 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
 def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None) -> PoseSearch:
     """Made once for each frames and rows of a robot."""
 
-    def made() -> PoseSearch:
+    def build() -> PoseSearch:
         some = random_configuration(robot.model, np.random.default_rng(0), (8,))
         J = np.array([[robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some] for name, _ in frames])
         farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
         poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
         return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
 
-    found: PoseSearch = robot.engine.cached(("inverse kinematics", frames, loops and loops.key), made)
+    found: PoseSearch = robot.engine.cached(("inverse kinematics", frames, loops and loops.key), build)
     return found
 
 
@@ -341,23 +341,23 @@ def _on_loops(
     search: PoseSearch, frames: Frames, loops: LoopClosureSolver, targets: Array, found: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Close the loops near configurations q (n, nq) whose poses were not reached; returns q and the search's status."""
-    q, said = found
+    q, status = found
     some = np.flatnonzero(np.isfinite(q).all(axis=-1))
     count = sum(len(mine) for _, mine in frames)
     gaps = slice(3 + count, 3 + count + len(loops.kinds))
-    said[some, gaps], widest = loops.open_by(q[some])
-    lost = some[~((said[some, 1] > 0.0) & (widest <= NO_LOOP))]
-    said[lost, 1] = 0.0
+    status[some, gaps], widest = loops.open_by(q[some])
+    lost = some[~((status[some, 1] > 0.0) & (widest <= NO_LOOP))]
+    status[lost, 1] = 0.0
     near = loops.settled(q[lost])
     fit = (loops.open_by(near)[1] <= NO_LOOP) & (search.inside(near) == near).all(axis=-1)
     rows = lost[fit]
     q[rows] = near[fit]
-    said[rows, gaps] = loops.open_by(q[rows])[0]
+    status[rows, gaps] = loops.open_by(q[rows])[0]
     each = zip(frames, search.poses, np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0), strict=True)
     if len(rows):
         left = [twist_left(poses(q[rows]), target[rows], mine) for (_, mine), poses, target in each]
-        said[rows, 3 : 3 + count] = np.concatenate(left, axis=-1)
-    return q, said
+        status[rows, 3 : 3 + count] = np.concatenate(left, axis=-1)
+    return q, status
 
 
 def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:

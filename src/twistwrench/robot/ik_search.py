@@ -21,17 +21,13 @@ from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.dispatch import make_call
 from ..typing import Array
-from .closed.checks import some_configurations
-from .closed.constraints import CLOSED, gap_units
+from .constraints import CLOSED, gap_units, some_configurations
 from .engine import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .closed.closed_robot import ClosedRobot
-
-if TYPE_CHECKING:
-    pass
+    from .closed_robot import ClosedRobot
 
 STEPS = 60
 """The most steps from one start."""
@@ -85,7 +81,7 @@ class PoseSearch:
         )
         self._bounds: list[list[float]] = limits[2:, : model.nq].tolist()
         search = self._search(self._step)
-        self.said = search.said.size
+        self.status_size = search.status.size
         self.kernel = compiled(search, "inverse_kinematics", f"Search of {model.name} for poses, compiled.")
         weights = []
         for _, rows in frames:
@@ -136,57 +132,57 @@ class PoseSearch:
     def best(
         self, T: Array, start: Array, restarts: int, seed: int, allowed: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """Best result of all starts (n, nq), the first at ``start``, and its status (n, said); T (n, *core)."""
+        """Best result of all starts (n, nq), the first at ``start``, and its status (n, status); T (n, *core)."""
         settings = self.settings(allowed, min(restarts, PLACES))
         if seed not in self._starts:  # places take longer to make than most poses to find
-            q, said = self.some(T, start, self._no_starts, self.settings(allowed, 0))
-            rows = np.flatnonzero(said[:, 1] == 0.0)
+            q, status = self.some(T, start, self._no_starts, self.settings(allowed, 0))
+            rows = np.flatnonzero(status[:, 1] == 0.0)
             if not restarts or not len(rows):
-                return q, said
-            q[rows], said[rows] = self.some(T[rows], start[rows], self.start_configurations(seed).table(0), settings)
+                return q, status
+            q[rows], status[rows] = self.some(T[rows], start[rows], self.start_configurations(seed).table(0), settings)
         else:
-            q, said = self.some(T, start, self.start_configurations(seed).table(0), settings)
+            q, status = self.some(T, start, self.start_configurations(seed).table(0), settings)
         starts = self.start_configurations(seed)
         for number, done in enumerate(range(PLACES, restarts, PLACES + 1), start=1):  # the next start, and its restarts
-            rows = np.flatnonzero(said[:, 1] == 0.0)
+            rows = np.flatnonzero(status[:, 1] == 0.0)
             if not len(rows):
                 break
             settings = self.settings(allowed, min(restarts - done - 1, PLACES))
             first = np.broadcast_to(starts.first(number), (len(rows), self.model.nq))
             other, of_it = self.some(T[rows], first, starts.table(number), settings)
-            of_it[:, 0] += said[rows, 0]
-            said[rows, 0] = of_it[:, 0]
-            better = (of_it[:, 1] != 0.0) | (of_it[:, 2] < said[rows, 2])
-            q[rows[better]], said[rows[better]] = other[better], of_it[better]
-        return q, said
+            of_it[:, 0] += status[rows, 0]
+            status[rows, 0] = of_it[:, 0]
+            better = (of_it[:, 1] != 0.0) | (of_it[:, 2] < status[rows, 2])
+            q[rows[better]], status[rows[better]] = other[better], of_it[better]
+        return q, status
 
     def nearest(
         self, T: Array, posture: Array, found: tuple[Array, Array], allowed: tuple[float, float]
     ) -> tuple[Array, Array]:
         """Move found configurations towards postures (n, nq) while the frames stay, until nothing more is gained."""
-        q, said = found
-        rows = np.flatnonzero(said[:, 1] > 0.0)
+        q, status = found
+        rows = np.flatnonzero(status[:, 1] > 0.0)
         none, settings = self._no_starts, self.settings(allowed, 0, POSTURE_STEPS)
         target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
         moved, _ = self.some(target, q[rows], none, settings, self.to_posture)
         moved, of_it = self.some(T[rows], moved, none, settings)  # to all digits
         before, after = (np.linalg.norm(self.apart(posture[rows], x), axis=1) for x in (q[rows], moved))
         better = (of_it[:, 1] > 0.0) & (after < before)
-        of_it[:, 0] = said[rows, 0]
-        q[rows[better]], said[rows[better]] = moved[better], of_it[better]
-        return q, said
+        of_it[:, 0] = status[rows, 0]
+        q[rows[better]], status[rows[better]] = moved[better], of_it[better]
+        return q, status
 
     def some(
         self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
     ) -> tuple[Array, Array]:
         """The kernel, or another, on so many poses, in parts."""
-        q, said = np.empty((len(T), self.model.nq)), np.empty((len(T), self.said))
+        q, status = np.empty((len(T), self.model.nq)), np.empty((len(T), self.status_size))
         each = max(64, int(AT_ONCE / (1.0 + settings[1])))
         parts = (slice(k, k + each) for k in range(0, len(T), each))
         with np.errstate(all="ignore"):  # next to a singular place a step may go far; the best of the way counts
-            given = (Part((T[k], start[k], settings, *table), (q[k], said[k])) for k in parts)
+            given = (Part((T[k], start[k], settings, *table), (q[k], status[k])) for k in parts)
             batch_threads.share(kernel or self.kernel, given)
-        return q, said
+        return q, status
 
     @property
     def _no_starts(self) -> tuple[Array, Array]:

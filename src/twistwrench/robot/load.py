@@ -16,7 +16,7 @@ from ..core.gravity import GRAVITY
 from ..errors import ValueRangeError
 from ..model.assembly import DEFAULT_SNAP
 from ..model.description import issue, sentences
-from .model_cache import CachedModel, keep_file, known_file
+from .engine import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot
 
@@ -109,19 +109,9 @@ def load(
     (6, 'tool0')
     """
     options = LoadOptions(
-        format=format,
-        floating_base=floating_base,
-        keep=keep,
-        model=model,
-        include_paths=include_paths,
-        max_bodies=max_bodies,
-        lock=lock,
-        tip=tip,
-        mimic=mimic,
-        inertia=inertia,
-        snap=snap,
-        gravity=gravity,
-    )
+        format=format, floating_base=floating_base, keep=keep, model=model, include_paths=include_paths,
+        max_bodies=max_bodies, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity,
+    )  # fmt: skip
     known = known_file(source, options)
     if known is None:
         return Robot(_read(source, None, options))
@@ -154,6 +144,9 @@ def from_screws(
 ) -> Robot:
     """Robot from screw axes: the book's lists M, Slist, Mlist, Glist of a serial chain.
 
+    MR section 8.3. A screw whose turning part is not of unit length (or, sliding only, whose sliding part) is an error,
+    because its joint coordinate is no angle; the book's own three-link example has one.
+
     Parameters
     ----------
     M : (4, 4) array_like or None, home pose of the tip; checked against the product of ``Mlist``, None takes that
@@ -169,13 +162,6 @@ def from_screws(
     ------
     ValueRangeError
         A screw is not of unit length, or ``M`` is not the product of ``Mlist``.
-    InertiaError
-        A body cannot exist.
-
-    Notes
-    -----
-    MR section 8.3. A screw whose turning part is not of unit length (or, sliding only, whose sliding part) is an error,
-    because its joint coordinate is no angle; the book's own three-link example has one.
 
     Examples
     --------
@@ -187,21 +173,12 @@ def from_screws(
     >>> bool(np.allclose(back.gravity_forces(q), ur5.gravity_forces(q)))
     True
     """
-    from ..formats import dh as screw_lists
+    from ..formats import dh
 
-    return Robot(
-        screw_lists.from_screws(
-            M,
-            Slist,
-            Mlist,
-            Glist,
-            joint_names=joint_names,
-            name=name,
-            gravity=gravity,
-            non_unit_screws=non_unit_screws,
-            inertia=inertia,
-        )
-    )
+    return Robot(dh.from_screws(
+        M, Slist, Mlist, Glist, joint_names=joint_names, name=name, gravity=gravity, non_unit_screws=non_unit_screws,
+        inertia=inertia,
+    ))  # fmt: skip
 
 
 def from_dh(
@@ -241,11 +218,6 @@ def from_dh(
     robot : Robot
         Frames are ``link0`` … ``linkn``, and ``tool`` if given; the last is the tip.
 
-    Raises
-    ------
-    InertiaError
-        A body cannot exist (``inertia="accept"`` or ``"repair"``).
-
     Warns
     -----
     ModelWarning
@@ -278,22 +250,10 @@ def from_dh(
     """
     from ..formats import dh
 
-    return Robot(
-        dh.from_dh(
-            table,
-            convention=convention,
-            columns=columns,
-            joint_types=joint_types,
-            masses=masses,
-            coms=coms,
-            moments_about_com=moments_about_com,
-            tool=tool,
-            joint_names=joint_names,
-            name=name,
-            gravity=gravity,
-            inertia=inertia,
-        )
-    )
+    return Robot(dh.from_dh(
+        table, convention=convention, columns=columns, joint_types=joint_types, masses=masses, coms=coms,
+        moments_about_com=moments_about_com, tool=tool, joint_names=joint_names, name=name, gravity=gravity, inertia=inertia,
+    ))  # fmt: skip
 
 
 # ── Robots from models of other libraries, read by their attributes
@@ -302,29 +262,20 @@ def from_dh(
 def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a model that MuJoCo has compiled.
 
+    For what :func:`load` does not read of MJCF files, such as ``replicate`` and ``attach``:
+    ``tw.from_mujoco(mujoco.MjSpec.from_file(path).compile())``. Bodies, joints, sites and keyframes are those of the
+    model, and so are the effort limits of actuators, the springs of fixed tendons, and equality constraints as :func:`load`
+    has them. Joints without a name are called as :func:`load` calls them.
+
     Parameters
     ----------
     model : mujoco.MjModel; its attributes are read, and nothing is imported
     **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
-    Raises
-    ------
-    ModelError
-        It is no such model.
-    InertiaError
-        A moving body cannot exist.
-
     Warns
     -----
     ModelWarning
         A tendon, an actuator or a constraint says something that is left out, or a loop is left open.
-
-    Notes
-    -----
-    For what :func:`load` does not read of MJCF files, such as ``replicate`` and ``attach``:
-    ``tw.from_mujoco(mujoco.MjSpec.from_file(path).compile())``. Bodies, joints, sites and keyframes are those of the
-    model, and so are the effort limits of actuators, the springs of fixed tendons, and equality constraints as :func:`load`
-    has them. Joints without a name are called as :func:`load` calls them.
 
     Examples
     --------
@@ -341,24 +292,15 @@ def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
 def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a model of Pinocchio's.
 
-    Parameters
-    ----------
-    model : pinocchio.Model; its attributes are read, and nothing is imported
-    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
-
-    Raises
-    ------
-    ModelError
-        It is no such model.
-    InertiaError
-        A moving body cannot exist.
-
-    Notes
-    -----
     Joints, inertias, limits, friction, armature, gravity, reference configurations; bodies' frames are links, operational and
     sensor frames are sites. q is in the order of :func:`twistwrench.load`, depth first, and
     :mod:`twistwrench.convert` translates. A composite joint is one joint for each of its parts, ``NAME.0``, ``NAME.1``, …;
     mimic joints follow. Pinocchio gives its files' mass of fixed links to no joint.
+
+    Parameters
+    ----------
+    model : pinocchio.Model; its attributes are read, and nothing is imported
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Examples
     --------
@@ -378,6 +320,8 @@ def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
 def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str]:
     """Write a robot as a URDF, MJCF or SDF file.
 
+    The file is whole or not there. Looks and shapes are not kept by a robot, and are not written.
+
     Parameters
     ----------
     path : str or Path, whose ending tells the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
@@ -390,14 +334,8 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
 
     Raises
     ------
-    ValueRangeError
-        The ending is none of these, the file is there, or it cannot be written.
     ModelError
         The format has no words for how the robot moves.
-
-    Notes
-    -----
-    The file is whole or not there. Looks and shapes are not kept by a robot, and are not written.
 
     Examples
     --------

@@ -1,232 +1,29 @@
-"""Programs of quantities and of their derivatives, traced for one robot, with options checked.
-
-The bridge between `program.differentiate`, which knows expressions, and configurations, which know robot.add.
-"""
+"""Programs of quantities, traced for one robot with options checked; loops and LAPACK for those of large robots."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..algorithms import constraints, kinematics, operational_space
-from ..algorithms.kinematics import brackets, moving_parts
+from ..algorithms import constraints, forward_dynamics, kinematics, operational_space
+from ..algorithms.forward_dynamics import accelerations, torque_derivatives_and_factors
 from ..errors import KernelError, UnknownNameError, ValueRangeError
-from ..ir import autodiff
-from ..ir.expr import Expr
+from ..ir.loops import AFTER, BEFORE, NEITHER, ColumnGroup, ColumnSolve, Product, Products
 from ..ir.program import Program
 from ..ir.tracer import Trace, trace
 from ..model.model import Model
 from ..model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
 from ..typing import Array
 from .arguments import CONFIGURATIONS
+from .differentiate import Chart, Derivative
 from .quantities import QUANTITIES, Quantity, Shape
 
-FORMS = ("jacobian", "along", "weighted", "hessian", "hessian_along")
-"""∂f/∂x; (∂f/∂x) v; ∂(w·f)/∂x; ∂²f/∂x²; ∂²(w·f)/∂x² v."""
-MODES = ("auto", "forward", "reverse")
-LARGEST_RESULT = 500_000
-LARGEST_WORK = 2_000_000
-"""Largest number of results of one kernel, and of its operations: beyond, tracing takes minutes."""
-
-
-@dataclass(frozen=True)
-class Derivative:
-    """Checked request for a derivative."""
-
-    by: tuple[str, ...]
-    form: str = "jacobian"
-    mode: str = "auto"
-    values: bool = False
-    """True if the function's own results come first."""
-
-    @classmethod
-    def from_inputs(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
-        """By names of ``inputs``; raises UnknownNameError and KernelError. ``what`` is the function's name."""
-        names = (by,) if isinstance(by, str) else tuple(by) if isinstance(by, Sequence) else ()
-        if not names:
-            raise KernelError(f"{what}: by={by!r} names no input. Name one or several of {', '.join(inputs)}.")
-        for name in names:
-            if name not in inputs:
-                raise UnknownNameError.from_choices(f"input of {what}", name, inputs)
-        if len(set(names)) < len(names):
-            raise KernelError(f"{what}: an input is named twice in by={names}. Name each once.")
-        for label, given, allowed in (("form", form, FORMS), ("mode", mode, MODES)):
-            if given not in allowed:
-                raise UnknownNameError.from_choices(f"{label} of a derivative", given, allowed)
-        if mode != "auto" and form not in ("jacobian", "hessian"):
-            raise KernelError(f"{what}: form={form!r} has one way to compute it; leave mode={mode!r} out.")
-        return cls(names, form, mode, bool(values))
-
-    @property
-    def weighs(self) -> bool:
-        """True if results are summed with weights."""
-        return self.form in ("weighted", "hessian_along")
-
-    def inputs(self, charts: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> dict[str, Shape]:
-        """Additional inputs: weights of the results and the direction; ``charts``: shapes of directions by input."""
-        more: dict[str, Shape] = {}
-        if self.weighs and list(outputs.values()) != [()]:  # one number is its own sum
-            more.update({f"weight on {name}": shape for name, shape in outputs.items()})
-        if self.form in ("along", "hessian_along"):
-            more.update({f"along {name}": charts[name] for name in self.by})
-        return more
-
-    def outputs(self, names: Sequence[str]) -> list[str]:
-        """Names of what comes out."""
-        if self.form == "jacobian":
-            found = [f"{out}_by_{name}" for out in names for name in self.by]
-        elif self.form == "along":
-            found = [f"{out}_along" for out in names]
-        elif self.form == "hessian":
-            found = [f"{out}_hessian" for out in names]
-        else:
-            found = [f"{self.form}_by_{name}" for name in self.by]
-        return [*(names if self.values else ()), *found]
-
-    def of_results(
-        self, what: str, results: Sequence[Any], charts: Mapping[str, Chart], more: Mapping[str, Any]
-    ) -> tuple[Array, ...]:
-        """The derivatives of arrays of symbols or numbers, as :meth:`outputs` names them; ``more``: by :meth:`inputs`."""
-        joined = Chart.joined([charts[name] for name in self.by])
-        sizes = [math.prod(charts[name].shape) for name in self.by]
-        symbols = (e for part in (joined.known, *(np.ravel(r) for r in results)) for e in part if isinstance(e, Expr))
-        owner = next((e.trace for e in symbols), None) or Trace()
-        results = [np.asarray(result, object) for result in results]
-        flat = [owner.lift(e) for result in results for e in result.reshape(-1)]
-        given = [x for name, x in more.items() if name.startswith("weight on ")]
-        weights = [e for x in given for e in np.reshape(x, -1)] if given else [1.0]
-        direction = [e for name, x in more.items() if name.startswith("along ") for e in np.reshape(x, -1)]
-        self._check_size(what, flat, joined)
-        if self.form == "along":
-            rates = iter(autodiff.along(flat, joined.known, direction))
-            found = [_filled(result.shape, [next(rates) for _ in range(result.size)]) for result in results]
-        elif self.form in ("jacobian", "hessian"):
-            J = autodiff.jacobian(flat, joined.known, sum(sizes), self.mode)
-            whole = J if self.form == "jacobian" else _hessian(J, joined)
-            found, first = [], 0
-            for result in results:
-                rows = whole[first : first + result.size]
-                first += result.size
-                if self.form == "hessian":
-                    found.append(rows.reshape((*result.shape, *rows.shape[1:])))
-                    continue
-                parts = np.split(rows, np.cumsum(sizes)[:-1], axis=1)
-                found += [
-                    part.reshape((*result.shape, *charts[n].shape)) for n, part in zip(self.by, parts, strict=True)
-                ]
-        else:
-            total = autodiff.gradient(flat, weights, joined.known, sum(sizes))
-            if self.form == "hessian_along":
-                total = _hessian_along(total, joined, direction)
-            parts = np.split(total, np.cumsum(sizes)[:-1])
-            found = [part.reshape(charts[n].shape) for n, part in zip(self.by, parts, strict=True)]
-        return (*(results if self.values else ()), *found)
-
-    def _check_size(self, what: str, flat: Sequence[Expr], chart: Chart) -> None:
-        n, rows = math.prod(chart.shape), len(flat)
-        size = {"jacobian": rows * n, "hessian": rows * n * n}.get(self.form, 0)
-        advice = "Differentiate fewer results, by fewer inputs, or along a direction: form='along' or 'weighted'."
-        if size > LARGEST_RESULT:
-            raise KernelError(
-                f"{what}: its {self.form} has {size} numbers, more than the {LARGEST_RESULT} one kernel may give. {advice}"
-            )
-        if size:
-            counted = autodiff.work(flat, chart.known)
-            effort = min(counted) if self.mode == "auto" else getattr(counted, self.mode)
-            effort *= n if self.form == "hessian" else 1
-            if effort > LARGEST_WORK:
-                raise KernelError(
-                    f"{what}: its {self.form} takes some {effort} operations, more than the {LARGEST_WORK} one kernel may "
-                    f"take. {advice}"
-                )
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Motion of an input along its directions, of that shape: known derivatives of expressions."""
-
-    shape: Shape
-    known: autodiff.Known
-    brackets: Array | None = None
-    """c with [a, b] = Σ c_abd d, where directions do not commute."""
-
-    @classmethod
-    def from_input(cls, x: Any, model: Model | None = None) -> Chart:
-        """Each entry of x is a direction; of a robot's q, that of ``model``, each velocity, along robot.add."""
-        if model is None:
-            return cls(np.shape(x), {e: {k: e.trace.one} for k, e in enumerate(np.reshape(x, -1))})
-        known: dict[Expr, dict[int, Expr]] = {}
-        for part, slope in moving_parts(model, x):
-            for e, row in zip(part.reshape(-1), slope.reshape(part.size, model.nv), strict=True):
-                slopes = {k: e.trace.lift(d) for k, d in enumerate(row)}
-                known[e] = {k: d for k, d in slopes.items() if d is not e.trace.zero}
-                if e.op == "sub":  # the trace turns its operands round to negate it
-                    known[-e] = {k: -d for k, d in known[e].items()}
-        c = brackets(model)
-        return cls((model.nv,), known, c if c.any() else None)
-
-    @classmethod
-    def joined(cls, charts: Sequence[Chart]) -> Chart:
-        """Several inputs as one, their directions one after another."""
-        n, first = sum(math.prod(chart.shape) for chart in charts), 0
-        known: dict[Expr, dict[int, Expr]] = {}
-        c = np.zeros((n, n, n)) if any(chart.brackets is not None for chart in charts) else None
-        for chart in charts:
-            last = first + math.prod(chart.shape)
-            known.update({e: {first + k: d for k, d in row.items()} for e, row in chart.known.items()})
-            if c is not None and chart.brackets is not None:
-                c[first:last, first:last, first:last] = chart.brackets
-            first = last
-        return cls((n,), known, c)
-
-
-# Twice along robot.add is, with L_a the derivative along a, L_b L_a f: the derivative along b of the gradient's entry a. It is
-# not symmetric where directions do not commute: L_a L_b f - L_b L_a f = L_[a,b] f. Half of each is the second derivative of
-# f(q ⊕ v) by v at v = 0, the exponential being even there: L_b L_a f + ½ L_[a,b] f.
-
-
-def _hessian(J: Array, chart: Chart) -> Array:
-    """Second derivatives from first ones (rows, n), symmetric; (rows, n, n)."""
-    rows, n = J.shape
-    H = np.full((rows, n, n), 0.0, object)
-    for b in range(n):
-        unit = [float(k == b) for k in range(n)]
-        slopes = _filled((rows, b + 1), _along(J[:, : b + 1], chart, unit))
-        for a in range(b + 1):
-            turned = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[a, b].astype(object))
-            H[:, a, b] = H[:, b, a] = slopes[:, a] + turned
-    return H
-
-
-def _hessian_along(gradient: Array, chart: Chart, direction: Sequence[Any]) -> Array:
-    """The symmetric second derivative times the direction, from the gradient (n,); (n,)."""
-    product = _filled(gradient.shape, _along(gradient, chart, direction))
-    if chart.brackets is not None:
-        for a, b, d in np.argwhere(chart.brackets):
-            product[a] = product[a] + 0.5 * chart.brackets[a, b, d] * (direction[b] * gradient[d])
-    return product
-
-
-def _along(entries: Array, chart: Chart, direction: Sequence[Any]) -> list[Any]:
-    """The derivatives of entries, some of which may be plain numbers, along a direction."""
-    flat = entries.reshape(-1)
-    places = [k for k, e in enumerate(flat) if isinstance(e, Expr)]
-    found: list[Any] = [0.0] * flat.size
-    for k, rate in zip(places, autodiff.along([flat[k] for k in places], chart.known, direction), strict=True):
-        found[k] = rate
-    return found
-
-
-def _filled(shape: Shape, entries: Sequence[Any]) -> Array:
-    """An object array; NumPy must not look into what is in it."""
-    array = np.empty(math.prod(shape), object)
-    array[:] = entries
-    return array.reshape(shape)
-
+if TYPE_CHECKING:
+    from .engine import Engine
 
 # ── Options of a quantity: defaults, frames, joints, derivatives
 
@@ -313,21 +110,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if "constraints" in allowed:
         full["constraints"] = _constraints(name, options.get("constraints", ()))
     if "wrenches" in allowed:
-        frames = options.get("wrenches", ())
-        if not isinstance(frames, str | Sequence):
-            raise KernelError(f"{name}: wrenches={frames!r} is not allowed. Give the names of frames.")
-        full["wrenches"] = (frames,) if isinstance(frames, str) else tuple(frames)
-        for frame in full["wrenches"]:
-            model.frame(frame)
-        if len(set(full["wrenches"])) < len(full["wrenches"]):
-            raise KernelError(
-                f"{name}: a frame is named twice in wrenches={full['wrenches']}. Add its wrenches up first."
-            )
-        if on_robot := options.get("on_robot", ()):
-            on_robot = (on_robot,) if isinstance(on_robot, str) else tuple(on_robot)
-            if stray := [frame for frame in on_robot if frame not in full["wrenches"]]:
-                raise KernelError(f"{name}: on_robot names {stray[0]!r}, which is not in wrenches={full['wrenches']}.")
-            full["on_robot"] = on_robot
+        full |= _wrench_options(model, name, options)
     if options.get("parameters"):
         given = options["parameters"]
         full["parameters"] = matching(model, (given,) if isinstance(given, str) else tuple(given))
@@ -341,6 +124,21 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     elif asked := [option for option in OF_DERIVATIVES if option in options and option != "by"]:
         raise KernelError(f"{name}: {asked[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'.")
     return full
+
+
+def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Frames of the wrenches, and those of them that the world applies."""
+    given = options.get("wrenches", ())
+    if not isinstance(given, str | Sequence):
+        raise KernelError(f"{name}: wrenches={given!r} is not allowed. Give the names of frames.")
+    frames, on_robot = ((x,) if isinstance(x, str) else tuple(x) for x in (given, options.get("on_robot", ()) or ()))
+    for frame in frames:
+        model.frame(frame)
+    if len(set(frames)) < len(frames):
+        raise KernelError(f"{name}: a frame is named twice in wrenches={frames}. Add its wrenches up first.")
+    if stray := [frame for frame in on_robot if frame not in frames]:
+        raise KernelError(f"{name}: on_robot names {stray[0]!r}, which is not in wrenches={frames}.")
+    return {"wrenches": frames, "on_robot": on_robot} if on_robot else {"wrenches": frames}
 
 
 def _constraints(name: str, given: Any) -> tuple[constraints.Constraint, ...]:
@@ -468,3 +266,183 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
 def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: bool) -> Model:
     fixed = not moves_joints(model, options.get("parameters", ()))
     return regrouped(model) if QUANTITIES[name].felt and regroup and fixed else model
+
+
+# ── Kernels of large robots: forward-dynamics derivatives by column loops or LAPACK, and matrices by loops over joints
+
+# Unrolled, the solutions are half of all instructions, and a humanoid's 60,000 do not stay in a processor's caches.
+
+COLUMN_LOOP_FROM = 20
+"""Pairs of a velocity and one of another joint that it carries, from which on a loop is faster (bench/NOTES.md)."""
+
+NAME = "forward_dynamics_derivatives"
+
+
+def _only(wanted: Mapping[str, Mapping[str, Any]], name: str) -> bool:
+    """True if one quantity alone is wanted, with no options but wrenches."""
+    return tuple(wanted) == (name,) and set(wanted[name]) <= {"wrenches"}
+
+
+def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnSolve | None:
+    """The program and its columns; None where it is short enough, or another quantity."""
+    if not _only(asked, NAME):
+        return None
+    carries, bodies = forward_dynamics.relations(model)
+    if int((carries & (bodies[:, None] != bodies)).sum()) < COLUMN_LOOP_FROM:
+        return None
+    quantity = replace(QUANTITIES[NAME], algorithm=torque_derivatives_and_factors)
+    mine, options = regrouped(model), asked[NAME]
+
+    def parts(*arrays: Array) -> Any:
+        return evaluated(quantity, mine, list(arrays), options)
+
+    program = trace(parts, inputs_of(model, NAME, options), [*quantity.outputs, "W", "D"])
+    return ColumnSolve(program, 2, tuple(_groups(program, model.nv)))
+
+
+def _groups(program: Program, n: int) -> list[ColumnGroup]:
+    """The columns of ∂τ that are not zero, by the rows in which they are not."""
+    some = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
+    places: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
+    for matrix, column in np.argwhere(some.any(axis=1)).tolist():
+        places.setdefault(tuple(some[matrix, :, column].tolist()), []).append((matrix, column))
+    factor = [program.instructions[r] for r in program.results[3 * n * n : 4 * n * n]]
+    made = np.array([x.op != "const" for x in factor]).reshape(n, n)
+    constant = np.array([x.value for x in factor]).reshape(n, n)
+
+    def solution(rows: tuple[bool, ...]) -> Program:
+        def solve(W: Array, D: Array, x: Array) -> Array:
+            return accelerations(np.where(made, W, constant), D, np.where(rows, x, 0.0))
+
+        return trace(solve, [("W", (n, n)), ("D", (n,)), ("x", (n,))], ["solution"])
+
+    return [ColumnGroup(solution(rows), tuple(mine)) for rows, mine in places.items()]
+
+
+# ── ∂q̈/∂(q, q̇, τ) by LAPACK: M ∂q̈/∂x = -∂τ/∂x
+
+# Unrolled, the solutions alone take some 2 nv³ operations a state: 3.4 million instructions for a chain of 100 links, more than
+# a trace may have. A matrix product of that size is what LAPACK is for.
+
+LAPACK_FROM = 64
+"""Velocities of the smallest robot whose derivatives are put together this way; unrolled they would be a million operations."""
+
+
+def needs_lapack(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
+    """True for derivatives that would be too long unrolled."""
+    return _only(wanted, NAME) and model.nv >= LAPACK_FROM
+
+
+class LapackDerivatives:
+    """Callable like the kernel of ``forward_dynamics_derivatives``: broadcasting, ``out=``, float32 in and out."""
+
+    def __init__(self, engine: Engine, options: Mapping[str, Any]) -> None:
+        self._mass = engine.kernel(["mass_matrix"], {})
+        self._acceleration = engine.kernel(["forward_dynamics"], options)
+        self._torque_derivatives = engine.kernel(["inverse_dynamics_derivatives"], options)
+        self.__name__, n = NAME, engine.model.nv
+        self.__doc__ = f"{NAME} of {engine.model.name}, from its mass matrix and ∂τ."
+        inputs = str(self._acceleration.signature).split("->")[0]
+        self.signature = f"{inputs}->({n},{n}),({n},{n}),({n},{n})"
+        self.nin, self.nout = self._acceleration.nin, 3
+
+    def __repr__(self) -> str:
+        return f"<LapackDerivatives {self.signature}>"
+
+    def __call__(self, *args: ArrayLike, out: tuple[Array, Array, Array] | None = None) -> tuple[Array, ...]:
+        """Evaluate on arrays whose last axes are the signature's."""
+        ddq = self._acceleration(*args)  # refuses what does not fit, as all kernels do
+        q, dq, _, *wrenches = args
+        by_q, by_dq = self._torque_derivatives(q, dq, ddq, *wrenches)
+        inverse = _inverse(self._mass(q).astype(ddq.dtype, copy=False))
+        found = -(inverse @ by_q), -(inverse @ by_dq), np.broadcast_to(inverse, by_q.shape)
+        if out is None:
+            return found[0], found[1], found[2].copy()
+        for given, made in zip(out, found, strict=True):
+            given[...] = made
+        return out
+
+
+def _inverse(M: Array) -> Array:
+    """M⁻¹, NaN where there is none: one state without must not cost the others theirs."""
+    try:
+        return np.linalg.inv(M)
+    except np.linalg.LinAlgError:
+        found = np.full_like(M, np.nan)
+        for where in np.ndindex(M.shape[:-2]):
+            if np.linalg.matrix_rank(M[where]) == M.shape[-1]:
+                found[where] = np.linalg.inv(M[where])
+        return found
+
+
+# ── Matrices of long robots by loops over pairs of joints
+
+PAIR_LOOP_FROM = 100_000
+"""Instructions of the smallest unrolled program that is replaced by loops (bench/NOTES.md)."""
+
+MOST_OVERESTIMATED = 3
+"""Estimated instructions exceed those of the unrolled program at most by this factor; they are never much fewer."""
+
+
+@dataclass(frozen=True)
+class _Looped:
+    """One quantity: what it is made of, and how long it would be unrolled."""
+
+    factors: Callable[..., tuple[Array, ...]]
+    before: tuple[tuple[int, int], ...]
+    after: tuple[tuple[int, int], ...]
+    """By matrix, the factors of entries whose row's joint carries the column's, and of all others."""
+    added: tuple[Callable[[Model], Array] | None, ...]
+    """By matrix, what is constant of it."""
+    symmetric: bool
+    for_a_joint: int
+    for_a_pair: int
+    """Instructions, for each velocity and for each pair of one that carries the other."""
+
+
+_LOOPED = {
+    "mass_matrix": _Looped(
+        forward_dynamics.mass_matrix_factors, ((0, 1),), ((2, 3),), (forward_dynamics.constant_mass,), True, 60, 27
+    ),
+    "inverse_dynamics_derivatives": _Looped(
+        forward_dynamics.derivative_factors, ((0, 1), (0, 2)), ((3, 4), (3, 5)), (forward_dynamics.constant_stiffness, None),
+        False, 230, 106,
+    ),
+}  # fmt: skip
+
+
+def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
+    """The loops for one quantity; its unrolled program if counting shows that this is short enough; None for all others."""
+    (name, options), *_ = asked.items()
+    looped = _LOOPED.get(name)
+    if looped is None or not _only(asked, name):
+        return None
+    from ..lowering.product_loop import LEAST
+
+    if model.nv < LEAST or not forward_dynamics.applies(model):
+        return None
+    carries, bodies = forward_dynamics.relations(model)
+    estimated = looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum())
+    if estimated < PAIR_LOOP_FROM:
+        return None
+    if estimated < MOST_OVERESTIMATED * PAIR_LOOP_FROM:
+        unrolled = program_of_several(model, asked)
+        if len(unrolled.instructions) < PAIR_LOOP_FROM:
+            return unrolled
+    same = bodies[:, None] == bodies
+    below = carries.T if not looped.symmetric else carries.T & ~(same & np.triu(np.ones_like(same), 1))
+    relations = np.where(below, AFTER, np.where(carries, BEFORE, NEITHER))
+    quantity, mine = replace(QUANTITIES[name], algorithm=looped.factors), regrouped(model)
+
+    def factors(*arrays: Array) -> Any:
+        return evaluated(quantity, mine, list(arrays), options)
+
+    count = len({k for pair in (*looped.before, *looped.after) for k in pair})
+    program = trace(factors, inputs_of(model, name, options), [f"factor {k}" for k in range(count)])
+    matrices = []
+    for output, before, after, added in zip(quantity.outputs, looped.before, looped.after, looped.added, strict=True):
+        constant = np.zeros((model.nv, model.nv)) if added is None else added(mine)
+        places = zip(*np.nonzero(constant), strict=True)
+        more = tuple((int(r), int(c), float(constant[r, c])) for r, c in places)
+        matrices.append(Product(output, before, after, more))
+    return Products(program, tuple(matrices), tuple(map(tuple, relations.tolist())))

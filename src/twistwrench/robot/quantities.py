@@ -19,13 +19,14 @@ from ..model.model import Model
 from .arguments import CONFIGURATIONS
 
 Shape = tuple[int, ...]
+Algorithm = Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One row of the table: ``algorithm(model, *inputs, **options)`` gives the outputs."""
 
-    algorithm: Callable[..., Any]
+    algorithm: Algorithm
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     sizes: tuple[tuple[str, ...], ...]
@@ -55,36 +56,12 @@ class Quantity:
 
 
 def row(
-    algorithm: Callable[..., Any],
-    inputs: str,
-    outputs: str,
-    sizes: str,
-    meaning: str,
-    *,
-    options: str = "",
-    felt: bool = False,
-    needs_inverse: bool = False,
-    needs_mass: bool = False,
-    unit: str = "",
-    book: str = "",
-    pinocchio: str = "",
-    mujoco: str = "",
+    algorithm: Algorithm, inputs: str, outputs: str, sizes: str, meaning: str, *, options: str = "", **more: Any
 ) -> Quantity:
     """Names apart by blanks, the sizes of several outputs by commas."""
+    axes = tuple(tuple(output.split()) for output in sizes.split(","))
     return Quantity(
-        algorithm,
-        tuple(inputs.split()),
-        tuple(outputs.split()),
-        tuple(tuple(axes.split()) for axes in sizes.split(",")),
-        meaning,
-        tuple(options.split()),
-        felt,
-        needs_inverse,
-        needs_mass,
-        unit,
-        book,
-        pinocchio,
-        mujoco,
+        algorithm, tuple(inputs.split()), tuple(outputs.split()), axes, meaning, tuple(options.split()), **more
     )
 
 

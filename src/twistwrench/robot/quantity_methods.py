@@ -12,34 +12,153 @@ from numpy.typing import ArrayLike
 from ..core.glossary import complete
 from ..errors import UnknownNameError
 from ..typing import Array
-from .arguments import Wrenches
+from .arguments import Kind, Wrenches, unlabelled
 from .derivatives import DerivativeMethods
-from .kinematics_methods import KinematicsMethods
 
 if TYPE_CHECKING:
     from ..lie.twist_wrench import Wrench
 
 
-class QuantityMethods(KinematicsMethods, DerivativeMethods):
-    """Methods for the quantities of a robot: kinematics, dynamics, statics, energies and their derivatives.
+class QuantityMethods(DerivativeMethods):
+    """Methods for the quantities of a robot: kinematics, dynamics, statics, energies and their derivatives."""
 
-    Shapes are those of one state; any leading batch shape goes, and batch shapes broadcast as NumPy's do.
-    """
+    # ── configurations ──
+
+    def add(self, q: ArrayLike, dv: ArrayLike, *, out: Any = None) -> Array:
+        """Configuration plus joint twists, q ⊕ dv: each joint moves along its constant twist for unit time.
+
+        Parameters
+        ----------
+        dv : (nv,) array_like, joint twists times unit time [rad, m]
+            Planar, ball and floating joints may turn by up to 32768 rad.
+
+        Returns
+        -------
+        q : (nq,) array, configuration
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().add([1, 0, 0, 0, 0, 0, 0], [0, 0, 0, 1, 2, 3]).tolist()
+        [1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
+        """
+        return self._call("add", q, dv, out=out)
+
+    def subtract(self, q1: ArrayLike, q0: ArrayLike, *, out: Any = None) -> Array:
+        """Difference of configurations, q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1.
+
+        Parameters
+        ----------
+        q1, q0 : (nq,) array_like, configurations
+
+        Returns
+        -------
+        dv : (nv,) array, joint twists times unit time [rad, m], turning the short way
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().subtract([1, 0, 0, 0, 1, 2, 3], [1, 0, 0, 0, 0, 0, 0]).tolist()
+        [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
+        """
+        return self._call("subtract", q1, q0, out=out)
+
+    # ── kinematics ──
+
+    def forward_kinematics(self, q: ArrayLike, frame: str | None = None, *, out: Any = None) -> Array:
+        """Forward kinematics: T_s,frame, the pose of a frame in the base frame {s}. MR section 4.1.
+
+        Returns
+        -------
+        T : (4, 4) array, homogeneous transform [m]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> np.round(arm.forward_kinematics([0, np.pi / 2])[:3, 3], 12).tolist()
+        [1.0, 0.0, 1.0]
+        """
+        return self._call("forward_kinematics", q, frame=frame, out=out)
+
+    def link_poses(self, q: ArrayLike, *, out: Any = None) -> Array:
+        """Forward kinematics of all links at once: T_s,link, each in the base frame {s}.
+
+        Returns
+        -------
+        T : (nlinks, 4, 4) array, homogeneous transforms [m], in the order of :attr:`link_names`
+        """
+        return self._call("link_poses", q, out=out)
+
+    def jacobian(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Array:
+        """Geometric Jacobian J of a frame, with V = J dq its twist (omega, v). MR eq. 5.11 (space), 5.18 (body).
+
+        Parameters
+        ----------
+        kind : "body", "space" or "world_aligned"
+            ``"body"``: the twist in the frame itself; ``"space"``: at the base origin, with the base's axes;
+            ``"world_aligned"``: at the frame's origin, with the base's axes.
+
+        Returns
+        -------
+        J : (6, nv) array, angular rows first [rad, m per unit of q]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.jacobian([0, 0]).round(12)[[2, 4]].tolist()
+        [[1.0, 1.0], [2.0, 1.0]]
+        """
+        return self._call("jacobian", q, frame=frame, kind=kind, out=out)
+
+    def jacobian_rate(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
+    ) -> Array:
+        """Time derivative dJ/dt of the Jacobian, as in dV/dt = J ddq + (dJ/dt) dq.
+
+        Returns
+        -------
+        dJ : (6, nv) array, d/dt of :meth:`jacobian`, angular rows first
+        """
+        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind, out=out)
+
+    def frame_velocity(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
+    ) -> Array:
+        """Velocity of a frame: its twist (omega, v) = J dq.
+
+        Returns
+        -------
+        V : (6,) array, twist [rad/s, m/s], in the axes and about the point that ``kind`` says
+        """
+        return self._call("frame_velocity", q, dq, frame=frame, kind=kind, out=out)
+
+    def frame_acceleration(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None, kind: Kind = "body", *,
+        out: Any = None,
+    ) -> Array:  # fmt: skip
+        """Acceleration of a frame: the rate dV/dt of its twist, gravity not included.
+
+        The rate of a twist's six numbers: the acceleration of a body's point has ω × v beside it, unless ``kind`` is
+        ``"world_aligned"``.
+
+        Returns
+        -------
+        dV : (6,) array, d/dt of :meth:`frame_velocity` [rad/s², m/s²]
+        """
+        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind, out=out)
 
     # ── dynamics ──
 
     def inverse_dynamics(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
         out: Any = None,
-    ) -> Array:
+    ) -> Array:  # fmt: skip
         """Inverse dynamics: joint torques τ = M q̈ + h + Σ J'F_by - Σ J'F_on of a motion.
+
+        Newton-Euler recursion, MR eq. 8.54.
 
         Parameters
         ----------
@@ -49,10 +168,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
 
-        Notes
-        -----
-        Newton-Euler recursion, MR eq. 8.54.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -61,21 +176,14 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         [29.43, 9.81]
         """
         how = {"friction": True} if friction else {}
-        given = q, dq, ddq
-        return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
+        return self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **how)
 
     def forward_dynamics(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        tau: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
+        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
         out: Any = None,
-    ) -> Array:
-        """Forward dynamics: joint accelerations q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on) under torques.
+    ) -> Array:  # fmt: skip
+        """Forward dynamics: joint accelerations q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on) under torques. MR section 8.5.
 
         Parameters
         ----------
@@ -90,10 +198,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         SingularMassMatrixError
             A joint moves nothing with inertia, so that M has no inverse.
 
-        Notes
-        -----
-        MR section 8.5.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -102,91 +206,48 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         [1.0, -2.0]
         """
         how = {"friction": True} if friction else {}
-        given = q, dq, tau
-        return self._with_wrenches("forward_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
+        return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot, out, **how)
 
     def mass_matrix(self, q: ArrayLike, *, out: Any = None) -> Array:
-        """Mass matrix M (joint-space inertia), symmetric and full.
+        """Mass matrix M (joint-space inertia), symmetric and full. MR eq. 8.57.
 
         Returns
         -------
         M : (nv, nv) array [kg m², sliding joints: kg]
-
-        Notes
-        -----
-        MR eq. 8.57.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.mass_matrix([0, np.pi / 2]).round(12).tolist()
-        [[3.0, 1.0], [1.0, 1.0]]
         """
         return self._call("mass_matrix", q, out=out)
 
     def bias_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
-        """Bias forces h = c + g: what remains of the joint torques τ at q̈ = 0.
+        """Bias forces h = c + g: what remains of the joint torques τ at q̈ = 0. MR section 8.1.2.
 
         Returns
         -------
         h : (nv,) array [N m, sliding joints: N]
-
-        Notes
-        -----
-        MR section 8.1.2.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.bias_forces([0, 0], [0, 0]).round(2).tolist()
-        [29.43, 9.81]
         """
         return self._call("bias_forces", q, dq, out=out)
 
     def coriolis_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
-        """Coriolis and centripetal torques c, the velocity-product terms.
+        """Coriolis and centripetal torques c, the velocity-product terms. MR section 8.1.2.
 
         Returns
         -------
         c : (nv,) array [N m, sliding joints: N]
-
-        Notes
-        -----
-        MR section 8.1.2.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.coriolis_forces([0, np.pi / 2], [0, 1]).round(12).tolist()
-        [-1.0, 0.0]
         """
         return self._call("coriolis_forces", q, dq, out=out)
 
     def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Coriolis matrix C, with C dq = c and dM/dt - 2C skew-symmetric.
 
+        On one-degree joints it is the one of the Christoffel symbols. MR section 8.1.2.
+
         Returns
         -------
         C : (nv, nv) array [N m s, sliding joints: N s]
-
-        Notes
-        -----
-        On one-degree joints it is the one of the Christoffel symbols. MR section 8.1.2.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.coriolis_matrix([0, np.pi / 2], [0, 1]).round(12).tolist()
-        [[-1.0, -1.0], [0.0, 0.0]]
         """
         return self._call("coriolis_matrix", q, dq, out=out)
 
     def christoffel(self, q: ArrayLike, *, out: Any = None) -> Array:
-        """Christoffel symbols of the first kind Γ_ijk of the mass matrix: c_i = Σ Γ_ijk dq_j dq_k.
+        """Christoffel symbols of the first kind Γ_ijk of the mass matrix: c_i = Σ Γ_ijk dq_j dq_k. MR eq. 8.12.
 
         Returns
         -------
@@ -196,42 +257,22 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         ------
         ValueRangeError
             The robot has planar, ball or floating joints, whose rates are not derivatives of coordinates.
-
-        Notes
-        -----
-        MR eq. 8.12.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.christoffel([0, np.pi / 2])[0].round(12).tolist()
-        [[0.0, -1.0], [-1.0, -1.0]]
         """
         return self._call("christoffel", q, out=out)
 
     def gravity_forces(self, q: ArrayLike, *, out: Any = None) -> Array:
-        """Gravity torques g, which hold the robot at rest against gravity.
+        """Gravity torques g, which hold the robot at rest against gravity. MR section 8.1.2.
 
         Returns
         -------
         g : (nv,) array [N m, sliding joints: N]
-
-        Notes
-        -----
-        MR section 8.1.2.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.gravity_forces([0, 0]).round(2).tolist()
-        [29.43, 9.81]
         """
         return self._call("gravity_forces", q, out=out)
 
     def friction_forces(self, dq: ArrayLike, *, load: ArrayLike | None = None, out: Any = None) -> Array:
         """Joint friction: the torques that overcome it at the velocities dq.
+
+        MR section 8.9.4. At rest friction may be anything up to the static one, and the law gives 0.
 
         Parameters
         ----------
@@ -240,10 +281,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
-
-        Notes
-        -----
-        MR section 8.9.4. At rest friction may be anything up to the static one, and the law gives 0.
 
         Examples
         --------
@@ -260,13 +297,11 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Any = None) -> Array:
         """Regressor Y of the inertial parameters: τ = Y π, π being :attr:`parameters`.
 
+        The equation of motion is linear in π, MR section 8.2. Springs and friction are apart.
+
         Returns
         -------
         Y : (nv, 10 nbodies) array, ten columns for each moving body
-
-        Notes
-        -----
-        The equation of motion is linear in π, MR section 8.2. Springs and friction are apart.
 
         Examples
         --------
@@ -279,16 +314,13 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         return self._call("regressor", q, dq, ddq, out=out)
 
     def drive_torques(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> tuple[Array, Array]:
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Torques in the drives, referred to the joints: the part through the gears, and the part of the rotors before them.
+
+        They add up to τ. Divided by the ratio they are the book's τ_gear / G and the rotor's own part of τ_motor. MR
+        section 8.9.3.
 
         Parameters
         ----------
@@ -299,11 +331,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         gear : (nv,) array, torques through the gears [N m, sliding joints: N]
         rotor : (nv,) array, torques that turn the rotors [N m, sliding joints: N]
 
-        Notes
-        -----
-        They add up to τ. Divided by the ratio they are the book's τ_gear / G and the rotor's own part of τ_motor. MR
-        section 8.9.3.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -313,15 +340,14 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         >>> rotor.round(9).tolist()
         [0.2, 0.0]
         """
-        carried, rotor = self._with_wrenches("drive_torques", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
-        return carried, rotor
+        return self._with_wrenches("drive_torques", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
 
     # ── statics ──
 
     def wrench_torques(
         self, q: ArrayLike, wrench_by_robot: ArrayLike | Wrench, frame: str | None = None, *, out: Any = None
     ) -> Array:
-        """Joint torques of one wrench alone, τ = J_b' F (Jacobian transpose).
+        """Joint torques of one wrench alone, τ = J_b' F (Jacobian transpose). MR eq. 5.26.
 
         Parameters
         ----------
@@ -337,10 +363,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         FrameError
             No frame is named, and the robot has no single tip; or the label of the wrench says another frame.
 
-        Notes
-        -----
-        MR eq. 5.26.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -349,7 +371,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         [0.0, 0.0]
         """
         from ..lie.twist_wrench import Wrench
-        from .arguments import unlabelled
 
         if isinstance(wrench_by_robot, Wrench):
             frame = wrench_by_robot.frame if frame is None else frame
@@ -359,22 +380,14 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         return self._call("wrench_torques", q, F, frame=frame, out=out)
 
     def holding_torques(
-        self,
-        q: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> Array:
-        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with the torques of springs.
+        self, q: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> Array:  # fmt: skip
+        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with the torques of springs. MR section 5.2.
 
         Returns
         -------
         tau : (nv,) array, joint torques [N m, sliding joints: N]
-
-        Notes
-        -----
-        MR section 5.2.
 
         Examples
         --------
@@ -386,49 +399,25 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out)
 
     def joint_wrenches(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        out: Any = None,
-    ) -> Array:
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
+    ) -> Array:  # fmt: skip
         """Wrenches across the joints (bearing loads): what each moving body receives across its joint.
 
         Returns
         -------
         F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of :attr:`body_names`
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.joint_wrenches([0, 0], [0, 0], [0, 0]).shape
-        (2, 6)
         """
         return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
 
     # ── energies, momentum, centre of mass ──
 
     def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Any:
-        """Kinetic energy of the moving bodies, ½ dq' M dq.
+        """Kinetic energy of the moving bodies, ½ dq' M dq. MR section 8.1.2.
 
         Returns
         -------
         K : () [J]
-
-        Notes
-        -----
-        MR section 8.1.2.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> round(float(arm.kinetic_energy([0, 0], [0, 1])), 12)
-        0.5
         """
         return self._call("kinetic_energy", q, dq, out=out)
 
@@ -438,13 +427,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         Returns
         -------
         P : () [J]
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> round(float(arm.potential_energy([-np.pi / 2, 0])), 12)
-        -29.43
         """
         return self._call("potential_energy", q, out=out)
 
@@ -463,13 +445,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         ------
         ValueRangeError
             No moving body has mass, and ``frame`` is "com".
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.momentum([0, 0], [1, 0]).round(12).tolist()
-        [0.0, -5.0, 0.0, 0.0, 0.0, 3.0]
         """
         if frame not in ("base", "com"):
             raise UnknownNameError.from_choices("momentum frame", frame, ("base", "com"))
@@ -486,13 +461,6 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         ------
         ValueRangeError
             No moving body has mass.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.center_of_mass([0, 0]).round(12).tolist()
-        [1.5, 0.0, 0.0]
         """
         return self._call("center_of_mass", q, out=out)
 
@@ -507,24 +475,8 @@ class QuantityMethods(KinematicsMethods, DerivativeMethods):
         ------
         ValueRangeError
             No moving body has mass.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.com_jacobian([0, 0]).round(12)[2].tolist()
-        [1.5, 0.5]
         """
         return self._call("com_jacobian", q, out=out)
-
-
-METHODS = {
-    name: method
-    for part in (KinematicsMethods, QuantityMethods, DerivativeMethods)
-    for name, method in vars(part).items()
-    if not name.startswith("_")
-}
-"""All of them by name."""
 
 
 complete(globals())

@@ -13,11 +13,9 @@ from ..core.glossary import complete
 from ..errors import ShapeError
 from ..typing import Array
 from .arguments import Rows, check_mapping, names_of, states, wrench_at
-from .base import RobotBase
 from .conversion_methods import BridgeMethods, EditMethods, FileMethods
-from .derivatives import LinearizationMethods
 from .quantity_methods import QuantityMethods
-from .shared_methods import IKMethods, Method, SimulationMethods
+from .shared_methods import Method, SharedMethods
 from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
@@ -27,255 +25,21 @@ if TYPE_CHECKING:
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
     from .arguments import Wrenches
-    from .closed.closed_robot import ClosedRobot
+    from .closed_robot import ClosedRobot
     from .explanation import Explanation
     from .ik import IKResult
 
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 
 
-class DisplayMethods(RobotBase):
-    """The methods of a robot that describe it."""
-
-    def info(self) -> dict[str, Any]:
-        """Robot description as plain data: joints, links with mass, frames, gravity, defects; what ``info --json`` prints.
-
-        Returns
-        -------
-        info : dict, of what ``json.dumps`` takes
-            ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
-            ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().info()["joints"][0]["effort"]
-        150.0
-        """
-        from ..reports.robot_summary import summary
-
-        return summary(self._open())
-
-    def _repr_html_(self) -> str:
-        from ..core.numbers import number
-        from ..core.tables import html_table
-        from ..reports.robot_summary import joint_rows
-
-        rows = joint_rows(self.model)
-        defects = f", {len(self.defects)} defects" if self.defects else ""
-        mass = number(self.model.moving_mass)
-        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg moving, tip {self.tip}{defects}"
-        return html_table(
-            title, [name.replace("_", " ") for name in _SHOWN], ([row[name] for name in _SHOWN] for row in rows)
-        )
-
-
-class OpenRobotMethods(RobotBase, IKMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):
-    """Methods of a robot that open what is built on it: simulation, closed loops, and what only open robots have."""
-
-    # ── what the methods that closed robots have, too, ask ──
-
-    def _closed(self) -> ClosedRobot:
-        from .closed.closed_robot import ClosedRobot
-
-        return ClosedRobot(self._open())
-
-    def _simulated(self, *start: Any, **given: Any) -> SimulationResult:
-        from ..simulation.preparation import simulated
-
-        return simulated(self._open(), *start, **given)
-
-    def _rolled_out(self, *start: Any, **given: Any) -> Rollout:
-        from ..simulation.rollout import rolled_out
-
-        return rolled_out(self._open(), *start, **given)
-
-    # ── methods of its own ──
-
-    def inverse_kinematics_branches(
-        self,
-        T: ArrayLike,
-        frame: str | None = None,
-        *,
-        rows: Rows = None,
-        starts: int = 256,
-        rng: np.random.Generator | int | None = 0,
-        angle: float = 1e-10,
-        distance: float = 1e-10,
-    ) -> IKResult:
-        """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
-
-        Parameters
-        ----------
-        T : (4, 4) array_like, wanted pose in the base frame [m]
-        rows : str or iterable, optional, rows of the twist that count
-        starts : int, how many places the search starts from
-        rng : numpy Generator or seed, for these places
-
-        Returns
-        -------
-        found : IKResult
-            A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
-
-        Notes
-        -----
-        Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
-        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1. At singular
-        configurations branches meet, or are points of curves on which the frame stays; a ``ModelWarning`` says so.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> T = arm.forward_kinematics([0.3, 0.8])
-        >>> arm.inverse_kinematics_branches(T, rows="vx vy").q.round(3) + 0.0
-        array([[ 0.3,  0.8],
-               [ 1.1, -0.8]])
-        """
-        from .ik import branches
-
-        return branches(self._open(), T, frame, rows, starts, rng, angle, distance)
-
-    @taking_the_arguments_of(SimulationMethods.simulate)
-    def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:
-        """Simulations from many states, each as :meth:`simulate` gives it, to the last bit.
-
-        Parameters
-        ----------
-        *start : q0 (..., nq), dq0 (..., nv), duration and dt, by these names too, as in :meth:`simulate`
-        **options : all others of :meth:`simulate`, the same for each
-
-        Returns
-        -------
-        batch : SimulationBatch, one SimulationResult for each state
-
-        Raises
-        ------
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        One that fails is in the batch as far as it came: ``batch.completed`` says which are whole, ``.stopped`` of a result
-        why. Steps of fixed length under constant torques and wrenches are taken side by side. Functions are asked by one
-        simulation after the other: a controller that remembers its last call meets the start of the next. States alone, of
-        many more samples, are what :meth:`rollout` is for.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> swings = tw.robots.pendulum().simulate_batch([[1.0], [2.0]], duration=0.5, method="rk4")
-        >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
-        (2, True, array([2.]))
-        """
-        from ..simulation.preparation import simulate_batch
-
-        return simulate_batch(self._open(), *start, **options)
-
-    def explain(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> Explanation:
-        """Why a joint needs its torque: τ split by term and by the link, rotor or payload that causes it.
-
-        Returns
-        -------
-        why : Explanation, whose parts add up to τ
-
-        Notes
-        -----
-        Any batch shape; the table and the picture are of one state. Inverse dynamics is linear in the inertial
-        parameters, MR section 8.2.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r().with_payload(tw.SpatialInertia.from_com(2.0))
-        >>> why = arm.explain([0, 0], [0, 1], [0, 0])
-        >>> why.of("payload at tip", "gravity").round(2).tolist()
-        [39.24, 19.62]
-        """
-        wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        robot = self._open()
-        q, dq, ddq = map(np.asarray, states(self.model, "explain", q=q, dq=dq, ddq=ddq))
-        tau = np.asarray(robot.inverse_dynamics(q, dq, ddq, **wrenches), float)
-        apart: dict[str, Array] = {}
-        for sign, given in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
-            for frame, F in (given or {}).items():
-                found = sign * robot.wrench_torques(q, wrench_at(self.model, frame, F), frame)
-                apart[f"wrench at {frame}"] = found + apart.get(f"wrench at {frame}", 0.0)
-        if self.model.springs:
-            apart["springs"] = robot.holding_torques(q) - robot.gravity_forces(q)
-        if self.model.armature.any():
-            from ..algorithms.recursion import armature_forces
-
-            apart["armature"] = armature_forces(self.model, dq, ddq)
-        if friction and self.model.friction.any:
-            apart["friction"] = robot.friction_forces(dq, load=tau)
-        Y = self.engine.cached("regressor on NumPy", lambda: _on_numpy(robot))
-        from .explanation import explained
-
-        return explained(self.model, Y, (q, dq, ddq), apart)
-
-    def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
-        """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.
-
-        Returns
-        -------
-        terms : ClosedForm
-
-        Notes
-        -----
-        Slow, and without any of the recursions by which the terms are computed elsewhere.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> terms = tw.robots.planar_2r().closed_form([0, 0.5], [1, 1])
-        >>> terms.A.shape, terms.L.shape, terms.M.shape
-        ((12, 2), (12, 12), (2, 2))
-        """
-        q, dq = (
-            arguments.finite(
-                arguments.one(x, f"closed_form: {name}", n, names=names_of(self.model, name)), f"closed_form: {name}", n
-            )
-            for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
-        )
-        check_mapping(wrench_by_robot)
-        wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
-        if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
-            raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
-        from ..algorithms.inverse_dynamics import closed_form
-
-        return closed_form(self.model, q, dq, wrenches)
-
-
-def _on_numpy(robot: Robot) -> Any:
-    """Regressor on NumPy, which is evaluated rarely: compiling it would take a second."""
-    from ..lowering.reference_interpreter import NumpyKernel
-
-    return NumpyKernel(robot.program("regressor"), "regressor", "")
-
-
-# ── Robot
-
-
 class Robot(
     QuantityMethods,
     TaskSpaceMethods,
     ActuationMethods,
-    LinearizationMethods,
-    DisplayMethods,
     EditMethods,
     FileMethods,
     BridgeMethods,
-    OpenRobotMethods,
+    SharedMethods[Method, "SimulationResult", "Rollout"],
 ):
     """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled at first use.
 
@@ -290,10 +54,36 @@ class Robot(
     Examples
     --------
     >>> import numpy as np, twistwrench as tw
-    >>> arm = tw.robots.planar_2r()
-    >>> np.round(arm.mass_matrix([0.0, np.pi / 2]), 12).tolist()
-    [[3.0, 1.0], [1.0, 1.0]]
+    >>> arm, q, dq = tw.robots.planar_2r(), [0.0, np.pi / 2], [0.0, 1.0]
+    >>> arm.mass_matrix(q).round(9).tolist(), arm.gravity_forces(q).round(2).tolist()
+    ([[3.0, 1.0], [1.0, 1.0]], [19.62, 0.0])
+    >>> arm.coriolis_forces(q, dq).round(9).tolist(), arm.bias_forces(q, dq).round(2).tolist()
+    ([-1.0, 0.0], [18.62, 0.0])
+    >>> arm.coriolis_matrix(q, dq).round(9).tolist(), arm.christoffel(q)[0].round(9).tolist()
+    ([[-1.0, -1.0], [0.0, 0.0]], [[0.0, -1.0], [-1.0, -1.0]])
+    >>> arm.joint_wrenches(q, dq, [0, 0]).shape
+    (2, 6)
+    >>> arm.kinetic_energy(q, dq).round(9).item(), arm.potential_energy(q).round(2).item()
+    (0.5, 9.81)
+    >>> arm.momentum(q, dq).round(9).tolist()
+    [0.0, -1.0, 0.0, -1.0, 0.0, 0.0]
+    >>> arm.center_of_mass(q).round(9).tolist(), arm.com_jacobian(q)[2].round(9).tolist()
+    ([1.0, 0.0, 0.5], [1.0, 0.0])
+    >>> arm.link_poses(q).shape == (len(arm.link_names), 4, 4)
+    True
+    >>> arm.frame_velocity(q, dq, kind="world_aligned").round(9).tolist()
+    [0.0, -1.0, 0.0, -1.0, 0.0, 0.0]
+    >>> arm.frame_acceleration(q, [1, 0], [0, 0], kind="world_aligned").round(9)[3:].tolist()
+    [-1.0, 0.0, -1.0]
+    >>> bool(np.allclose(arm.jacobian_derivative(q) @ dq, arm.jacobian_rate(q, dq)))
+    True
+    >>> arm.mass_matrix_derivative(q)[:, :, 1].round(9).tolist()
+    [[-2.0, -1.0], [-1.0, 0.0]]
+    >>> arm.forward_dynamics_derivatives(q, dq, [0, 0])[2].round(9).tolist()  # M⁻¹
+    [[0.5, -0.5], [-0.5, 1.5]]
     """
+
+    # ── what differs from closed robots ──
 
     def _open(self) -> Robot:
         return self
@@ -301,6 +91,21 @@ class Robot(
     def _of_model(self, model: Model) -> Robot:
         """Robot with another model, the result of an edit."""
         return Robot(model)
+
+    def _closed(self) -> ClosedRobot:
+        from .closed_robot import ClosedRobot
+
+        return ClosedRobot(self)
+
+    def _simulated(self, *start: Any, **given: Any) -> SimulationResult:
+        from ..simulation.preparation import simulated
+
+        return simulated(self, *start, **given)
+
+    def _rolled_out(self, *start: Any, **given: Any) -> Rollout:
+        from ..simulation.rollout import rolled_out
+
+        return rolled_out(self, *start, **given)
 
     def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
         """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before.
@@ -323,6 +128,187 @@ class Robot(
         elif direct is not None:
             vars(self)[name] = direct
         return True
+
+    # ── what it is ──
+
+    def info(self) -> dict[str, Any]:
+        """Robot description as plain data: joints, links with mass, frames, gravity, defects; what ``info --json`` prints.
+
+        Returns
+        -------
+        info : dict, of what ``json.dumps`` takes
+            ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
+            ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().info()["joints"][0]["effort"]
+        150.0
+        """
+        from ..reports.robot_summary import summary
+
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        from ..core.numbers import number
+        from ..core.tables import html_table
+        from ..reports.robot_summary import joint_rows
+
+        rows = joint_rows(self.model)
+        defects = f", {len(self.defects)} defects" if self.defects else ""
+        mass = number(self.model.moving_mass)
+        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg moving, tip {self.tip}{defects}"
+        return html_table(
+            title, [name.replace("_", " ") for name in _SHOWN], ([row[name] for name in _SHOWN] for row in rows)
+        )
+
+    # ── inverse kinematics, simulation, explanation ──
+
+    def inverse_kinematics_branches(
+        self,
+        T: ArrayLike,
+        frame: str | None = None,
+        *,
+        rows: Rows = None,
+        starts: int = 256,
+        rng: np.random.Generator | int | None = 0,
+        angle: float = 1e-10,
+        distance: float = 1e-10,
+    ) -> IKResult:
+        """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
+
+        Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
+        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1. At singular
+        configurations branches meet, or are points of curves on which the frame stays; a ``ModelWarning`` says so.
+
+        Parameters
+        ----------
+        T : (4, 4) array_like, wanted pose in the base frame [m]
+        rows : str or iterable, optional, rows of the twist that count
+        starts : int, how many places the search starts from
+        rng : numpy Generator or seed, for these places
+
+        Returns
+        -------
+        found : IKResult
+            A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> T = arm.forward_kinematics([0.3, 0.8])
+        >>> arm.inverse_kinematics_branches(T, rows="vx vy").q.round(3) + 0.0
+        array([[ 0.3,  0.8],
+               [ 1.1, -0.8]])
+        """
+        from .ik import branches
+
+        return branches(self, T, frame, rows, starts, rng, angle, distance)
+
+    @taking_the_arguments_of(SharedMethods.simulate)
+    def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:
+        """Simulations from many states, each as :meth:`simulate` gives it, to the last bit.
+
+        One that fails is in the batch as far as it came: ``batch.completed`` says which are whole, ``.stopped`` of a result
+        why. Steps of fixed length under constant torques and wrenches are taken side by side. Functions are asked by one
+        simulation after the other: a controller that remembers its last call meets the start of the next. States alone, of
+        many more samples, are what :meth:`rollout` is for.
+
+        Parameters
+        ----------
+        *start : q0 (..., nq), dq0 (..., nv), duration and dt, by these names too, as in :meth:`simulate`
+        **options : all others of :meth:`simulate`, the same for each
+
+        Returns
+        -------
+        batch : SimulationBatch, one SimulationResult for each state
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swings = tw.robots.pendulum().simulate_batch([[1.0], [2.0]], duration=0.5, method="rk4")
+        >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
+        (2, True, array([2.]))
+        """
+        from ..simulation.preparation import simulate_batch
+
+        return simulate_batch(self, *start, **options)
+
+    def explain(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+    ) -> Explanation:  # fmt: skip
+        """Why a joint needs its torque: τ split by term and by the link, rotor or payload that causes it.
+
+        Any batch shape; the table and the picture are of one state. Inverse dynamics is linear in the inertial
+        parameters, MR section 8.2.
+
+        Returns
+        -------
+        why : Explanation, whose parts add up to τ
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r().with_payload(tw.SpatialInertia.from_com(2.0))
+        >>> why = arm.explain([0, 0], [0, 1], [0, 0])
+        >>> why.contribution("payload at tip", "gravity").round(2).tolist()
+        [39.24, 19.62]
+        """
+        wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        q, dq, ddq = map(np.asarray, states(self.model, "explain", q=q, dq=dq, ddq=ddq))
+        tau = np.asarray(self.inverse_dynamics(q, dq, ddq, **wrenches), float)
+        apart: dict[str, Array] = {}
+        for sign, given in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
+            for frame, F in (given or {}).items():
+                found = sign * self.wrench_torques(q, wrench_at(self.model, frame, F), frame)
+                apart[f"wrench at {frame}"] = found + apart.get(f"wrench at {frame}", 0.0)
+        if self.model.springs:
+            apart["springs"] = self.holding_torques(q) - self.gravity_forces(q)
+        if self.model.armature.any():
+            from ..algorithms.recursion import armature_forces
+
+            apart["armature"] = armature_forces(self.model, dq, ddq)
+        if friction and self.model.friction.any:
+            apart["friction"] = self.friction_forces(dq, load=tau)
+        from ..lowering.reference_interpreter import NumpyKernel
+        from .explanation import explained
+
+        # evaluated rarely: compiling it would take a second
+        Y = self.engine.cached("regressor on NumPy", lambda: NumpyKernel(self.program("regressor"), "regressor", ""))
+        return explained(self.model, Y, (q, dq, ddq), apart)
+
+    def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
+        """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.
+
+        Slow, and without any of the recursions by which the terms are computed elsewhere.
+
+        Returns
+        -------
+        terms : ClosedForm
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0.5], [1, 1])
+        >>> terms.A.shape, terms.L.shape, terms.M.shape
+        ((12, 2), (12, 12), (2, 2))
+        """
+        q, dq = (
+            arguments.finite(
+                arguments.one(x, f"closed_form: {name}", n, names=names_of(self.model, name)), f"closed_form: {name}", n
+            )
+            for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
+        )
+        check_mapping(wrench_by_robot)
+        wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
+        if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
+            raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
+        from ..algorithms.inverse_dynamics import closed_form
+
+        return closed_form(self.model, q, dq, wrenches)
 
 
 complete(globals())

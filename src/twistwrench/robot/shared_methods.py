@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..lie.twist_wrench import Wrench
     from ..simulation import Event, JointStops, Plane
     from ..simulation.torque_laws import TorqueLaw
-    from .closed.closed_robot import ClosedRobot
+    from .closed_robot import ClosedRobot
     from .ik import IKResult
     from .ik_search import LoopClosureSolver
     from .robot import Robot
@@ -33,8 +33,21 @@ def _inverse_kinematics() -> Callable[..., IKResult]:
     return solve
 
 
-class IKMethods:
-    """Methods of open and closed robots alike; the methods with a leading underscore differ between them."""
+Law = Callable[[float, Array, Array], Any]
+"""A function of (t, q, dq)."""
+Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
+ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
+
+MethodName = TypeVar("MethodName", bound=str)
+Simulated = TypeVar("Simulated")
+RolledOut = TypeVar("RolledOut")
+
+
+class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
+    """Methods of open and closed robots alike; the methods with a leading underscore differ between them.
+
+    ``MethodName`` are the integrators there are, the others what simulations and rollouts give.
+    """
 
     def _open(self) -> Robot:
         """The robot with its loops open."""
@@ -51,6 +64,14 @@ class IKMethods:
     def _constraint_options(self, name: str) -> Mapping[str, Any]:  # noqa: ARG002  a closed robot looks at it
         """Options of a quantity for the constraints."""
         return {}
+
+    def _simulated(self, *start: Any, **given: Any) -> Simulated:
+        """The result of a simulation."""
+        raise NotImplementedError
+
+    def _rolled_out(self, *start: Any, **given: Any) -> RolledOut:
+        """The result of a rollout."""
+        raise NotImplementedError
 
     def inverse_kinematics(
         self,
@@ -83,11 +104,6 @@ class IKMethods:
         found : IKResult
             It says which poses were reached, what is left, and why; nothing else counts as reached. Of a closed robot with
             the gap of its loops.
-
-        Raises
-        ------
-        FrameError
-            No frame is named, and the robot has no single tip.
 
         Notes
         -----
@@ -127,6 +143,9 @@ class IKMethods:
     ) -> ClosedRobot:
         """Closed loop, or one more: the robot with ``frame_b`` held on ``frame_a``; see :class:`.closed_robot.ClosedRobot`.
 
+        The chosen rows of the twist of {b} as {c} sees it, along the axes of {c}, are zero, and {b} lies on {c} in
+        these directions. Loops are closed one after another. MR section 8.7.
+
         Parameters
         ----------
         frame_a, frame_b : str, frames of the robot; ``"ground"`` is the base
@@ -145,11 +164,6 @@ class IKMethods:
             No configuration is found at which the loops close, or rows depend on the others and ``redundant`` is not
             "accept".
 
-        Notes
-        -----
-        The chosen rows of the twist of {b} as {c} sees it, along the axes of {c}, are zero, and {b} lies on {c} in
-        these directions. Loops are closed one after another. MR section 8.7.
-
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
@@ -160,7 +174,7 @@ class IKMethods:
         >>> arm.close("ground", "tip", rows="vz").close("ground", "tip", rows="wy").row_names
         ('ground–tip vz', 'ground–tip #2 wy')
         """
-        from .closed.constraints import closure
+        from .constraints import closure
 
         return self._closed()._with(closure(self._open().model, frame_a, frame_b, rows, pose), near, redundant)
 
@@ -174,6 +188,8 @@ class IKMethods:
         redundant: Literal["error", "accept"] = "error",
     ) -> ClosedRobot:
         """Velocity constraint, or one more: the robot with chosen rows of a frame's twist zero, as for a wheel or a blade.
+
+        No position goes with it; where one does, as for a hand on a plane, :meth:`close` with ``"ground"`` keeps it.
 
         Parameters
         ----------
@@ -192,10 +208,6 @@ class IKMethods:
         ConstraintError
             Rows depend on the others and ``redundant`` is not "accept".
 
-        Notes
-        -----
-        No position goes with it; where one does, as for a hand on a plane, :meth:`close` with ``"ground"`` keeps it.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -204,7 +216,7 @@ class IKMethods:
         >>> tw.robots.floating_box().constrain("box", "vy").constrain("box", "vz").row_names
         ('box vy', 'box #2 vz')
         """
-        from .closed.constraints import rolling
+        from .constraints import rolling
 
         return self._closed()._with(rolling(self._open().model, frame, rows, kind), near, redundant)
 
@@ -218,6 +230,8 @@ class IKMethods:
         test: bool = True,
     ) -> tuple[Path, ...]:
         """C code export: quantities as C99 functions that allocate nothing and need ``math.h`` only.
+
+        docs/export.md shows the files. A closed robot exports quantities with its constraints and those of the open one.
 
         Parameters
         ----------
@@ -233,14 +247,8 @@ class IKMethods:
         ------
         KernelError
             An option does not apply, or no program without branches computes it.
-        SingularMassMatrixError
-            A quantity needs M⁻¹, and M has none.
         ValueRangeError
             ``path`` cannot be written.
-
-        Notes
-        -----
-        docs/export.md shows the files. A closed robot exports quantities with its constraints and those of the open one.
 
         Examples
         --------
@@ -257,10 +265,8 @@ class IKMethods:
         True
         """
         from ..export import export_c
-        from ..export.request import named
 
-        asked = [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
-        return export_c(self._open(), asked, path, precision=precision, prefix=prefix, test=test)
+        return export_c(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
 
     def export_cuda(
         self,
@@ -271,6 +277,8 @@ class IKMethods:
         prefix: str | None = None,
     ) -> tuple[Path, ...]:
         """CUDA source export: quantities as CUDA C++ kernels with a thread for each sample.
+
+        docs/export.md describes the launch. Compiled by nvcc and NVRTC in the tests, not yet run on a GPU.
 
         Parameters
         ----------
@@ -285,14 +293,8 @@ class IKMethods:
         ------
         KernelError
             An option does not apply, no program without branches computes the quantity, or the program is too long.
-        SingularMassMatrixError
-            A quantity needs M⁻¹, and M has none.
         ValueRangeError
             ``path`` cannot be written.
-
-        Notes
-        -----
-        docs/export.md describes the launch. Compiled by nvcc and NVRTC in the tests, not yet run on a GPU.
 
         Examples
         --------
@@ -303,32 +305,16 @@ class IKMethods:
         True
         """
         from ..export import export_cuda
+
+        return export_cuda(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix)
+
+    def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
+        """Quantities with their options, the constraints among them."""
         from ..export.request import named
 
-        asked = [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
-        return export_cuda(self._open(), asked, path, precision=precision, prefix=prefix)
+        return [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
 
-
-# ── Simulation and rollout
-
-Law = Callable[[float, Array, Array], Any]
-"""A function of (t, q, dq)."""
-Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
-ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
-
-MethodName = TypeVar("MethodName", bound=str)
-Simulated = TypeVar("Simulated")
-RolledOut = TypeVar("RolledOut")
-
-
-class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
-    """Simulation and rollout; ``MethodName`` are the integrators there are, the others what comes out."""
-
-    def _simulated(self, *start: Any, **given: Any) -> Simulated:
-        raise NotImplementedError
-
-    def _rolled_out(self, *start: Any, **given: Any) -> RolledOut:
-        raise NotImplementedError
+    # ── simulation and rollout ──
 
     def simulate(
         self,
@@ -353,6 +339,10 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
         progress: Callable[[float], None] | None = None,
     ) -> Simulated:
         """Simulation: the motion from one state, under torques, controllers, wrenches, contacts and limits.
+
+        docs/simulation.md explains and measures, docs/constraints.md for closed robots. Their steps end on the constraints, by
+        the projection that is least in the kinetic metric; Hairer, Lubich and Wanner, Geometric Numerical Integration, section
+        IV.4.
 
         Parameters
         ----------
@@ -389,14 +379,6 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
             computed is in ``.result``.
         ConstraintError
             The first state is far from the constraints.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        docs/simulation.md explains and measures, docs/constraints.md for closed robots. Their steps end on the constraints, by
-        the projection that is least in the kinetic metric; Hairer, Lubich and Wanner, Geometric Numerical Integration, section
-        IV.4.
 
         Examples
         --------
@@ -437,6 +419,9 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
     ) -> RolledOut:
         """Rollout: motions from any batch of states, all steps of ``dt`` in one kernel.
 
+        docs/rollouts.md explains. The steps of a closed robot are those of :meth:`simulate`, in float64. Where its constraints
+        lose rank on the way, the states of that motion are NaN from there on; the others go on.
+
         Parameters
         ----------
         q0 : (..., nq) array_like, configurations at the start, loops closed
@@ -468,13 +453,6 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
         ------
         ConstraintError
             A first state is far from the constraints.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        docs/rollouts.md explains. The steps of a closed robot are those of :meth:`simulate`, in float64. Where its constraints
-        lose rank on the way, the states of that motion are NaN from there on; the others go on.
 
         Examples
         --------

@@ -35,25 +35,18 @@ class TaskSpaceMethods(RobotBase):
     def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Task-space (operational-space) inertia Λ of F = Λ dV + η on the chosen rows of J: (J M⁻¹ J')⁻¹.
 
+        MR section 8.6. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
+        :meth:`lost_directions` are the others. A 0 on its diagonal does not mean light: no motion along that row is
+        possible, so no inertia is defined.
+
         Returns
         -------
         Lambda : (r, r) array [kg m², kg m, kg]
-
-        Raises
-        ------
-        SingularMassMatrixError
-            As for :meth:`forward_dynamics`.
 
         Warns
         -----
         ModelWarning
             Rows are lost at every configuration, as a planar arm's are without ``rows``; once for a robot and its rows.
-
-        Notes
-        -----
-        MR section 8.6. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
-        :meth:`lost_directions` are the others. A 0 on its diagonal does not mean light: no motion along that row is
-        possible, so no inertia is defined.
 
         Examples
         --------
@@ -70,18 +63,11 @@ class TaskSpaceMethods(RobotBase):
     ) -> Array:
         """Task-space bias η of F = Λ dV + η on the chosen rows of J: Λ (J M⁻¹ h - (dJ/dt) dq).
 
+        MR section 8.6. What happens where J loses rank: as for :meth:`task_inertia`.
+
         Returns
         -------
         eta : (r,) array [N m, N]
-
-        Raises
-        ------
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        MR section 8.6. What happens where J loses rank: as for :meth:`task_inertia`.
 
         Examples
         --------
@@ -95,14 +81,12 @@ class TaskSpaceMethods(RobotBase):
     def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Lost directions of a singular configuration: those of the chosen rows in which the frame cannot be moved.
 
+        Wrenches along them are borne without torques, and Λ is zero on them. A batch has as many rows for each
+        configuration as the one that has lost most; those of the others are zero after their own.
+
         Returns
         -------
         F : (lost, r) array, orthonormal rows with F'J = 0
-
-        Notes
-        -----
-        Wrenches along them are borne without torques, and Λ is zero on them. A batch has as many rows for each
-        configuration as the one that has lost most; those of the others are zero after their own.
 
         Examples
         --------
@@ -234,16 +218,13 @@ class ActuationMethods:
 
     @third_party.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
     def motor_loads(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> MotorLoads:
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+    ) -> MotorLoads:  # fmt: skip
         """Motor loads: torque, speed, current, voltage, power and heat of the motor of each actuator.
+
+        MR section 8.9. Rotors are accelerated before the gear; the rest goes through it at its efficiency. Actuators alone
+        drive a closed robot; with more of them than degrees of freedom their torques are those of least norm.
 
         Parameters
         ----------
@@ -259,11 +240,6 @@ class ActuationMethods:
             The robot has no actuators; see :meth:`twistwrench.Robot.with_actuators`.
         ConstraintError
             q, dq or ddq breaks the constraints of a closed robot, or its actuators cannot make the motion.
-
-        Notes
-        -----
-        MR section 8.9. Rotors are accelerated before the gear; the rest goes through it at its efficiency. Actuators alone
-        drive a closed robot; with more of them than degrees of freedom their torques are those of least norm.
 
         Examples
         --------
@@ -292,16 +268,12 @@ class ActuationMethods:
 
     @third_party.by_blocks(lambda *_: [()] * 4, _of_powers)
     def power_balance(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        tau: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> PowerBalance:
+        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+    ) -> PowerBalance:  # fmt: skip
         """Power balance of one state under torques τ by source; positive comes in, and the sum is zero.
+
+        Constraints take no power. Friction of a closed robot is that of the joints under τ, as in its forward dynamics.
 
         Returns
         -------
@@ -309,14 +281,8 @@ class ActuationMethods:
 
         Raises
         ------
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
         ConstraintError
             q or dq breaks the constraints of a closed robot.
-
-        Notes
-        -----
-        Constraints take no power. Friction of a closed robot is that of the joints under τ, as in its forward dynamics.
 
         Examples
         --------

@@ -10,19 +10,22 @@ from __future__ import annotations
 import ctypes
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..errors import KernelError
 from ..ir.loops import Form
-from ..ir.program import TensorSpec
-from ..lowering.target_machine import DOUBLE, SINGLE
-from .dispatch_ir import CALL, POINTERS, CallLayout, abi_matches, call_assembly
-from .gufunc import numpy_function, owner_of
+from ..ir.program import TensorSpec, axes_of
+from ..lowering.target_machine import DOUBLE, SINGLE, Machine
+from ..typing import Array
+from .dispatch_ir import CALL, POINTERS, BuiltinWriter, CallLayout, abi_matches, call_assembly
+from .gufunc import KernelMetadata, numpy_function, owner_of
 from .jit import Code, assembled
-from .kernel_metadata import KernelMetadata
 
 MOST_IN_A_ROW = 16
 """Builtins of one method, for other options or other arrays."""
@@ -111,6 +114,11 @@ def address_of(name: str) -> int:
     return ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0
 
 
+def _owner(kernel: Any) -> Any:
+    """Owner of a compiled kernel, in CPython with its lock; else None."""
+    return owner_of(kernel) if abi_matches() else None
+
+
 def make_call(
     ufunc: Any, method: Callable[..., Any], name: str, call: CallSignature | None = None
 ) -> Callable[..., Any] | None:
@@ -118,8 +126,8 @@ def make_call(
 
     None if it cannot be made: no compiled kernel, a method with other parameters, an interpreter of another build.
     """
-    owner = owner_of(ufunc)
-    if owner is None or not abi_matches():
+    owner = _owner(ufunc)
+    if owner is None:
         return None
     call = call or CallSignature()
     parameters = inspect.signature(method, follow_wrapped=False)
@@ -214,7 +222,108 @@ def attach_fallback(first: Any, other: Any) -> None:
 
 def calls_before(ufunc: Any) -> int:
     """Number of calls with one state after which a builtin pays: two, more for long programs; 0: never."""
-    owner = owner_of(ufunc)
-    if owner is None or not abi_matches():
+    owner = _owner(ufunc)
+    if owner is None:
         return 0
     return 2 if owner.length < LONG else owner.length // EACH
+
+
+# ── Prepared calls of a kernel's loop, row by row: NumPy's way into a ufunc takes longer than short loops run
+
+# ``call(number, array)`` copies the array to an operand of row ``number`` in a table of addresses, runs the loop on that row,
+# and returns one number of the results as a float; ``call(number)`` uses the operand as it is. For an array that is not plain
+# it returns None without effect. The code contains sizes but no addresses: those are in ``self``.
+
+ROW_POINTERS = (
+    "none",
+    "array_type",
+    "descriptor",
+    "as_number",
+    "new_float",
+    "incref",
+    "loop",
+    "table",
+    "sizes",
+    "strides",
+)
+"""Addresses in the bytes object, 8 bytes each."""
+
+Rows = tuple[Array, NDArray[np.intp]]
+"""An array (m, ...) of an operand's rows, and the number of the row for each call, (n,)."""
+
+
+@cache
+def _row_code(operands: int, size: int, taken: int, told: int, machine: Machine) -> Code:
+    """Code of a call: the array has ``size`` doubles and is copied to operand ``taken``; operand ``told`` has the float."""
+    call = BuiltinWriter(DOUBLE, ROW_POINTERS)
+    w = call.w
+    number = w.new(f"call i64 {call.known('as_number')}(ptr {call.entry('%args', 0)})")
+    row = w.gep(call.known("table"), w.new(f"mul i64 {number}, {8 * operands}"))
+    call.fork("icmp eq i64 %count, 1", "run", "copy")
+    call.begin("copy")
+    source = call.array(call.entry("%args", 1), TensorSpec("x", (size,)))
+    target = call.entry(row, taken)
+    w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr align 8 {target}, ptr align 8 {source}, i64 {8 * size}, i1 false)")
+    w.do("br label %run")
+    call.begin("run")
+    w.do(f"call void {call.known('loop')}(ptr {row}, ptr {call.known('sizes')}, ptr {call.known('strides')}, ptr null)")
+    new_float = call.known("new_float")
+    value = w.new(f"load double, ptr {call.entry(row, told)}, align 8")
+    w.do(f"ret ptr {w.new(f'call ptr {new_float}(double {value})')}")
+    call.begin("slow")
+    none = call.known("none")
+    w.do(f"call void {call.known('incref')}(ptr {none})")
+    w.do(f"ret ptr {none}")
+    declared = "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)"
+    text = [declared, f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:", *w.lines, "}\n"]
+    return assembled("\n".join(text), CALL, machine)
+
+
+def can_bind_calls(kernel: Any) -> bool:
+    """True if calls row by row can be prepared: for a compiled kernel, in CPython with its lock."""
+    return _owner(kernel) is not None
+
+
+def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> Callable[..., Any]:
+    """A function that makes one of n calls of a kernel, each on a row of every operand; of a scan, each of one step.
+
+    ``call(k, x)`` makes call number k after x was copied to its row of operand number ``taken``, and returns the first
+    number of operand ``told``; ``call(k)`` uses the row as it is. It returns None without effect if x is not a plain
+    array of float64 of that size. k is not checked.
+    """
+    owner = _owner(kernel)
+    if owner is None:
+        raise KernelError("calls row by row are prepared for compiled kernels only.")
+    sizes: dict[int, int] = {0: 1}
+    strides: list[int] = [0] * len(operands)
+    ports = (*owner.given.inputs, *owner.given.outputs)
+    for port, axes, (array, _) in zip(ports, axes_of(owner.given.signature), operands, strict=True):
+        if array.shape[1:] != port.shape or array.dtype != np.float64:
+            raise KernelError(f"{port.name}: rows {array.shape[1:]} of {array.dtype}, and not {port.shape} of float64.")
+        further = len(axes) - len(port.shape)  # steps and rows kept of a recurrence: one of each
+        sizes |= dict(zip(axes, (1,) * further + port.shape, strict=True))
+        strides += [0] * further + list(array.strides[1:])
+    first = np.array([array.ctypes.data for array, _ in operands], np.intp)
+    apart = np.array([array.strides[0] for array, _ in operands], np.intp)
+    numbers = np.stack([which for _, which in operands], axis=1)
+    tables = {
+        "table": np.ascontiguousarray(first + numbers * apart),
+        "sizes": np.array([sizes[k] for k in range(len(sizes))], np.intp),
+        "strides": np.array(strides, np.intp),
+    }
+    code = _row_code(len(operands), ports[taken].size, taken, told, owner.machine)
+    dtype = np.dtype(float)
+    addresses = {
+        "none": id(None),
+        "array_type": id(np.ndarray),
+        "descriptor": id(dtype),
+        "as_number": address_of("PyLong_AsSsize_t"),
+        "new_float": address_of("PyFloat_FromDouble"),
+        "incref": address_of("Py_IncRef"),
+        "loop": owner.code[DOUBLE.char].address,
+        **{name: table.ctypes.data for name, table in tables.items()},
+    }
+    kept = {"kernel": kernel, "operands": tuple(operands), "tables": tables, "dtype": dtype}
+    context = table_of([addresses[name] for name in ROW_POINTERS])
+    found: Callable[..., Any] = builtin(CALL, "A prepared call.", code, FASTCALL, context, kept)
+    return found

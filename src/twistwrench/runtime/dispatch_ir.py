@@ -144,8 +144,8 @@ def _sort() -> str:
     w.begin(none)
     w.do("ret i1 true")
     w.begin(some)
-    several = w.new(f"load i64, ptr {w.at('%names', SIZE)}, align 8")
-    items = w.at("%names", TUPLE_ITEMS)
+    several = w.new(f"load i64, ptr {w.gep('%names', SIZE)}, align 8")
+    items = w.gep("%names", TUPLE_ITEMS)
     with w.loop(several, some) as j:
         name = _load(w, items, j)
         argument = _load(w, "%args", w.new(f"add i64 %count, {j}"))
@@ -169,29 +169,29 @@ def _sort() -> str:
 def _number_list() -> str:
     """``numbers`` copies the floats of a list or tuple; false for another length and for other contents."""
     w = LlvmWriter(DOUBLE, 1)
-    kind = w.new(f"load ptr, ptr {w.at('%object', FIELDS['type'])}, align 8")
+    kind = w.new(f"load ptr, ptr {w.gep('%object', FIELDS['type'])}, align 8")
     listed, tupled = w.new(f"icmp eq ptr {kind}, %list"), w.new(f"icmp eq ptr {kind}, %tuple")
     _else_false(w, w.new(f"or i1 {listed}, {tupled}"))
-    length = w.new(f"load i64, ptr {w.at('%object', SIZE)}, align 8")
+    length = w.new(f"load i64, ptr {w.gep('%object', SIZE)}, align 8")
     last = _else_false(w, w.new(f"icmp eq i64 {length}, %length"))
-    apart = w.new(f"load ptr, ptr {w.at('%object', LIST_ITEMS)}, align 8")  # in a tuple an item, or a number
-    items = w.new(f"select i1 {listed}, ptr {apart}, ptr {w.at('%object', TUPLE_ITEMS)}")
+    apart = w.new(f"load ptr, ptr {w.gep('%object', LIST_ITEMS)}, align 8")  # in a tuple an item, or a number
+    items = w.new(f"select i1 {listed}, ptr {apart}, ptr {w.gep('%object', TUPLE_ITEMS)}")
     with w.loop("%length", last) as k:
         item = _load(w, items, k)
-        its = w.new(f"load ptr, ptr {w.at(item, FIELDS['type'])}, align 8")
+        its = w.new(f"load ptr, ptr {w.gep(item, FIELDS['type'])}, align 8")
         pythons, numpys = w.new(f"icmp eq ptr {its}, %float"), w.new(f"icmp eq ptr {its}, %double")
         _else_false(w, w.new(f"or i1 {pythons}, {numpys}"))
-        _store(w, "%into", k, w.new(f"load double, ptr {w.at(item, FLOAT_VALUE)}, align 8"), "double")
+        _store(w, "%into", k, w.new(f"load double, ptr {w.gep(item, FLOAT_VALUE)}, align 8"), "double")
     w.do("ret i1 true")
     return _helper("numbers", "ptr %object, i64 %length, ptr %into, ptr %list, ptr %tuple, ptr %float, ptr %double", w)
 
 
 def _load(w: LlvmWriter, table: str, number: str) -> str:
-    return w.new(f"load ptr, ptr {w.at(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+    return w.new(f"load ptr, ptr {w.gep(table, w.new(f'mul i64 {number}, 8'))}, align 8")
 
 
 def _store(w: LlvmWriter, table: str, number: str, value: str, kind: str = "ptr") -> None:
-    w.do(f"store {kind} {value}, ptr {w.at(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+    w.do(f"store {kind} {value}, ptr {w.gep(table, w.new(f'mul i64 {number}, 8'))}, align 8")
 
 
 def _else_false(w: LlvmWriter, condition: str) -> str:
@@ -220,7 +220,7 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
 
     def times_zero(offset: int | str) -> str:
         return w.new(
-            f"fmul {kind} {w.new(f'load {kind}, ptr {w.at(data, offset)}, align {w.precision.bytes}')}, {zero}"
+            f"fmul {kind} {w.new(f'load {kind}, ptr {w.gep(data, offset)}, align {w.precision.bytes}')}, {zero}"
         )
 
     def plus(a: str, b: str) -> str:
@@ -261,20 +261,20 @@ class BuiltinWriter:
 
     def __init__(self, precision: Precision, pointers: Sequence[str]) -> None:
         self.w, self.pointers, self.label = LlvmWriter(precision, 1), pointers, "entry"
-        self.context = self.w.at("%self", BYTES_DATA)
+        self.context = self.w.gep("%self", BYTES_DATA)
 
     def known(self, what: str | int) -> str:
         """An address of the context, by its name, or by its number behind those with names."""
         number = self.pointers.index(what) if isinstance(what, str) else len(self.pointers) + what
-        return self.at(self.context, number)
+        return self.entry(self.context, number)
 
-    def at(self, table: str, number: int, kind: str = "ptr") -> str:
+    def entry(self, table: str, number: int, kind: str = "ptr") -> str:
         """An entry of a table."""
-        return self.w.new(f"load {kind}, ptr {self.w.at(table, 8 * number)}, align 8")
+        return self.w.new(f"load {kind}, ptr {self.w.gep(table, 8 * number)}, align 8")
 
     def put(self, table: str, number: int, value: str) -> None:
         """Set a pointer of a table."""
-        self.w.do(f"store ptr {value}, ptr {self.w.at(table, 8 * number)}, align 8")
+        self.w.do(f"store ptr {value}, ptr {self.w.gep(table, 8 * number)}, align 8")
 
     def begin(self, label: str) -> None:
         """Start a basic block."""
@@ -293,9 +293,11 @@ class BuiltinWriter:
 
     def field(self, array: str, name: str, kind: str) -> str:
         """A field of an array."""
-        return self.w.new(f"load {kind}, ptr {self.w.at(array, FIELDS[name])}, align 4")
+        return self.w.new(f"load {kind}, ptr {self.w.gep(array, FIELDS[name])}, align 4")
 
-    def array(self, array: str, spec: TensorSpec, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED,) * 2) -> str:
+    def array(
+        self, array: str, spec: TensorSpec, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED, CONTIGUOUS_AND_ALIGNED)
+    ) -> str:
         """The data of an array of the expected type, shape and flags; dimensions are read only if their number is right."""
         w, (mask, wanted) = self.w, flags
         self.check(f"icmp eq ptr {self.field(array, 'type', 'ptr')}, {self.known('array_type')}")
@@ -305,7 +307,7 @@ class BuiltinWriter:
         self.check(f"icmp eq i32 {w.new(f'and i32 {found}, {mask}')}, {wanted}")
         dims = self.field(array, "dims", "ptr")
         for axis, size in enumerate(spec.shape):
-            self.check(f"icmp eq i64 {self.at(dims, axis, 'i64')}, {size}")
+            self.check(f"icmp eq i64 {self.entry(dims, axis, 'i64')}, {size}")
         return self.field(array, "data", "ptr")
 
 
@@ -326,7 +328,7 @@ class _Call(BuiltinWriter):
         w, layout = self.w, self.layout
         arguments, outs = self.arguments()
         for k, spec in enumerate(layout.inputs):
-            self.input(k, self.at(arguments, k), spec)
+            self.input(k, self.entry(arguments, k), spec)
         fresh, lent, run, hand, kept = (w.label(stem) for stem in ("fresh", "lent", "run", "hand", "kept"))
         after_lent = ""
         if layout.out >= 0:
@@ -347,7 +349,7 @@ class _Call(BuiltinWriter):
         w.do(f"call void {self.known('loop')}(ptr {self.data}, ptr @one, ptr @steps, ptr null)")
         bad = "false"
         for k, spec in enumerate(layout.outputs, start=len(layout.inputs)):
-            found, self.label = has_nonfinite(w, self.at(self.data, k), spec.size, self.label)
+            found, self.label = has_nonfinite(w, self.entry(self.data, k), spec.size, self.label)
             bad = w.new(f"or i1 {bad}, {found}")
         wrong, fine, drop = (w.label(stem) for stem in ("wrong", "fine", "drop"))
         w.do(f"br i1 {bad}, label %{wrong}, label %{fine}")
@@ -365,7 +367,7 @@ class _Call(BuiltinWriter):
         self.hand_over()
         self.begin("slow")
         slower = self.known("vectorcall")
-        given = f"ptr {self.at(self.known('fallback'), 0)}, ptr %args, i64 %count, ptr %names"
+        given = f"ptr {self.entry(self.known('fallback'), 0)}, ptr %args, i64 %count, ptr %names"
         w.do(f"ret ptr {w.new(f'call ptr {slower}({given})')}")
 
     def arguments(self) -> tuple[str, str]:
@@ -381,16 +383,16 @@ class _Call(BuiltinWriter):
         self.begin(sort)
         for k in range(layout.parameters):
             self.put(self.slots, k, "null")
-        names = w.at(self.context, 8 * len(POINTERS))
+        names = w.gep(self.context, 8 * len(POINTERS))
         self.check(f"icmp sle i64 %count, {layout.positional}")
         given = f"ptr {self.slots}, i64 {layout.parameters}, ptr {names}, ptr %args, i64 %count, ptr %names"
         self.check(f"icmp eq i1 {w.new(f'call i1 @sort({given})')}, true")
         for number, (parameter, is_default) in enumerate(layout.options, start=layout.parameters):
-            option = self.at(self.slots, parameter)
+            option = self.entry(self.slots, parameter)
             same = w.new(f"icmp eq ptr {option}, {self.known(number)}")
             missing = w.new(f"icmp eq ptr {option}, null")
             self.check(f"or i1 {same}, {missing if is_default else 'false'}")
-        found, last = self.at(self.slots, layout.out) if layout.out >= 0 else "null", self.label
+        found, last = self.entry(self.slots, layout.out) if layout.out >= 0 else "null", self.label
         w.do(f"br label %{ready}")
         self.begin(ready)
         arguments = w.new(f"phi ptr [%args, %{quick}], [{self.slots}, %{last}]")
@@ -422,20 +424,20 @@ class _Call(BuiltinWriter):
         objects = [outs]
         if len(outputs) > 1:
             self.check(f"icmp eq ptr {self.field(outs, 'type', 'ptr')}, {self.known('tuple_type')}")
-            self.check(f"icmp eq i64 {self.at(w.at(outs, SIZE), 0, 'i64')}, {len(outputs)}")
-            objects = [self.at(w.at(outs, TUPLE_ITEMS), k) for k in range(len(outputs))]
+            self.check(f"icmp eq i64 {self.entry(w.gep(outs, SIZE), 0, 'i64')}, {len(outputs)}")
+            objects = [self.entry(w.gep(outs, TUPLE_ITEMS), k) for k in range(len(outputs))]
         wanted = CONTIGUOUS_AND_ALIGNED | WRITABLE
         for k, (item, spec) in enumerate(zip(objects, outputs, strict=True), start=before):
             place = self.array(item, spec, (wanted | BACK | WARNS, wanted))
             for j in range(k):
-                other = self.at(self.data, j)
+                other = self.entry(self.data, j)
                 ends = [self.ends_before(place, spec, other), self.ends_before(other, self.specs[j], place)]
                 self.check(f"or i1 {ends[0]}, {ends[1]}")
             self.put(self.data, k, place)
 
     def ends_before(self, one: str, spec: TensorSpec, other: str) -> str:
         """An i1: the numbers of one array end before those of another begin."""
-        end = self.w.at(one, spec.size * self.layout.precision.bytes)
+        end = self.w.gep(one, spec.size * self.layout.precision.bytes)
         return self.w.new(f"icmp ule ptr {end}, {other}")
 
     def allocate(self) -> None:
@@ -449,11 +451,11 @@ class _Call(BuiltinWriter):
             w.do(f"call void {self.known('incref')}(ptr {descriptor})")  # the new array takes a reference over
             given = f"ptr {self.known('array_type')}, ptr {descriptor}, i32 {len(spec.shape)}, ptr @shape{k}"
             made = w.new(f"call ptr {self.known('new_array')}({given}, ptr null, ptr null, i32 0, ptr null)")
-            self.made(made, k)
+            self.require_object(made, k)
             self.put(self.results, k, made)
             self.put(self.data, before + k, self.field(made, "data", "ptr"))
 
-    def made(self, item: str, before: int) -> None:
+    def require_object(self, item: str, before: int) -> None:
         """Continue if CPython made an object, else release those made before and return its error."""
         got, failed = self.w.label("made"), self.w.label("failed")
         self.fork(f"icmp eq ptr {item}, null", failed, got)
@@ -466,19 +468,20 @@ class _Call(BuiltinWriter):
         """Release the first ``count`` new arrays."""
         for k in range(count):
             if self.layout.outputs[k].shape:
-                self.w.do(f"call void {self.known('decref')}(ptr {self.at(self.results, k)})")
+                self.w.do(f"call void {self.known('decref')}(ptr {self.entry(self.results, k)})")
 
     def hand_over(self) -> None:
         """Return the new array, a scalar, or a tuple."""
         w, outputs = self.w, self.layout.outputs
-        if len(outputs) > 1:
+        first, *others = outputs
+        if others:
             several = w.new(f"call ptr {self.known('new_tuple')}(i64 {len(outputs)})")
-            self.made(several, len(outputs))
+            self.require_object(several, len(outputs))
             for k in range(len(outputs)):
-                self.put(w.at(several, TUPLE_ITEMS), k, self.at(self.results, k))
+                self.put(w.gep(several, TUPLE_ITEMS), k, self.entry(self.results, k))
             w.do(f"ret ptr {several}")
-        elif outputs[0].shape:
-            w.do(f"ret ptr {self.at(self.results, 0)}")
+        elif first.shape:
+            w.do(f"ret ptr {self.entry(self.results, 0)}")
         else:
             given = f"ptr {self.buffers[len(self.layout.inputs)]}, ptr {self.known('descriptor')}, ptr null"
             make = self.known("new_scalar")

@@ -11,17 +11,19 @@ import copyreg
 import ctypes
 import threading
 import weakref
+from ast import literal_eval
+from collections.abc import Callable
 from functools import cache, cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core import object_cache
 from ..errors import KernelError
-from ..ir.program import axes_of
+from ..ir.program import TensorSpec, axes_of, signature_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter
 from .jit import LOCK, Code, compiled, found
-from .kernel_metadata import KernelMetadata, code_of
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -63,6 +65,28 @@ class _UFuncObject(ctypes.Structure):
     )
 
 
+class KernelMetadata(NamedTuple):
+    """Description of a kernel without its program."""
+
+    inputs: tuple[TensorSpec, ...]
+    outputs: tuple[TensorSpec, ...]
+    length: int
+    """Number of instructions of its program."""
+    cost: int
+    """Operations of a sample."""
+    code: tuple[str, ...]
+    """Cache keys of its code for float64."""
+    form: Callable[[], Form]
+    """Function that makes the program."""
+    key: str
+    """Its own cache key."""
+
+    @property
+    def signature(self) -> str:
+        """The gufunc signature, as the program has it."""
+        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+
+
 class _Returned:
     """Result of a callback, freed when the callback's Python code has ended: then it cannot swallow an exception."""
 
@@ -91,7 +115,7 @@ class _Owner:
         known = found(program.code, self.machine) if isinstance(program, KernelMetadata) else None
         self.given = program.form() if isinstance(program, KernelMetadata) and known is None else program
         self.description = doc
-        self.kept = program.key if isinstance(program, KernelMetadata) else ""
+        self.key = program.key if isinstance(program, KernelMetadata) else ""
         """Key of the cached kernel; empty if it is not cached."""
         self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
         self.scalar: dict[str, Code] = {}
@@ -189,7 +213,18 @@ class _Owner:
             return self.scalar[precision.char]
 
     def _further(self, precision: Precision, machine: Machine) -> Code:
-        return code_of(self.kept, precision, machine, lambda: self.form)
+        """Code for another type or another vector width, cached if the kernel is."""
+        if not self.key:
+            return compiled(self.form, precision, machine)
+        mine = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
+        if (kept := object_cache.load(mine)) is not None and (
+            code := found(kept.decode().split(), machine)
+        ) is not None:
+            return code
+        code = compiled(self.form, precision, machine)
+        if code.keys:
+            object_cache.store(mine, " ".join(code.keys).encode())
+        return code
 
 
 def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool = False) -> np.ufunc:
@@ -199,7 +234,12 @@ def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool
     ``scalar`` ufunc is for one sample at a time, in one lane.
     """
     owner = _Owner(program, name, doc, scalar=scalar)
-    ufunc = _constructor()(
+    pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
+    texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
+    constructor = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)(
+        numpy_function("_UFUNC_API", _FROM_FUNC_AND_DATA_AND_SIGNATURE)
+    )
+    ufunc: np.ufunc = constructor(
         ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
         2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,
         ctypes.addressof(owner.name), ctypes.addressof(owner.doc), 0, program.signature.encode(),
@@ -225,6 +265,28 @@ def owner_of(kernel: Any) -> _Owner | None:
     except ValueError:  # a null pointer
         return None
     return owner if isinstance(owner, _Owner) else None
+
+
+def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
+    """The kernel that is cached under a key; None if there is none. ``form`` makes its program when it is needed."""
+    kept = object_cache.load(key)
+    if kept is None:
+        return None
+    name, doc, inputs, outputs, length, cost, code = literal_eval(kept.decode())
+    ins, outs = (tuple(TensorSpec(*spec) for spec in several) for several in (inputs, outputs))
+    return make_ufunc(KernelMetadata(ins, outs, length, cost, code, form, key), name, doc)
+
+
+def store_ufunc(key: str, kernel: Any) -> None:
+    """Cache the metadata of a kernel, if it is compiled and its code is cached."""
+    owner = owner_of(kernel)
+    if owner is None:
+        return
+    owner.key, code = key, owner.code["d"]
+    if code.keys:
+        specs = [tuple((p.name, p.shape) for p in several) for several in (owner.given.inputs, owner.given.outputs)]
+        about = (kernel.__name__, owner.description, *specs, owner.length, owner.cost, code.keys)
+        object_cache.store(key, repr(about).encode())
 
 
 class _Recipe:
@@ -271,10 +333,3 @@ def numpy_function(table: str, slot: int) -> int:
     get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     functions = ctypes.cast(get_pointer(getattr(_multiarray_umath, table), None), ctypes.POINTER(ctypes.c_void_p))
     return functions[slot] or 0
-
-
-def _constructor() -> Any:
-    pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
-    texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
-    prototype = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)
-    return prototype(numpy_function("_UFUNC_API", _FROM_FUNC_AND_DATA_AND_SIGNATURE))

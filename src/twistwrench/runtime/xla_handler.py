@@ -42,7 +42,7 @@ def handler_assembly(
     w, specs = LlvmWriter(precision, 1), (*inputs, *outputs)
 
     def load(base: str, offset: int, kind: str = "ptr") -> str:
-        return w.new(f"load {kind}, ptr {w.at(base, offset)}")
+        return w.new(f"load {kind}, ptr {w.gep(base, offset)}")
 
     arrays, samples = w.new(f"alloca [{len(specs)} x ptr]"), w.new("alloca i64")
     extension = load("%frame", EXTENSION)
@@ -53,7 +53,7 @@ def handler_assembly(
     w.begin("answer")
     metadata = load(extension, METADATA)
     for offset, number in zip((MAJOR, MINOR), version, strict=True):
-        w.do(f"store i32 {number}, ptr {w.at(metadata, offset)}")
+        w.do(f"store i32 {number}, ptr {w.gep(metadata, offset)}")
     w.do("ret ptr null")
     w.begin("call")
     staged = w.new(f"icmp eq i32 {load('%frame', STAGE, 'i32')}, {EXECUTE}")
@@ -62,12 +62,12 @@ def handler_assembly(
     buffers = [load(load("%frame", ARGUMENTS), 8 * k) for k in range(len(inputs))]
     buffers += [load(load("%frame", RESULTS), 8 * k) for k in range(len(outputs))]
     for k, buffer in enumerate(buffers):
-        w.do(f"store ptr {load(buffer, DATA)}, ptr {w.at(arrays, 8 * k)}")
+        w.do(f"store ptr {load(buffer, DATA)}, ptr {w.gep(arrays, 8 * k)}")
     counted = next(k for k, spec in enumerate(specs) if spec.size)
     rank, dims = load(buffers[counted], RANK, "i64"), load(buffers[counted], DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
     with w.loop(w.new(f"sub i64 {rank}, {len(specs[counted].shape)}"), "run") as axis:
-        length = load(w.at(dims, w.new(f"mul i64 {axis}, 8")), 0, "i64")
+        length = load(w.gep(dims, w.new(f"mul i64 {axis}, 8")), 0, "i64")
         product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
         w.do(f"store i64 {product}, ptr {samples}")
     w.do(f"call void {w.new('load ptr, ptr @loop')}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ..robot.shared_methods import SimulationMethods
+from ..robot.shared_methods import SharedMethods
 from .contact import JointStops, Plane
 from .events import Event, Happening
 from .preparation import SimulationBatch
@@ -16,7 +16,7 @@ from .schemes import METHODS, Partitioned, Tableau
 from .torque_laws import BatchComputedTorque, BatchPD
 
 PD, ComputedTorque = BatchPD, BatchComputedTorque  # former names
-simulate = SimulationMethods.simulate
+simulate = SharedMethods.simulate
 
 __all__ = [
     "METHODS",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..ir.loops import Scan
-from ..runtime.bound_calls import Rows, bind_calls
+from ..runtime.dispatch import Rows, bind_calls
 from ..typing import Array
 from .compiled_steps import TABLEAUS, CompiledSteps, SimulatedStep, stages
 from .forces import ControlLaw

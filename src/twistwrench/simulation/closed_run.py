@@ -12,7 +12,7 @@ from ..core import arguments
 from ..core.numbers import printed, residual
 from ..errors import SimulationError, UnknownNameError, ValueRangeError
 from ..model.parameters import moves_joints
-from ..robot.closed import checks
+from ..robot import constraints as checks
 from ..typing import Array
 from .closed_system import CLOSED_METHODS, FASTEST, GOOD, KEPT, OPEN, PIVOT, WIDEST, Loops
 from .preparation import simulated
@@ -22,7 +22,7 @@ from .rollout_gradient import computed, room_for
 from .rollout_inputs import Inputs, cleaned
 
 if TYPE_CHECKING:
-    from ..robot.closed.closed_robot import ClosedRobot
+    from ..robot.closed_robot import ClosedRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -21,8 +21,8 @@ from ..core.numbers import printed
 from ..errors import SimulationError, ValueRangeError
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
-from ..robot.closed import checks
-from ..robot.closed.constraints import CLOSED, gap_units
+from ..robot import constraints as checks
+from ..robot.constraints import CLOSED, gap_units
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
 from ..typing import Array
@@ -33,7 +33,7 @@ from .schemes import ADAPTIVE, Scheme
 from .torque_laws import GivenTorque
 
 if TYPE_CHECKING:
-    from ..robot.closed.closed_robot import ClosedRobot
+    from ..robot.closed_robot import ClosedRobot
 
 WIDEST, FASTEST, OPEN, PIVOT, GOOD = range(5)
 """Loop-closure state passed from step to step, beside q and dq: largest gap [rad or m] and gap rate before projection,

@@ -19,8 +19,8 @@ from ..ir import autodiff
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..lowering.target_machine import SINGLE
+from ..robot.differentiate import Chart
 from ..robot.engine import compiled
-from ..robot.programs import Chart
 from ..runtime import batch_threads
 from ..runtime.batch_threads import Part
 from ..runtime.gufunc import owner_of

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.numbers import printed
 from ..core.quadrature import probe_spacing
 from ..errors import SimulationError
-from ..runtime.bound_calls import can_bind_calls
+from ..runtime.dispatch import can_bind_calls
 from ..typing import Array
 from .accuracy import Accuracy, Extent, Flow, ForceCheck, ForceQuadrature, StepDoubling
 from .adaptive import Stepper

@@ -16,7 +16,7 @@ from ..algorithms.recursion import zeros
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
 from ..robot.engine import compiled
-from ..runtime.bound_calls import Rows, bind_calls, can_bind_calls
+from ..runtime.dispatch import Rows, bind_calls, can_bind_calls
 from ..runtime.gufunc import owner_of
 from ..typing import Array
 from .compiled_steps import Ports, SimulatedStep, acts_by_itself, constants, rubs

@@ -5,8 +5,24 @@ The laws of mechanics hold for every robot, so a test that draws its robots find
 
 from __future__ import annotations
 
-from .comparison import assert_close, derivative, derivative_along, relative_gap
-from .robots import KINDS, State, random_builder, random_inertia, random_pose, random_robot, random_state
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..bodies.inertia import SpatialInertia
+from ..bodies.solids import rotational_inertia
+from ..core.glossary import complete
+from ..core.numbers import printed
+from ..errors import ModelWarning, ValueRangeError
+from ..joints import JOINT_TYPES
+from ..joints.screw_joint import ScrewJoint
+from ..lie import se3, so3
+from ..model.builder import ModelBuilder
+from ..robot import Robot
+from ..typing import Array
 
 __all__ = [
     "KINDS",
@@ -21,3 +37,315 @@ __all__ = [
     "random_state",
     "relative_gap",
 ]
+
+KINDS = (*JOINT_TYPES, "mimic", "fixed")
+"""Kinds a random joint can have: those that move, followers of earlier one-degree joints, and fixed ones."""
+
+_SCREWS = {kind: joint for kind, joint in JOINT_TYPES.items() if issubclass(joint, ScrewJoint)}
+
+
+def random_robot(
+    rng: np.random.Generator | int | None = None,
+    joints: int = 7,
+    kinds: Sequence[str] = KINDS,
+    *,
+    floating_base: bool = False,
+    mimic: str = "follow",
+) -> Robot:
+    """Random robot: a tree of so many joints; the same ``rng`` seed gives the same robot.
+
+    Parameters
+    ----------
+    joints : int, how many, fixed and mimic ones counted
+    kinds : sequence of str, joint types to choose from
+    floating_base : bool, let the root link float
+    mimic : "follow" or "independent", which frees its followers
+
+    Returns
+    -------
+    robot : Robot, under gravity that points anywhere
+
+    Examples
+    --------
+    >>> random_robot(1, joints=3, kinds=("revolute",)).nv
+    3
+    """
+    rng = np.random.default_rng(rng)
+    builder = random_builder(rng, joints, kinds)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # a floating joint on a floating base is meant here
+        return Robot(builder.build(floating_base=floating_base, mimic=mimic, gravity=rng.uniform(-10.0, 10.0, 3)))
+
+
+def random_builder(
+    rng: np.random.Generator | int | None = None, joints: int = 7, kinds: Sequence[str] = KINDS
+) -> ModelBuilder:
+    """Description of a random robot, as :func:`random_robot` builds it.
+
+    Parameters
+    ----------
+    joints : int, how many, fixed and mimic ones counted
+    kinds : sequence of str, joint types to choose from
+
+    Returns
+    -------
+    builder : ModelBuilder, with links ``link0`` (the root), ``link1``, …, joints ``joint1``, …
+
+    Notes
+    -----
+    Each link hangs on a random earlier one, more often on the last, so that branches and chains both occur.
+
+    Examples
+    --------
+    >>> random_builder(0, joints=3).build().name
+    'random'
+    """
+    rng = np.random.default_rng(rng)
+    if unknown := [kind for kind in kinds if kind not in KINDS]:
+        raise ValueRangeError(f"no joint kinds {unknown}. Choose from: {', '.join(KINDS)}.")
+    builder = ModelBuilder("random")
+    builder.add_link("link0", random_inertia(rng))
+    leaders: list[str] = []
+    moving = tuple(kind for kind in kinds if kind not in ("mimic", "fixed")) or ("revolute",)
+    for i in range(1, joints + 1):
+        kind = str(rng.choice(moving if i == 1 else tuple(kinds)))
+        follows = kind == "mimic" and bool(leaders)
+        if kind == "mimic":
+            kind = str(rng.choice(list(_SCREWS)))
+        parent = f"link{i - 1 if rng.random() < 0.6 else rng.integers(i)}"
+        builder.add_link(f"link{i}", random_inertia(rng))
+        builder.add_joint(
+            f"joint{i}",
+            kind,
+            parent,
+            f"link{i}",
+            placement=random_pose(rng),
+            mimic=(str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0)))
+            if follows
+            else None,
+            **_options(rng, kind),
+        )
+        if kind in _SCREWS and not follows:
+            leaders.append(f"joint{i}")
+    return builder
+
+
+def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
+    """Axis, limits and losses of a joint. Some axes are coordinate axes, which take other paths in the code."""
+    options: dict[str, Any] = {"axis": rng.standard_normal(3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)]}
+    joint = _SCREWS.get(kind)
+    if joint is not None and joint.has_pitch:
+        options["pitch"] = rng.uniform(-0.5, 0.5)
+    if joint is not None and not joint.has_pitch and not joint.wraps:
+        options |= {"lower": rng.uniform(-3.0, -0.5), "upper": rng.uniform(0.5, 3.0)}
+    if joint is not None:
+        options |= {"damping": rng.uniform(0.0, 1.0), "friction": rng.uniform(0.0, 1.0)}
+    return options
+
+
+def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
+    """Random inertia of a body that can exist.
+
+    Second moments S about a centre of mass away from the origin, in rotated axes.
+
+    Examples
+    --------
+    >>> random_inertia(3).defects()
+    []
+    """
+    rng = np.random.default_rng(rng)
+    A = 0.2 * rng.standard_normal((3, 3))
+    mass = rng.uniform(0.2, 5.0)
+    S = mass * (A @ A.T + 1e-3 * np.eye(3))
+    return SpatialInertia.from_com(mass, 0.3 * rng.standard_normal(3), rotational_inertia(S))
+
+
+def random_pose(rng: np.random.Generator | int | None = None) -> Array:
+    """Random pose with any rotation and a position within ±0.5 m.
+
+    Returns
+    -------
+    T : (4, 4) array
+
+    Examples
+    --------
+    >>> random_pose(0).shape
+    (4, 4)
+    """
+    rng = np.random.default_rng(rng)
+    w = rng.standard_normal(3)
+    return np.asarray(se3.pose(so3.exp(w / np.linalg.norm(w) * rng.uniform(0.0, np.pi)), rng.uniform(-0.5, 0.5, 3)))
+
+
+# ── Random states of motion
+
+
+class State(NamedTuple):
+    """State and acceleration of a robot: q (..., nq), dq and ddq (..., nv)."""
+
+    q: Array
+    """Configuration (..., nq)."""
+    dq: Array
+    """Velocities (..., nv), rad/s or m/s."""
+    ddq: Array
+    """Accelerations (..., nv), rad/s² or m/s²."""
+
+
+def random_state(robot: Robot, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()) -> State:
+    """Random state: a configuration inside the limits, velocities and accelerations of order 1.
+
+    Parameters
+    ----------
+    size : int or tuple of int, batch shape
+
+    Returns
+    -------
+    state : State, q (*size, nq), dq and ddq (*size, nv)
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> random_state(tw.robots.ur5(), 0, size=4).dq.shape
+    (4, 6)
+    """
+    rng = np.random.default_rng(rng)
+    shape = (size,) if isinstance(size, int) else tuple(size)
+    q = robot.random_configuration(rng, shape)
+    return State(q, rng.standard_normal((*shape, robot.nv)), rng.standard_normal((*shape, robot.nv)))
+
+
+# ── Comparison of arrays by norm, and derivatives by differences to about 1e-12
+
+
+def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = None) -> float:
+    """Relative difference of two arrays by norm: the largest difference over the largest entry of ``desired``.
+
+    Parameters
+    ----------
+    actual, desired : array_like of one shape
+    scale : float, optional, in place of the largest entry
+
+    Returns
+    -------
+    gap : float
+
+    Notes
+    -----
+    By norm, not entry by entry: an entry near zero is the difference of large terms and carries their rounding. Entries
+    that are not finite in both arrays make the gap infinite or NaN, so ``gap <= tolerance`` is false.
+
+    Examples
+    --------
+    >>> relative_gap([100.0, 0.5], [100.0, 0.0])
+    0.005
+    """
+    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    if a.size == 0:
+        return 0.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gap = np.abs(a - b).max()
+        size = np.abs(b).max() if scale is None else scale
+        return 0.0 if gap == 0 else float(gap / size)
+
+
+def assert_close(
+    actual: ArrayLike, desired: ArrayLike, rtol: float, what: str = "", *, scale: float | None = None
+) -> None:
+    """Assert that two arrays agree: :func:`relative_gap` is at most ``rtol``, and shapes are the same.
+
+    Parameters
+    ----------
+    actual, desired : array_like of one shape
+    rtol : float, the largest gap
+    what : str, what is compared
+    scale : float, optional, in place of the largest entry of ``desired``
+        Where that is the small difference of large terms; give these terms in the test.
+
+    Raises
+    ------
+    AssertionError
+        They do not agree.
+
+    Examples
+    --------
+    >>> assert_close([1.0, 2.0], [1.0, 2.1], 1e-3, "the torque of joint 2")
+    Traceback (most recent call last):
+    AssertionError: the torque of joint 2: off by 0.0476 of the largest entry, 2.1; allowed 0.001.
+    Worst at (1,): actual 2.0, desired 2.1. Entries beyond the tolerance: 1 of 2.
+    """
+    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    name = what or "the arrays"
+    if a.shape != b.shape:
+        raise AssertionError(f"{name}: actual has shape {a.shape}, desired {b.shape}.")
+    gap = relative_gap(a, b, scale)
+    if gap <= rtol:
+        return
+    size = np.abs(b).max() if scale is None else scale
+    apart = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
+    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(apart)), a.shape))
+    whose = "the largest entry" if scale is None else "the scale"
+    raise AssertionError(
+        f"{name}: off by {printed(gap, 3)} of {whose}, {printed(size)}; allowed {printed(rtol)}.\n"
+        f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "
+        f"Entries beyond the tolerance: {np.count_nonzero(apart > rtol * size)} of {a.size}."
+    )
+
+
+# ── Derivatives by differences, to about 1e-12, independent of the formula under test
+
+_PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
+_WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
+STEP = 0.01
+"""Step of differences. For a function that varies with rate 1, such as sin t, the error of order six is STEP⁶/140 = 1e-14, and
+the rounding of six values divided by STEP about 1e-14 too. Dynamics depends on sums of joint angles, twice over:
+hence some 1e-12."""
+
+
+def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Array:
+    """Numerical derivative df/dt at t = 0 by central differences of order six.
+
+    Parameters
+    ----------
+    function : takes t of shape (6,), returns (6, ...)
+    rate : float, how fast the function varies: the sum of the speeds of what it depends on [rad/s, m/s]
+
+    Returns
+    -------
+    slope : (...) array
+
+    Examples
+    --------
+    >>> round(float(derivative(np.sin)), 13)
+    1.0
+    """
+    h = STEP / rate
+    return np.tensordot(_WEIGHTS, np.asarray(function(h * _PLACES), float), axes=1) / h
+
+
+def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: ArrayLike, v: ArrayLike) -> Array:
+    """Numerical derivative along the configuration manifold: df/dt at t = 0 of ``function(q ⊕ t v)``.
+
+    Parameters
+    ----------
+    robot : Robot
+    function : takes batches of q
+    q : (nq,) array_like, configuration
+    v : (..., nv) array_like, directions; the identity (nv, nv) gives the derivatives along each joint, first axis
+
+    Returns
+    -------
+    slope : (..., *shape of f) array
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> derivative_along(arm, arm.potential_energy, [0, 0], np.eye(2)).round(6).tolist()
+    [29.43, 9.81]
+    """
+    v = np.asarray(v, float)
+    rate = max(1.0, float(np.abs(v).sum(axis=-1).max(initial=0.0)))
+    return derivative(lambda t: function(robot.add(q, np.multiply.outer(t, v))), rate)
+
+
+complete(globals())

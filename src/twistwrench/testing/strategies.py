@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import MissingExtraError
 from ..robot import Robot
-from .robots import KINDS, State, random_robot, random_state
+from . import KINDS, State, random_robot, random_state
 
 if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy

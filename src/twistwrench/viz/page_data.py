@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import SingularMassMatrixError
-from ..export.bridge import BridgedQuantity
 from ..export.javascript import javascript_module
+from ..export.request import BridgedQuantity
 from ..lie import se3
 from ..model.model import BASE, Body, Frame, Model
 from ..motion.coordinates import Coordinates

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from .ir.expr import Expr
-from .ir.tracer import Trace
-from .robot.arguments import is_symbolic
+from ..ir.expr import Expr
+from ..ir.tracer import Trace
+from .arguments import is_symbolic
 
 __all__ = ["clip", "maximum", "minimum", "where_positive"]
 

@@ -1,1 +1,0 @@
-"""Robots with constraints: closed loops and held frames."""

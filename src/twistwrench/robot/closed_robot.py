@@ -1,0 +1,488 @@
+"""Closed robots: a robot with loops or other constraints on its velocity, A(q) dq = 0. Modern Robotics section 8.7.
+
+The equations of motion are those of the open robot with the forces of constraint in them,
+
+    τ = M q̈ + h + A'λ,   A q̈ + (dA/dt) dq = 0,
+
+so λ is what the robot applies where it is held, as in τ = M q̈ + h + J'F_by. Shapes are those of one state; any leading batch
+shape goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NoReturn, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.constraints import (
+    Closure,
+    ConstrainedDerivatives,
+    ConstrainedMotion,
+    ConstrainedTorques,
+    Constraint,
+    Slopes,
+    balance,
+    constrained_derivatives,
+    with_gaps,
+)  # fmt: skip
+from ..algorithms.loop_closure import closure_gaps, doubtful, independent_rows, settled
+from ..core import arguments, third_party
+from ..core.glossary import complete
+from ..core.numbers import printed
+from ..errors import KernelError, ValueRangeError
+from ..lie.labelled import TWIST
+from ..typing import Array
+from . import constraints as checks
+from .arguments import Wrenches, finite_states
+from .constraints import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes
+from .programs import options_of
+from .robot import Robot
+from .shared_methods import ClosedMethod, SharedMethods
+from .task_space_methods import ActuationMethods
+
+if TYPE_CHECKING:
+    from ..simulation.closed_run import ClosedRollout, ClosedSimulation
+    from .explanation import Explanation
+    from .ik_search import LoopClosureSolver
+    from .programs import KernelOptions
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"], ActuationMethods):
+    """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
+
+    Made by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7. Methods raise
+    ConstraintError if a state breaks the constraints, and SingularMassMatrixError if they need M⁻¹ and a joint moves nothing
+    with inertia.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, rest = tw.robots.planar_3r(), np.zeros(3)
+    >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+    >>> q = held.consistent([-0.7, 1.1, 1.2], within=1.5)
+    >>> q.round(4).tolist(), arm.subtract(q, [-0.7, 1.1, 1.2]).round(4).tolist()
+    ([-0.6096, 0.1992, 2.2203], [0.0904, -0.9008, 1.0203])
+    >>> bool(abs(held.constraint_error(q)).max() < 1e-12), held.gaps(q).shape
+    (True, (2,))
+    >>> held.settled(q[None], 1e-12)[1].shape
+    (1,)
+    >>> held.constraint_jacobian(q).shape, held.constraint_bias(q, rest).tolist()
+    ((2, 3), [0.0, 0.0])
+    >>> int(held.rank(q)), int(held.degrees_of_freedom(q))
+    (2, 1)
+    >>> P = held.projector(q)
+    >>> bool(abs(P @ P - P).max() < 1e-12)
+    True
+    >>> parts = held.split(q, [1, 2, 3])
+    >>> (parts.motion + parts.force).round(12).tolist()
+    [1.0, 2.0, 3.0]
+    >>> bool(abs(held.constraint_jacobian(q) @ held.project_velocity(q, [1, 0, 0])).max() < 1e-12)
+    True
+    >>> bool(abs(held.constraint_jacobian(q) @ held.project_acceleration(q, rest, [1, 0, 0])).max() < 1e-12)
+    True
+    >>> {name: F.round(12).tolist() for name, F in held.wrenches([10.0, 0.0]).items()}
+    {'ground–tip': [0.0, 0.0, 0.0, 10.0, 0.0, 0.0]}
+    >>> ddq, lam = held.forward_dynamics(q, rest, rest)
+    >>> bool(abs(held.constraint_jacobian(q) @ ddq).max() < 1e-12)
+    True
+    >>> tau = held.inverse_dynamics(q, rest, rest, ["joint1"]).tau
+    >>> tau.nonzero()[0].tolist(), bool(abs(tau - held.holding_torques(q, ["joint1"]).tau).max() < 1e-12)
+    ([0], True)
+    >>> bool(abs(held.explain(q, rest, rest, ["joint1"]).torque - tau).max() < 1e-10)
+    True
+    >>> held.joint_wrenches(q, rest, rest, ["joint1"]).shape
+    (3, 6)
+    >>> held.inverse_dynamics_derivatives(q, rest, rest, ["joint1"]).tau_by_q.shape
+    (1, 1)
+    >>> held.kernel("constrained_dynamics").signature
+    '(3),(3),(3)->(3),(2),(2)'
+    """
+
+    def __repr__(self) -> str:
+        held = ", ".join(f"{c.name} {' '.join(TWIST[k] for k in c.rows)}" for c in self.constraints)
+        free = self.nv - len(self.independent)
+        return f"<ClosedRobot {self.robot.name!r}: {held or 'open'}; {free} degree{'s' * (free != 1)} of freedom>"
+
+    if not TYPE_CHECKING:  # so that checkers of types refuse these names too
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Name the open robot's method in the error; forwarding it would ignore the loops."""
+            hint = ""
+            if not name.startswith("_") and hasattr(Robot, name):
+                call = "(…)" if callable(getattr(Robot, name)) else ""
+                hint = f" Of the robot with its loops open, without the constraints: closed.robot.{name}{call}."
+            raise AttributeError(f"a ClosedRobot has no {name!r}.{hint}", name=name, obj=self)
+
+    # ── what the methods that open robots have, too, need ──
+
+    def _open(self) -> Robot:
+        return self.robot
+
+    def _closed(self) -> ClosedRobot:
+        return self
+
+    def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
+        """The robot with one constraint more."""
+        if redundant not in ("error", "accept"):
+            raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
+        sizes, spans = row_sizes(self, new)
+        rows = tuple(range(len(sizes)))
+        closed = replace(self, constraints=(*self.constraints, new), sizes=sizes, spans=spans, independent=rows)
+        q = checks.some_configurations(closed, near)
+        checks.require_angle(closed, q)
+        rows = independent_rows(closed.constraint_jacobian(q), self.robot.mass_matrix(q), sizes)
+        closed = replace(closed, independent=rows)
+        if redundant == "error" and set(closed.redundant_rows) - set(self.redundant_rows):
+            checks.refuse_redundant(closed)
+        return closed
+
+    def _searched_loops(self) -> LoopClosureSolver:
+        from .ik_search import LoopClosureSolver
+
+        key = ("searched loops", self.constraints, self.independent)
+        found: LoopClosureSolver = self.robot.engine.cached(key, lambda: LoopClosureSolver(self))
+        return found
+
+    def _constraint_options(self, name: str) -> Mapping[str, Any]:
+        return {"constraints": self._independent_constraints} if "constraints" in options_of(name) else {}
+
+    def _simulated(self, *start: Any, **given: Any) -> ClosedSimulation:
+        from ..simulation.closed_run import simulate_closed
+
+        return simulate_closed(self, *start, **given)
+
+    def _rolled_out(self, *start: Any, **given: Any) -> ClosedRollout:
+        from ..simulation.closed_run import rollout_closed
+
+        return rollout_closed(self, *start, **given)
+
+    def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+        tau = self.inverse_dynamics(q, dq, ddq, list(self.robot.actuators), friction=friction, **wrenches).tau
+        _, rotor = self.robot.drive_torques(q, dq, ddq)
+        return tau - rotor, rotor
+
+    def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+        ddq = self.forward_dynamics(q, dq, tau, friction=friction, **wrenches).ddq
+        return ddq, self.robot.engine.call("torque_past_friction", dq, tau) if friction else None
+
+    # ── positions ──
+
+    @third_party.by_blocks(lambda closed, _: [(sum(with_gaps(closed.constraints)),)])
+    def constraint_error(self, q: ArrayLike) -> Array:
+        """Constraint error: by how much loops are open, in the rows that have a position.
+
+        Returns
+        -------
+        gap : (rows of closures,) array [rad, m]
+        """
+        (q,) = finite_states(self.robot.model, "constraint_error", q=q)
+        return self.gaps(q).astype(q.dtype, copy=False)
+
+    @third_party.by_blocks(lambda closed, _: [(closed.nq,)])
+    def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = checks.NEAR) -> Array:
+        """Configuration near q at which the loops are closed, to ``tolerance``.
+
+        Steps are the least in the kinetic metric, and where loops are far open they add up: ``robot.subtract(found, q)`` is
+        how far each joint went.
+
+        Parameters
+        ----------
+        tolerance : float, how far loops may be open (rad, m, part of a shorter robot's length)
+        within : float, warn where a joint went further than this (rad or m; ``np.inf``: never)
+
+        Returns
+        -------
+        q : (nq,) array, configuration
+
+        Raises
+        ------
+        ConstraintError
+            No configuration is reached; the gap that is left is said.
+
+        Warns
+        -----
+        ConstraintWarning
+            A joint went further than ``within``.
+        """
+        (q,) = finite_states(self.robot.model, "consistent", q=q)
+        if not arguments.number(tolerance, "tolerance") > 0:
+            raise ValueRangeError(
+                f"tolerance={printed(tolerance)} is not allowed: a positive number, such as {printed(CLOSED)}."
+            )
+        if not arguments.number(within, "within") >= 0:
+            raise ValueRangeError(
+                f"within={printed(within)} is not allowed: rad or m, 0 or more, such as {printed(checks.NEAR)}."
+            )
+        flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
+        checks.require_found(self, left, tolerance, q.shape[:-1])
+        found = flat.reshape(q.shape).astype(q.dtype, copy=False)
+        checks.warn_of_far(self.robot, q, found, within)
+        return found
+
+    def settled(self, starts: Array, tolerance: float) -> tuple[Array, Array]:
+        """Configurations near starts, and the gap left at each: :meth:`consistent` without its judgement.
+
+        Parameters
+        ----------
+        starts : (n, nq) array, configurations
+        tolerance : float, how far loops may be open (rad, m, part of a shorter robot's length)
+
+        Returns
+        -------
+        q : (n, nq) array
+        gap : (n,) array
+        """
+        closures = tuple(c for c in self.constraints if isinstance(c, Closure))
+        if not closures:
+            return starts, np.zeros(len(starts))
+        robot, sizes = self.robot, self.sizes[with_gaps(self.constraints)]
+
+        def rows_and_mass(q: Array) -> tuple[Array, Array]:
+            return robot.engine.call("constraint_jacobian", q, constraints=closures), robot.mass_matrix(q)
+
+        return settled(starts, self.gaps, rows_and_mass, robot.add, sizes, gap_units(self), tolerance)
+
+    def gaps(self, q: Array) -> Array:
+        """Constraint error of checked q; see :meth:`constraint_error`.
+
+        Returns
+        -------
+        gap : (..., rows of closures) array [rad, m]
+        """
+        if not any(isinstance(c, Closure) for c in self.constraints):
+            return np.zeros((*q.shape[:-1], 0))
+        return closure_gaps(self.constraints, self.robot.engine.call("closure_poses", q, constraints=self.constraints))
+
+    # ── forward and inverse dynamics with constraint forces ──
+
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
+    def forward_dynamics(
+        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+    ) -> ConstrainedMotion:  # fmt: skip
+        """Constrained forward dynamics: q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0.
+
+        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of least norm where rows are redundant or the configuration is
+        singular.
+
+        Returns
+        -------
+        motion : ConstrainedMotion
+            ``ddq`` (nv,) [rad/s², m/s²] and ``lam`` (k,) [N m, N], rows as in :attr:`row_names`.
+
+        Raises
+        ------
+        ConstraintError
+            q leaves loops open by a hundredth (rad, and of what the joints' lever is), or a tenth of dq breaks the
+            constraints.
+
+        Warns
+        -----
+        ConstraintWarning
+            The configuration is singular.
+        """
+        q, dq, tau = finite_states(self.robot.model, "forward_dynamics", q=q, dq=dq, tau=tau)
+        checks.require_met(self, q, dq)
+        if friction:
+            tau = self.robot.engine.call("torque_past_friction", dq, tau)
+        by, on, held = wrench_by_robot, wrench_on_robot, self._independent_constraints
+        if not held:
+            ddq = self.robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
+            return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(self.sizes)), ddq.dtype))
+        rows, call = list(self.independent), self.robot.engine.call_with_wrenches
+        with np.errstate(all="ignore"):
+            ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=held)
+        lam = np.zeros((*some.shape[:-1], len(self.sizes)), some.dtype)
+        lam[..., rows] = some
+        again = doubtful(pivots, self.sizes[rows])
+        if len(rows) < len(self.sizes) and not again.all():
+            usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
+            lam[~again] = (self._projector(usual)[1].range @ lam[~again][..., None])[..., 0]
+        if again.any():  # by singular values, however singular A is
+            h = call("bias_forces", (q, dq), by, on, None)
+            q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
+            _, projector = self._projector(q)
+            checks.warn_of_singular(projector.rank, len(rows))
+            ddq[again], lam[again] = projector.constrained(force, self.constraint_bias(q, dq))
+        return ConstrainedMotion(ddq, lam)
+
+    @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
+    def inverse_dynamics(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str] | None = None, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+    ) -> ConstrainedTorques:  # fmt: skip
+        """Constrained inverse dynamics: τ of the ``actuated`` joints, and λ, for a motion that meets the constraints.
+
+        With more motors than degrees of freedom τ is the one of least norm.
+
+        Parameters
+        ----------
+        friction : bool, add what overcomes the friction of all joints, driven or not
+            As :meth:`forward_dynamics` takes off; friction that grows with the load is that of the torques the open
+            robot would need.
+
+        Returns
+        -------
+        torques : ConstrainedTorques
+            ``tau`` (nv,) [N m, sliding joints: N], zero at the other joints, and ``lam`` (k,) [N m, N].
+
+        Raises
+        ------
+        ConstraintError
+            q, dq or ddq breaks the constraints, as in :meth:`forward_dynamics`, or the motors named cannot make the
+            motion.
+        """
+        q, dq, ddq = finite_states(self.robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
+        checks.require_met(self, q, dq, ddq)
+        driven = checks.driven(self.robot, actuated)
+        by, on = wrench_by_robot, wrench_on_robot
+        with np.errstate(all="ignore"):
+            f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
+        f = arguments.finite(
+            f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
+        )
+        A, projector = self._projector(q)
+        lam, left = balance(f, projector.range @ A, self.sizes, driven)  # λ of what never moves would be any number
+        checks.require_made(self, left, f, driven)
+        tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
+        lam = (projector.range @ lam[..., None])[..., 0]
+        return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
+
+    def holding_torques(
+        self, q: ArrayLike, actuated: Iterable[str] | None = None, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedTorques:  # fmt: skip
+        """Holding torques of static equilibrium: :meth:`inverse_dynamics` at rest, τ = g + A'λ + Σ J'F_by - Σ J'F_on.
+
+        Returns
+        -------
+        torques : ConstrainedTorques
+            ``tau`` (nv,) [N m, sliding joints: N], zero at the other joints, and ``lam`` (k,) [N m, N].
+        """
+        rest, by, on = np.zeros(self.nv), wrench_by_robot, wrench_on_robot
+        return self.inverse_dynamics(q, rest, rest, actuated, wrench_by_robot=by, wrench_on_robot=on)
+
+    def joint_wrenches(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str] | None = None, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None,
+    ) -> Array:  # fmt: skip
+        """Wrenches across the joints (bearing loads) of a closed robot: what each moving body receives across its joint.
+
+        Those of the open robot under λ of :meth:`inverse_dynamics`, a wrench on both links that a closure joins; what the cut
+        joints themselves carry is λ.
+
+        Returns
+        -------
+        F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of the open robot's
+        """
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        lam = self.inverse_dynamics(q, dq, ddq, actuated, **given).lam
+        found, free = (self.robot.joint_wrenches(q, dq, ddq, **more) for more in (given, {}))
+        for frame, F in applied(self, np.asarray(q, float), lam):  # one frame may stand in several constraints
+            found = found + (self.robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
+        return found
+
+    def explain(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str] | None = None, *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+    ) -> Explanation:  # fmt: skip
+        """Why a motor needs its torque: τ of :meth:`inverse_dynamics` split by term and by the link or payload that causes it.
+
+        What a part asks of all joints of the open robot, the constraints bring to the motors: τ = f + A'λ is linear in f.
+
+        Parameters
+        ----------
+        friction : bool, count the friction of all joints, driven or not
+
+        Returns
+        -------
+        why : Explanation, whose parts add up to τ; they are zero at joints without a motor
+        """
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        self.inverse_dynamics(q, dq, ddq, actuated, friction=friction, **given)  # judges the state and the motors
+        why = self.robot.explain(q, dq, ddq, friction=friction, **given)
+        driven = checks.driven(self.robot, actuated)
+        (q,) = finite_states(self.robot.model, "explain", q=q)
+        A = self.constraint_jacobian(q)[..., None, None, :, :]
+        lam, _ = balance(why.parts, A, self.sizes, driven)
+        pressed = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
+        return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
+
+    def inverse_dynamics_derivatives(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str], *,
+        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedDerivatives:  # fmt: skip
+        """Derivatives of the motors' torques by the motors' own q, dq and ddq, along motions that keep to the constraints.
+
+        The other joints' coordinates, velocities and accelerations follow from the constraints. Columns are along
+        :meth:`twistwrench.Robot.add`. Friction is left out.
+
+        Parameters
+        ----------
+        actuated : iterable of str, joints with a motor, of as many velocities m as there are degrees of freedom
+
+        Returns
+        -------
+        slopes : ConstrainedDerivatives, ``tau_by_q``, ``tau_by_dq`` and ``tau_by_ddq`` (m, m), in the order of the robot's
+            velocities; the last is the mass matrix that the motors see
+
+        Raises
+        ------
+        ConstraintError
+            q, dq or ddq breaks the constraints; the joints named have more or fewer velocities than there are degrees of
+            freedom, or do not determine the others at q.
+        """
+        robot, held = self.robot, self._independent_constraints
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        driven = checks.driven(robot, actuated)
+        q, dq, ddq = (x.astype(float) for x in finite_states(robot.model, "derivatives", q=q, dq=dq, ddq=ddq))
+        batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, dq, ddq)))
+        q, dq, ddq = (np.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, dq, ddq))
+        checks.require_met(self, q, dq, ddq)
+        checks.require_independent(self, q, driven)
+        f = robot.inverse_dynamics(q, dq, ddq, **given)
+        f_by_q, f_by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq, **given)
+        rows, empty = list(self.independent), np.zeros((*q.shape[:-1], 0, self.nv))
+        A, A_by_q, b_by_q, b_by_dq = empty, empty[..., None] * np.zeros(self.nv), empty, empty
+        if rows:
+            A = self.constraint_jacobian(q)[..., rows, :]
+            A_by_q = robot.kernel("constraint_jacobian", constraints=held, by="q")(q)
+            b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=held, by=("q", "dq"))(q, dq)
+        slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
+        return constrained_derivatives(slopes, dq, ddq, driven)
+
+    def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
+        """Compiled kernel of quantities with constraints, at the independent ones of this robot.
+
+        Kernels judge nothing: of constrained dynamics the pivots of A M⁻¹ A' come with the results, and where one is near zero
+        the configuration is singular; :meth:`forward_dynamics` looks at them.
+
+        Parameters
+        ----------
+        *names : str, ``"constrained_dynamics"``, ``"constraint_jacobian"``, ``"constraint_bias"``, ``"closure_poses"``, and
+            with them any other of the open robot
+        **options : as for :meth:`twistwrench.Robot.kernel`, ``constraints`` filled in
+
+        Returns
+        -------
+        kernel : numpy.ufunc
+
+        Raises
+        ------
+        KernelError
+            None of them has constraints, or an option does not apply.
+        """
+        if not any(self._constraint_options(name) for name in names):
+            raise KernelError(
+                f"{', '.join(names)}: nothing of this knows of constraints. Of the robot with its loops open: "
+                "closed.robot.kernel(…)."
+            )
+        given: dict[str, Any] = {"constraints": self._independent_constraints, **options}
+        return self.robot.kernel(*names, **given)
+
+
+complete(globals())
