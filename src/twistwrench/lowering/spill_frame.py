@@ -136,7 +136,7 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
             whole.put(c, load_slot(w, entry + c))
         return label
     with w.loop(str(columns // whole.span), label) as tile:
-        first = w.new(f"mul i64 {tile}, {whole.span}")
+        first, stored = w.new(f"mul i64 {tile}, {whole.span}"), ""
         if zeros:
             full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
             nothing = w.new(f"load i1, ptr {w.gep(f'@{zeros}', tile)}, align 1")
@@ -147,7 +147,7 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
             w.do(f"br label %{stored}")
             w.begin(full)
         _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
-        if zeros:
+        if stored:
             w.do(f"br label %{stored}")
             w.begin(stored)
     label = w.after

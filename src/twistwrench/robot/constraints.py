@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -303,7 +303,8 @@ def rate_units(closed: ClosedRobot) -> Array:
 
 def applied(closed: ClosedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
     """(frame, (..., 6)): the wrenches by the robot that act on its links as λ (..., k) does, none for the ground."""
-    found, poses = [], iter(())
+    found: list[tuple[str, Array]] = []
+    poses: Iterator[Array] = iter(())
     if any(isinstance(c, Closure) for c in closed.constraints):
         T = closed.robot.engine.call("closure_poses", q, constraints=closed.constraints)
         poses = iter(np.moveaxis(T, -3, 0))
