@@ -51,15 +51,9 @@ def is_stream(path: Path) -> bool:
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """All bytes of a file, or of a pipe or device up to its end.
 
-    A pipe is waited for as long as somebody holds its other end open; one that nobody opens, for ten seconds.
+    A pipe is waited for as long as somebody holds its other end open; one that nobody opens, for ten seconds. Raises OSError,
+    with ``EFBIG`` for more than ``most`` bytes, ``ETIMEDOUT`` for a pipe that nobody writes to.
 
-    Raises
-    ------
-    OSError
-        What the system says; with ``EFBIG`` for more than ``most`` bytes, ``ETIMEDOUT`` for a pipe that nobody writes to.
-
-    Examples
-    --------
     >>> read_bytes(Path("/dev/zero"), most=1000)
     Traceback (most recent call last):
     OSError: [Errno 27] it has more than 1000 bytes: '/dev/zero'

@@ -33,21 +33,10 @@ _NOISE = 1e-12
 def number(
     value: SupportsFloat | None, digits: int = DIGITS, *, decimals: int | None = None, missing: str = MISSING
 ) -> str:
-    """A number for a person.
+    """A number for a person, in significant ``digits``, with at most so many ``decimals``: what is smaller is rounding.
 
-    Parameters
-    ----------
-    value : float or None
-    digits : int, significant digits
-    decimals : int, optional, the most after the point: what is smaller is rounding, or nothing that anybody looks at
-    missing : str, what to print for None, nan and infinity
+    ``missing`` stands for None, nan and infinity.
 
-    Returns
-    -------
-    text : str
-
-    Examples
-    --------
     >>> number(-62.2648), number(12345.6), number(0.5, decimals=3), number(2e-5, decimals=3), number(float("inf"))
     ('-62.26', '12346', '0.5', '0', '–')
     """

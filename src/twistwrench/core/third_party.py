@@ -168,16 +168,11 @@ class Failure:
 
 @dataclass
 class Workers:
-    """Workers: this process, or those of a Dask client.
-
-    Parameters
-    ----------
-    client : dask.distributed.Client, optional
-    ahead : int, pieces that are handed out at a time, so that results that wait for their turn stay few
-    """
+    """Workers: this process, or those of a Dask client."""
 
     client: Any = None
     ahead: int = 1
+    """Pieces that are handed out at a time, so that results that wait for their turn stay few."""
 
     @classmethod
     def from_client(cls, client: Any) -> Workers:
@@ -189,8 +184,6 @@ class Workers:
     ) -> Iterator[Result | Failure]:
         """``function`` of each item, in the order of the items; errors of one do not stop the others.
 
-        Examples
-        --------
         >>> list(Workers().results(abs, [-1, 2]))
         [1, 2]
         """
@@ -226,20 +219,8 @@ class Workers:
 def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
     """Workers of one kind: this process by default, a number of processes of this machine, or a cluster by its address.
 
-    Parameters
-    ----------
-    workers : int, optional
-    scheduler : str, optional, such as ``tcp://10.0.0.1:8786``
+    Raises MissingExtraError without Dask, ValueRangeError where both are given or nothing answers at the address.
 
-    Raises
-    ------
-    MissingExtraError
-        There is no Dask.
-    ValueRangeError
-        Both are asked for, the number is none, or nothing answers at the address.
-
-    Examples
-    --------
     >>> with workers_of() as team:
     ...     list(team.results(len, ["ab", "c"]))
     [2, 1]
@@ -323,20 +304,9 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
     """Turn whatever the block raises into one error of the library; errors that are its own already pass as they are.
 
     For blocks that hand somebody else's bytes to somebody else's parser, and for nothing more: a mistake of our own in such
-    a block would be called a mistake of the file. ``KeyboardInterrupt`` and ``SystemExit`` pass.
+    a block would be called a mistake of the file. ``KeyboardInterrupt`` and ``SystemExit`` pass. ``error_of`` makes the error
+    from the reason in words.
 
-    Parameters
-    ----------
-    error_of
-        Makes the error, from the reason in words.
-
-    Raises
-    ------
-    TwistWrenchError
-        What ``error_of`` returns, with the foreign error as its cause.
-
-    Examples
-    --------
     >>> from twistwrench.errors import ModelError
     >>> with third_party_errors(lambda reason: ModelError(f"the file cannot be read: {reason}.")):
     ...     float("four")

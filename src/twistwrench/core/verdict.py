@@ -1,17 +1,4 @@
-"""The verdict of a report, and what a command's exit code says of it: one table for all commands.
-
-====  ==================================================
-code  meaning
-====  ==================================================
-0     done, and where a question was asked the answer is yes
-1     the answer is no, or not sure
-2     bad input
-70    a fault of the program
-130   interrupted
-141   nobody reads the output any more
-143   told to end
-====  ==================================================
-"""
+"""The verdict of a report, and what a command's exit code says of it: one table for all commands."""
 
 from __future__ import annotations
 
@@ -31,6 +18,7 @@ class ExitCode(IntEnum):
     """Exit codes of commands."""
 
     FINE = 0
+    """Done, and where a question was asked the answer is yes."""
     NO = 1
     """The answer is no, or not sure."""
     BAD_INPUT = 2

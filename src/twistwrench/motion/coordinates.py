@@ -49,8 +49,19 @@ class Coordinates:
     """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
-        """Names of the columns of "q", "dq", "ddq" or "tau" in files written here; with ``degrees`` they name that unit.
+        """Names of the columns of a quantity in files written here.
 
+        Parameters
+        ----------
+        part : "q", "dq", "ddq" or "tau"
+        degrees : bool, angles are in degrees there, and the names say so
+
+        Returns
+        -------
+        headers : list of str
+
+        Examples
+        --------
         >>> import twistwrench as tw
         >>> Coordinates.from_model(tw.robots.pendulum().model).headers("dq", degrees=True)
         ['hinge.vel [deg/s]']
@@ -62,7 +73,22 @@ class Coordinates:
 
     @classmethod
     def from_model(cls, model: Model) -> Coordinates:
-        """Names and units of a model's coordinates."""
+        """Names and units of a model's coordinates.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        coordinates : Coordinates
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> Coordinates.from_model(tw.robots.planar_2r().model).names
+        ('joint1', 'joint2')
+        """
         found = _CACHE.get(model)
         if found is not None:
             return found

@@ -94,16 +94,6 @@ class MotionSamples:
         """Some of the rows, by a slice, a mask or indices."""
         return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
-    def copy(self) -> MotionSamples:
-        """The same, holding on to no larger arrays."""
-        return MotionSamples(*(getattr(self, f.name).copy() for f in fields(self)))
-
-    @classmethod
-    def none(cls, nq: int, nv: int) -> MotionSamples:
-        """No states at all."""
-        q, v = np.zeros((0, nq)), np.zeros((0, nv))
-        return cls(np.zeros(0), q, v, v, q, v.astype(bool), np.zeros((0, 0)))
-
 
 # ── Outliers: samples far from the smoothed curve for their column
 
@@ -264,22 +254,9 @@ class Differentiation:
         if differentiated == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
-        strengths = np.zeros(len(places))
-        # Differentiating brings out the noise; smoothing leaves what is slow, and so has to know the whole error.
-        deviation = quality.error if smoothing else quality.noise
+        strengths, deviation = np.zeros(len(places)), quality.noise
         if smoothing:
-            for k, error in enumerate(deviation.tolist()):
-                strengths[k] = _UNDERSMOOTHED * best_strength(
-                    times, [x[:, k] for x in curves], error, quality.step, float(quality.quantum[k])
-                )
-                if progress is not None:
-                    progress((k + 1) / len(strengths))
-            # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
-            alike = [
-                alike_samples([x[:, k] for x in curves], float(g), float(e))
-                for k, (g, e) in enumerate(zip(quality.quantum, deviation, strict=True))
-            ]
-            deviation = deviation * np.where(strengths > 0, np.sqrt(alike), 1.0)
+            strengths, deviation = _strengths(times, curves, quality, progress)
         factors = trajectory.columns.factors[differentiated]
 
         def sigma(order: int) -> Array:
@@ -396,6 +373,25 @@ class Differentiation:
         """The columns (n, k), or (n, k, ...) for many logs at the same times, each smoothed by its strength."""
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
         return np.stack(columns, axis=1) if columns else x
+
+
+def _strengths(
+    times: Sequence[Array], curves: Sequence[Array], quality: Survey, progress: Callable[[float], None] | None
+) -> tuple[Array, Array]:
+    """Smoothing strengths (k,) of the columns, and the deviations (k,) of what each smooths.
+
+    Differentiating brings out the noise; smoothing leaves what is slow, and so has to know the whole error.
+    """
+    strengths, deviation = np.zeros(len(quality.noise)), quality.error
+    for k, (grid, error) in enumerate(zip(quality.quantum.tolist(), quality.error.tolist(), strict=True)):
+        parts = [x[:, k] for x in curves]
+        strengths[k] = _UNDERSMOOTHED * best_strength(times, parts, error, quality.step, grid)
+        if strengths[k] > 0:
+            # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
+            deviation[k] *= math.sqrt(alike_samples(parts, grid, error))
+        if progress is not None:
+            progress((k + 1) / len(strengths))
+    return strengths, deviation
 
 
 def _ends(time: Array) -> Array:

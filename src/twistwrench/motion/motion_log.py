@@ -314,7 +314,23 @@ class MotionLog:
         return found
 
     def motion(self, table: Array) -> LogRows:
-        """Rows of a table (n, columns) of the log, or of some of its rows, sorted into q, dq, ddq and torques, in SI units."""
+        """Rows of the log sorted into q, dq, ddq and torques, in SI units.
+
+        Parameters
+        ----------
+        table : (n, columns) array, :attr:`table` or some of its rows
+
+        Returns
+        -------
+        rows : LogRows
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> log.motion(log.table).q.shape
+        (751, 6)
+        """
         return LogRows(table[:, 0].copy(), *(self.columns.in_si(table, part) for part in ("q", "dq", "ddq", "tau")))
 
     @property

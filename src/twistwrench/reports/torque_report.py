@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -255,7 +256,7 @@ class MotionTally:
         """Excess over each limit."""
         self.envelope, self.band = MinMaxDecimation(), MinMaxDecimation()
         """Decimated torques, and their 95 % intervals if known."""
-        self.around: list[MotionSamples | None] = [None] * nv
+        self.around: dict[int, MotionSamples] = {}
         """States on either side of each joint's peak."""
         self._reach = min(_AROUND, max(1, _KEPT // (2 * nv * (1 + 2 * load.robot.nq + 3 * nv))))
         self.gaps = Gaps(_GAP * plan.quality.step)
@@ -356,7 +357,7 @@ class MotionTally:
             self.terms[name][joints] = values[np.arange(len(joints)), joints]
         self.signed["effort"][joints] = torques[rows, joints]
         for joint, row in fresh:
-            self.around[joint] = s[max(0, row - self._reach) : row + self._reach].copy()
+            self.around[joint] = deepcopy(s[max(0, row - self._reach) : row + self._reach])  # holds no larger arrays
 
     def _look_at_limits(self, s: MotionSamples) -> None:
         at, limits = self.coordinates.position_of, self.limits
@@ -526,7 +527,7 @@ def _report(
         outliers=outliers,
         stationary=tuple((run.stationary / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
-        around=run.around[worst] or MotionSamples.none(load.robot.nq, load.robot.nv),
+        around=run.around[worst],
         contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not outliers)),
         hints=plan.trajectory.hints(run.limits),
         measured=run.measured(),
