@@ -66,3 +66,17 @@ def test_hunt_the_last_link_reaches_to_its_end_though_no_frame_is_there(tmp_path
     args = ["torques", str(path), "--trajectory", str(motion), "--payload", f"0.5,{place},0,0@rod"]
     said = CliRunner().invoke(main, args, env={"COLUMNS": "200"}).output
     assert said.startswith(word), said
+
+
+def test_hunt_a_robot_whose_inertias_are_accepted_is_converted(tmp_path):
+    """The written file has the same inertia that no body can have: that is no error of the command that was told so."""
+    path = tmp_path / "arm.urdf"
+    wrong = _link("l1").replace('izz="0.01"', 'izz="0.03"')
+    joint = _joint("shoulder", "base", "l1", '<limit effort="50" velocity="5"/>')
+    path.write_text(f'<robot name="arm"><link name="base"/>{wrong}{joint}</robot>')
+    for ending in ("urdf", "sdf"):
+        out = tmp_path / f"out.{ending}"
+        said = CliRunner().invoke(main, ["convert", str(path), str(out), "--inertia", "accept"])
+        assert said.exit_code == 0 and "error" not in said.output, said.output
+        M = tw.load(out, inertia="accept").mass_matrix([0.3])
+        assert abs(M[0, 0] - 0.26) < 1e-12  # iyy and 1 kg at 0.5 m

@@ -371,7 +371,7 @@ def _tip_lost(robot: Robot, path: Path) -> list[str]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what reading remarks on is in the robot that was written
-        tip = load_model(path).tip
+        tip = load_model(path, inertia="accept").tip
     if tip == robot.tip:
         return []
     found = "finds none" if tip is None else f"takes {tip!r}"
