@@ -28,6 +28,12 @@ def log():
     return known_log(ARM, 3, seconds=120.0, rate=250.0).motion
 
 
+@pytest.fixture(scope="module")
+def gathered(log):
+    """Of the whole log, settings fixed."""
+    return accumulate(ARM, log, **FIXED)
+
+
 @pytest.fixture
 def small_pieces(monkeypatch):
     """Pieces and chunks far shorter than the log."""
@@ -52,10 +58,10 @@ def recorded(path, motion, columns=()):
     return path
 
 
-def test_rows_are_those_of_the_whole_log_in_memory(log):
+def test_rows_are_those_of_the_whole_log_in_memory(log, gathered):
     """W and τ of :class:`FilteredRows`, whose settings are fixed; filters of chunks begin 16 periods outside, where what they
     begin with is below 1e-16, and derivatives of that are below 1e-10 of the columns."""
-    streamed = accumulate(ARM, log, **FIXED)
+    streamed = gathered
     base = streamed.frame.base
     rows = FilteredRows.from_samples(
         base, [SteadySamples.from_arrays(log.time, log.q, log.tau, "log")], 8.0, np.full(2, 0.05)
@@ -78,17 +84,15 @@ def test_rows_are_those_of_the_whole_log_in_memory(log):
     assert sigma.all()
 
 
-def test_pieces_say_what_the_whole_says(log, small_pieces, monkeypatch, tmp_path):
+def test_pieces_say_what_the_whole_says(log, gathered, small_pieces, monkeypatch, tmp_path):
     """A file read in seventeen chunks of five pieces, against the motion in one."""
     monkeypatch.setattr("twistwrench.motion.log_table.LARGE", 0)
     in_pieces = accumulate(ARM, recorded(tmp_path / "log.npy", log), **FIXED)
     assert in_pieces.moments.counts.shape[0] == 4 * 12 + 3
-    monkeypatch.undo()
-    whole = accumulate(ARM, log, **FIXED)
-    a, b = equations(in_pieces), equations(whole)
+    a, b = equations(in_pieces), equations(gathered)
     assert a.rows == b.rows and in_pieces.samples == len(log)
     assert_allclose(a.N, b.N, rtol=1e-9, atol=1e-9 * np.abs(b.N).max())
-    assert_allclose(in_pieces.values, whole.values, rtol=1e-9, atol=1e-9 * np.abs(whole.values).max())
+    assert_allclose(in_pieces.values, gathered.values, rtol=1e-9, atol=1e-9 * np.abs(gathered.values).max())
 
 
 def test_chunks_own_every_sample_once(log):
@@ -152,9 +156,9 @@ def test_blocks_of_time_that_become_one_lose_no_row(log):
     assert_allclose(many.sums.sum(axis=0), logs * one.sums.sum(axis=0), rtol=1e-9, atol=1e-9 * np.abs(one.sums).max())
 
 
-def test_normal_equations_lose_no_digits_that_matter(log):
+def test_normal_equations_lose_no_digits_that_matter(gathered):
     """Against orthogonal factors, in units of the deviations."""
-    assert accumulate(ARM, log, **FIXED).check() < 1e-6
+    assert gathered.check() < 1e-6
 
 
 def test_intervals_hold_the_truth():
@@ -166,14 +170,6 @@ def test_intervals_hold_the_truth():
         low, high = found.interval(0.95).T
         inside += ((low <= known.truth(found)) & (known.truth(found) <= high)).tolist()
     assert np.mean(inside) > 0.85
-
-
-def test_large_motions_are_gathered_by_identify(log, monkeypatch):
-    module = importlib.import_module("twistwrench.identification.identify")  # the package's own name is the function
-    monkeypatch.setattr(module, "MOST_SAMPLES", 20_000)
-    found = tw.identification.identify(ARM, log, cutoff=8.0)
-    assert found.held_out.all < 0.05
-    assert_array_equal(found.values, accumulate(ARM, log, cutoff=8.0).values)
 
 
 @pytest.mark.parametrize("when", ["writing", "closing"])
@@ -246,12 +242,12 @@ def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     assert said.refuses  # as it does of a log that is read at once
 
 
-def test_rows_that_nothing_explains_count_little(log):
+def test_rows_that_nothing_explains_count_little(log, gathered):
     """A push of three seconds in two minutes: the robust weights leave less than half of what it does to plain least squares."""
     tau = log.tau.copy()
     tau[10_000:10_750] += 0.5 * log.tau.std(axis=0)
     pushed = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
-    clean = accumulate(ARM, log, **FIXED).identified()
+    clean = gathered.identified()
     off = {
         method: np.linalg.norm(
             (accumulate(ARM, pushed, **FIXED, method=method).values - clean.values) / clean.standard_deviations
@@ -262,7 +258,7 @@ def test_rows_that_nothing_explains_count_little(log):
 
 
 @pytest.mark.parametrize(("settings", "most"), [(FIXED, 0.2), ({"cutoff": 8.0}, 1.5)], ids=["fixed", "chosen"])
-def test_a_log_gives_the_same_robot_on_both_sides_of_the_seam(log, monkeypatch, settings, most):
+def test_a_log_gives_the_same_robot_on_both_sides_of_the_seam(log, gathered, monkeypatch, settings, most):
     """Held whole, and accumulated by chunk as logs beyond MOST_SAMPLES are: the same within what noise leaves open.
 
     With chosen settings the two see other rows: of the whole log every tenth of a period, of an excerpt fewer.
@@ -270,6 +266,8 @@ def test_a_log_gives_the_same_robot_on_both_sides_of_the_seam(log, monkeypatch, 
     whole = tw.identification.identify(ARM, log, **settings)
     monkeypatch.setattr(importlib.import_module("twistwrench.identification.identify"), "MOST_SAMPLES", 1000)
     by_chunk = tw.identification.identify(ARM, log, **settings)
+    if settings == FIXED:
+        assert_array_equal(by_chunk.values, gathered.values)
     off = np.abs(by_chunk.values - whole.values) / whole.standard_deviations
     assert off.max() < most, off
     assert_allclose(by_chunk.standard_deviations, whole.standard_deviations, rtol=0.3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,14 +27,15 @@ from .rows import (
     FEWEST,
     GAP,
     PAUSE,
+    PERIODS,
     ROW_RATE,
     STATE_RATE,
     STEADY,
     BaseColumns,
     Filtered,
     border_of,
+    filtered_portions,
     low_pass,
-    of_springs,
     resampled,
     states_below_of,
 )
@@ -259,9 +260,6 @@ def _steady(
 #
 #     τ(t + shift) = W x - δ_shift dτ/dt + Σ_j δ_j ∂(W x_0)/∂v_0j.
 
-PERIODS = 16
-"""Periods of the cut-off that a filter reaches to either side: beyond, its response is below 1e-16."""
-_STATES = 8192
 FASTER = 0.1
 """Share of a friction speed that its derivative is taken over."""
 
@@ -346,30 +344,22 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, list[
     torques = CubicSpline(
         states.time, low_pass(states.tau, cutoff, states.rate)
     )  # low-passed once more, as the columns
-    margin = int(PERIODS * states.rate / cutoff) + 1
-    for begin in range(int(wanted[0]), int(wanted[-1]) + 1, _STATES):
-        mine = wanted[(wanted >= begin) & (wanted < begin + _STATES)]
-        if mine.size:
-            span = slice(max(0, begin - margin), min(len(states.time), begin + _STATES + margin))
-            yield states.time[mine], _entries(frame, states, torques, span, mine)
-
-
-def _entries(frame: RowFrame, s: Filtered, torques: Any, span: slice, wanted: Array) -> list[Array]:
-    """Entries (n, r_j + 1) of each joint in some of the states, which ``span`` has with what filters reach."""
-    base, settings = frame.base, frame.settings
-    q, dq, ddq = s.q[span], s.dq[span], s.ddq[span]
-    at = wanted - span.start
-    entries = low_pass(frame.columns.rows(q, dq, ddq, settings.friction_speed), settings.cutoff, s.rate)[at]
-    there = np.clip(s.time[wanted] + settings.shift, s.time[0], s.time[-1])
+    there = np.clip(states.time[wanted] + frame.settings.shift, states.time[0], states.time[-1])
     tau, slope = torques(there), torques(there, 1)
-    if base.unknown.model.springs:
-        tau = tau - low_pass(of_springs(base, q, dq, ddq), settings.cutoff, s.rate)[at]
-    beside = [slope] if frame.free_shift else []
-    beside += [_slower(frame, s, span, owner)[at] for owner in frame.speeds]
+    for here, span, entries, springs in filtered_portions(
+        frame.columns, states, wanted, cutoff, frame.settings.friction_speed
+    ):
+        at = wanted[here] - span.start
+        beside = [slope[here]] if frame.free_shift else []
+        beside += [_slower(frame, states, span, owner)[at] for owner in frame.speeds]
+        yield states.time[wanted[here]], _of_joints(frame, entries, beside, tau[here] - springs)
+
+
+def _of_joints(frame: RowFrame, entries: Array, beside: Sequence[Array], tau: Array) -> list[Array]:
+    """Entries of each joint, with the columns (n, nv) of settings and the torques beside them."""
     found = []
     for j, place in enumerate(frame.columns.slices):
-        here = frame.felt[j, base.count :]
-        mine = [column[:, j] for column, there in zip(beside, here, strict=True) if there]
+        mine = [column[:, j] for column, felt in zip(beside, frame.felt[j, frame.base.count :], strict=True) if felt]
         whole = np.column_stack([entries[:, place], *mine, tau[:, j]])
         found.append(np.zeros_like(whole) if frame.dead[j] else whole)
     return found
