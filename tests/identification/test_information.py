@@ -140,7 +140,7 @@ def test_the_clock_of_a_log_with_a_gap_is_its_own():
 def test_what_was_used_longest_ago_is_let_go_of_first():
     kept = BoundedMemory(10, len)
     for size in (2, 4, 2, 5):
-        assert kept.of(size, lambda size=size: "x" * size) == "x" * size
+        assert kept.get(size, lambda size=size: "x" * size) == "x" * size
     assert kept.keys == [2, 5]
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from sensor_logs import AT_REST, NOISE, drifting
 
-from twistwrench.estimation.covariance import by_clusters, plug_in
+from twistwrench.estimation.covariance import cluster_robust_covariance, variance_estimate_covariance
 from twistwrench.sensing.contact_detection import CollisionThreshold, compensation
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.identification import whiteness
@@ -30,7 +30,7 @@ def test_the_sandwich_is_unbiased_and_as_uncertain_as_its_degrees_of_freedom_say
     variances = []
     for _ in range(2500):
         e = rng.normal(size=len(Q))
-        found = by_clusters(Q.reshape(A.shape), (e - Q @ (Q.T @ e)).reshape(-1, 6), half, label)
+        found = cluster_robust_covariance(Q.reshape(A.shape), (e - Q @ (Q.T @ e)).reshape(-1, 6), half, label)
         assert found is not None
         C, freedom = found
         variances.append(np.diag(C))
@@ -56,7 +56,7 @@ def test_estimated_weights_cost_what_is_added_for_them():
     for k in range(0, 40_000, 10):
         Q = np.zeros((1, 6, 1))
         Q[0, [0, 3], 0] = np.sqrt(share[k])
-        claimed.append((1.0 + plug_in(Q, np.full(6, freedom), groups)[0, 0]) / (1 / v[k]).sum())
+        claimed.append((1.0 + variance_estimate_covariance(Q, np.full(6, freedom), groups)[0, 0]) / (1 / v[k]).sum())
     assert 0.99 < np.mean(claimed) / np.var(estimates) < 1.07
 
 

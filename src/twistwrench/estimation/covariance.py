@@ -19,7 +19,7 @@ _WIDEST, _NODES, _MATCHES = 24.0, 25, 4
 _LEAST_FREEDOM = 2.1  # of an unknown in a block; the mean of F has no value at 2
 
 
-def as_weights(freedom: Array) -> Array:
+def weight_freedom(freedom: Array) -> Array:
     """Degrees of freedom of variances, as those of the weights 1 / s² made from them: ν - 2.
 
     E(σ² / s²) = ν / (ν - 2) for s² of ν degrees of freedom: inverses of estimated variances are too large in the mean, and
@@ -28,7 +28,7 @@ def as_weights(freedom: Array) -> Array:
     return np.maximum(freedom - 2.0, _LEAST_KNOWN * freedom)
 
 
-def plug_in(Q: Array, freedom: Array, groups: Array) -> Array:
+def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Array:
     """Covariance (p, p) of whitened unknowns that estimated variances add, for orthonormal columns Q (n, 6, p).
 
     With N_c = Σ_g q_gc q_gc' the share of the channels c of one variance, and ν_c its degrees of freedom,
@@ -36,7 +36,7 @@ def plug_in(Q: Array, freedom: Array, groups: Array) -> Array:
     restricted maximum likelihood", Biometrics 53, 1997, eq. 3 with one variance for each channel, and ν - 2 for ν since
     few degrees of freedom make weights vary more than to first order.
     """
-    freedom = as_weights(freedom)
+    freedom = weight_freedom(freedom)
     added = np.zeros((Q.shape[-1], Q.shape[-1]))
     for group in np.unique(groups):
         q = Q[:, groups == group].reshape(-1, Q.shape[-1])
@@ -45,7 +45,7 @@ def plug_in(Q: Array, freedom: Array, groups: Array) -> Array:
     return added
 
 
-def by_channels(Q: Array, half: Array, freedom: Array, groups: Array) -> tuple[Array, Array]:
+def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> tuple[Array, Array]:
     """Covariance (k, k) half half' and degrees of freedom (k,) by Satterthwaite, where all rows are independent.
 
     ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c with s_kc the part of unknown k's variance that channel c brings; ``half`` (k, p)
@@ -59,7 +59,7 @@ def by_channels(Q: Array, half: Array, freedom: Array, groups: Array) -> tuple[A
     return half @ half.T, np.where(unsure > 0, total**2 / np.maximum(unsure, 1e-300), np.inf)
 
 
-def of_block(freedom: Array) -> float:
+def f_test_freedom(freedom: Array) -> float:
     """Degrees of freedom of the F distribution of k unknowns together, from their own ν (k,).
 
     With E = Σ ν_k / (ν_k - 2), ν = 2 E / (E - k). Source: Fai and Cornelius, "Approximate F-tests of multiple degree of
@@ -103,7 +103,7 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
     return found
 
 
-def by_clusters(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
+def cluster_robust_covariance(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
     """Covariance (k, k) by the sandwich CR2 and degrees of freedom (k,); None if one cluster alone determines an unknown.
 
     Q (n, 6, p) are the orthonormal columns of the whitened design, ``left`` (n, 6) the whitened residuals e, half (k, p)
@@ -116,7 +116,7 @@ def by_clusters(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array
     Sources: Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples",
     Survey Methodology 28, 2002; Pustejovsky and Tipton, J. Business & Economic Statistics 36, 2018.
     """
-    return by_moments(*cluster_moments(lambda rows: Q[rows].reshape(-1, Q.shape[-1]), left, label), half)
+    return sandwich_covariance(*cluster_moments(lambda rows: Q[rows].reshape(-1, Q.shape[-1]), left, label), half)
 
 
 def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array) -> tuple[Array, Array]:
@@ -135,7 +135,7 @@ def cluster_numbers(label: Array) -> Array:
     return np.asarray(place * _MANY // (place.max() + 1) if place.max() >= _MANY else place)
 
 
-def by_moments(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
+def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
     """The same of what clusters add up to: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
     values, U = np.linalg.eigh(M)
     if values.max() > _WHOLE:
@@ -277,7 +277,7 @@ def _covariance(
     for _ in range(8):
         label = np.arange(n) // max(1, math.ceil(apart))
         label += (label.max() + 1) * log
-        found = by_moments(*cluster_moments(lambda rows: whitened(rows) @ half, left, label), half)
+        found = sandwich_covariance(*cluster_moments(lambda rows: whitened(rows) @ half, left, label), half)
         if found is not None:
             return GroupCovariance(*found, textbook, apart * step)
         apart /= 2.0

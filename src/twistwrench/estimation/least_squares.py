@@ -55,7 +55,7 @@ class NormalEquations:
     """Normal equations of some rows, and how many rows of each joint; they add up.
 
     Packed, they are the lower triangles of [N c; c' y] of each joint one after another, without the columns that are zero in
-    its rows: ``felt`` (nv, r) marks the others.
+    its rows: ``active`` (nv, r) marks the others.
     """
 
     N: Array  # (nv, r, r)
@@ -68,7 +68,7 @@ class NormalEquations:
         cls,
         W: Array,
         tau: Array,
-        felt: Array | None = None,
+        active: Array | None = None,
         root: Array | None = None,
         rows: Array | slice | None = None,
     ) -> NormalEquations:
@@ -78,7 +78,7 @@ class NormalEquations:
         mine = slice(None) if rows is None else rows
         tau = tau[mine] if root is None else tau[mine] * root[mine]
         for j in range(nv):
-            which = np.arange(r) if felt is None else np.flatnonzero(felt[j])
+            which = np.arange(r) if active is None else np.flatnonzero(active[j])
             A = np.ascontiguousarray(W[mine, j][:, which])
             if root is not None:
                 A *= root[mine, j, None]
@@ -87,11 +87,11 @@ class NormalEquations:
         return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
 
     @classmethod
-    def unpacked(cls, packed: Array, felt: Array, rows: float) -> NormalEquations:
+    def unpacked(cls, packed: Array, active: Array, rows: float) -> NormalEquations:
         """From packed numbers (f,)."""
-        nv, r = felt.shape
+        nv, r = active.shape
         N, c, y, begin = np.zeros((nv, r, r)), np.zeros((nv, r)), np.zeros(nv), 0
-        for j, mine in enumerate(felt):
+        for j, mine in enumerate(active):
             width = int(mine.sum()) + 1
             G, corner = np.zeros((width, width)), np.tril_indices(width)
             G[corner] = packed[begin : begin + len(corner[0])]
@@ -100,10 +100,10 @@ class NormalEquations:
             N[j][np.ix_(mine, mine)], c[j, mine], y[j] = G[:-1, :-1], G[-1, :-1], G[-1, -1]
         return cls(N, c, y, rows)
 
-    def packed(self, felt: Array) -> Array:
+    def packed(self, active: Array) -> Array:
         """Packed numbers (f,)."""
         found = list[Array]()
-        for N, c, y, mine in zip(self.N, self.c, self.y, felt, strict=True):
+        for N, c, y, mine in zip(self.N, self.c, self.y, active, strict=True):
             G = np.zeros((len(c[mine]) + 1,) * 2)
             G[:-1, :-1], G[-1, :-1], G[-1, -1] = N[np.ix_(mine, mine)], c[mine], y
             found.append(G[np.tril_indices(len(G))])
@@ -186,15 +186,15 @@ def huber_weights(distance: Array, k: float = HUBER) -> Array:
 
 
 def weighted_fit(
-    W: Array, tau: Array, prior: Prior, method: Method, felt: Array | None = None, rows: Array | None = None
+    W: Array, tau: Array, prior: Prior, method: Method, active: Array | None = None, rows: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
 
-    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) marks the columns that are not zero, ``rows`` (n,) bool
+    ``W`` is (n, nv, r), ``tau`` (n, nv); ``active`` (nv, r) marks the columns that are not zero, ``rows`` (n,) bool
     the rows that count: weights of the others are meaningless.
     """
     mine = slice(None) if rows is None else rows
-    plain = NormalEquations.from_rows(W, tau, felt, rows=mine)
+    plain = NormalEquations.from_rows(W, tau, active, rows=mine)
     weights = np.ones(tau.shape)
     if method == "ols":
         x = prior.solve(plain.N.sum(axis=0), plain.c.sum(axis=0))
@@ -207,7 +207,7 @@ def weighted_fit(
         sigma = np.maximum(MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
         weights = huber_weights(np.abs(left / sigma))
         root = np.sqrt(weights) / sigma
-        equations = NormalEquations.from_rows(W, tau, felt, root, mine)
+        equations = NormalEquations.from_rows(W, tau, active, root, mine)
         new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
         done = bool(np.abs((W @ (new - x))[mine]).max() <= 1e-6 * sigma.max())
         x = new

@@ -308,7 +308,7 @@ class RowFrame:
         return self.first_speed + len(self.speeds)
 
     @cached_property
-    def felt(self) -> Array:
+    def active(self) -> Array:
         """(nv, width) bool, the columns of groups and then of settings that are not zero in the rows of each joint."""
         of_speeds = [columns[0][1] for columns in self.speeds.values()]
         offset = np.full((len(self.sigma), int(self.free_shift)), True)
@@ -359,7 +359,9 @@ def _of_joints(frame: RowFrame, entries: Array, beside: Sequence[Array], tau: Ar
     """Entries of each joint, with the columns (n, nv) of settings and the torques beside them."""
     found = []
     for j, place in enumerate(frame.columns.slices):
-        mine = [column[:, j] for column, felt in zip(beside, frame.felt[j, frame.base.count :], strict=True) if felt]
+        mine = [
+            column[:, j] for column, active in zip(beside, frame.active[j, frame.base.count :], strict=True) if active
+        ]
         whole = np.column_stack([entries[:, place], *mine, tau[:, j]])
         found.append(np.zeros_like(whole) if frame.dead[j] else whole)
     return found

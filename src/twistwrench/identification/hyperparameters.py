@@ -252,7 +252,7 @@ class BoundedMemory(Generic[Made]):
         """Keys of the cached objects, the last used last."""
         return list(self._made)
 
-    def of(self, key: Hashable, make: Callable[[], Made]) -> Made:
+    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Cached object of a key; built if it is missing."""
         if key in self._made:
             found = self._made.pop(key)
@@ -325,16 +325,16 @@ class SettingRows:
     def rows(self, cutoff: float) -> FilteredRows:
         """At that cut-off, with the usual speed of friction."""
 
-        def made() -> FilteredRows:
+        def build() -> FilteredRows:
             rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, self._most)
             rows.W[:, self.dead], rows.dead = 0.0, self.dead
             return rows
 
-        return self._rows.of(cutoff, made)
+        return self._rows.get(cutoff, build)
 
     def judged(self, cutoff: float) -> JudgedStates:
         """States of positions below that cut-off."""
-        return self._judged.of(
+        return self._judged.get(
             cutoff, lambda: JudgedStates.from_samples(self.base, self.samples, cutoff, self.usual_speed)
         )
 
@@ -348,7 +348,7 @@ class SettingRows:
     def kept_blocks(self, settings: FitSettings, make: Callable[[], list[NormalEquations]]) -> list[NormalEquations]:
         """Normal equations of the blocks at settings, made once."""
         key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
-        packed = self._blocks.of(key, lambda: [(one.packed(self.base.felt), one.rows) for one in make()])
+        packed = self._blocks.get(key, lambda: [(one.packed(self.base.felt), one.rows) for one in make()])
         return [NormalEquations.unpacked(numbers, self.base.felt, rows) for numbers, rows in packed]
 
     def typical(self) -> tuple[Array, Array, Array]:

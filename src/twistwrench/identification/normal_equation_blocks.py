@@ -23,7 +23,7 @@ from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
-from ..estimation.covariance import GroupCovariance, by_moments
+from ..estimation.covariance import GroupCovariance, sandwich_covariance
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
 from ..log_checks.fit_doubts import Doubt, left_unexplained
@@ -53,7 +53,7 @@ class JointBlocks:
     @classmethod
     def none(cls, frame: RowFrame, blocks: int) -> JointBlocks:
         """Blocks without rows."""
-        widths = (frame.felt.sum(axis=1) + 1).tolist()
+        widths = (frame.active.sum(axis=1) + 1).tolist()
         size = sum(w * (w + 1) // 2 for w in widths)
         return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), tuple(np.zeros((w, w)) for w in widths))
 
@@ -93,7 +93,7 @@ class JointBlocks:
     def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
         """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
         rows = float(self.counts[blocks, 0].sum())
-        return NormalEquations.unpacked(self.sums[blocks, which].sum(axis=0), frame.felt, rows)
+        return NormalEquations.unpacked(self.sums[blocks, which].sum(axis=0), frame.active, rows)
 
 
 def _weights(frame: RowFrame, j: int, A: Array) -> Array:
@@ -384,7 +384,7 @@ def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupC
     freedom = max(1.0, float(counts[:, 0].sum()) * len(sigma) - len(x))
     own = np.einsum("ij,ij->i", half, half)
     textbook = np.sqrt(own * float(left.sum()) / freedom)[:r]
-    found = by_moments(half.T @ N @ half, scores @ half, half)
+    found = sandwich_covariance(half.T @ N @ half, scores @ half, half)
     if found is None:
         inflated = half @ half.T * i.autocorrelation_length
         return GroupCovariance(inflated[:r, :r], np.full(r, 1e9), textbook, 0.0)
@@ -415,9 +415,9 @@ def _by_factors(i: NormalEquationBlocks, sigma: Array) -> Array:
     """The unknowns by the triangular factors in place of the normal equations: digits that these lose, it keeps."""
     prior = _prior(i)
     rows, right = [np.diag(1.0 / prior.size)], [prior.mean / prior.size]
-    for felt, R, size in zip(i.frame.felt, i.moments.factors, sigma, strict=True):
-        row = np.zeros((len(R), len(felt)))
-        row[:, felt] = R[:, :-1] / size
+    for active, R, size in zip(i.frame.active, i.moments.factors, sigma, strict=True):
+        row = np.zeros((len(R), len(active)))
+        row[:, active] = R[:, :-1] / size
         rows.append(row)
         right.append(R[:, -1] / size)
     A, b = np.concatenate(rows) * prior.size, np.concatenate(right)
@@ -513,7 +513,7 @@ def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str,
     frame = RowFrame(
         base, settings, arrays["x"], arrays["sigma"], arrays["dead"], free_shift, free_speed, said["robust"]
     )
-    factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.felt)))
+    factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.active)))
     return NormalEquationBlocks(
         robot,
         frame,

@@ -381,7 +381,7 @@ class BaseParameters:
         W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones)
         scale = unknown.scales(ones, ones, ones)
         free = np.flatnonzero(~unknown.held)
-        kept, found = _kept((W * scale)[..., free].reshape(states * nv, len(free)))
+        kept, found = _independent_columns((W * scale)[..., free].reshape(states * nv, len(free)))
         # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
         grouping = np.eye(p)  # what is known is a group of its own
         grouping[np.ix_(free[kept], free)] = _rounded(found) * scale[free[kept]][:, None] / scale[None, free]
@@ -452,7 +452,7 @@ class BaseParameters:
         return text
 
 
-def _kept(W: Array) -> tuple[Array, Array]:
+def _independent_columns(W: Array) -> tuple[Array, Array]:
     """Columns that are not sums of those before them (r,), and all columns in terms of these (r, p).
 
     Gram and Schmidt's way, twice for each column, so that rounding stays where it is.

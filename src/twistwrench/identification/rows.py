@@ -241,7 +241,7 @@ class BaseColumns:
         ]
         rows, columns = np.array(pairs, int).reshape(-1, 2).T
 
-        def made() -> Any:
+        def build() -> Any:
             model = unknown.model
 
             def entries(q: Any, dq: Any, ddq: Any) -> Any:
@@ -252,7 +252,7 @@ class BaseColumns:
                 trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}."
             )
 
-        return unknown.robot.engine.cached(("base columns", tuple(pairs)), made)
+        return unknown.robot.engine.cached(("base columns", tuple(pairs)), build)
 
 
 # ── Filtered rows of logs

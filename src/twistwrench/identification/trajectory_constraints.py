@@ -191,7 +191,7 @@ def capsule_around(points: Array) -> tuple[Array, float]:
     axes = np.linalg.svd(points - middle, full_matrices=True)[2]
     size = float(np.ptp(points @ axes.T, axis=0).max()) or 1.0
 
-    def of(x: Array, frame: Array) -> tuple[Array, float]:
+    def capsule(x: Array, frame: Array) -> tuple[Array, float]:
         u = frame[0] + x[0] * frame[1] + x[1] * frame[2]
         u /= np.linalg.norm(u)
         c = middle + size * (x[2] * frame[1] + x[3] * frame[2])
@@ -210,10 +210,10 @@ def capsule_around(points: Array) -> tuple[Array, float]:
         frame = np.roll(axes, -k, axis=0)
 
         def volume(x: Array, frame: Array = frame) -> float:
-            return _volume(*of(x, frame))
+            return _volume(*capsule(x, frame))
 
         best = minimize(volume, np.zeros(4), method="Nelder-Mead", options={"maxiter": _STEPS})
-        found.append(of(np.asarray(best.x), frame))
+        found.append(capsule(np.asarray(best.x), frame))
     return min(found, key=lambda one: _volume(*one))
 
 

@@ -331,15 +331,15 @@ def _near(missing: list[str], ignored: list[str]) -> str:
 
 
 def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLog:
-    def take(names: tuple[str, ...]) -> Array | None:
+    def stacked(names: tuple[str, ...]) -> Array | None:
         return np.stack([columns[n] for n in names], axis=1) if names[0] in columns else None
 
-    pose, direction, quaternion, matrix = None, gravity, take(_QUATERNION), take(_MATRIX)
+    pose, direction, quaternion, matrix = None, gravity, stacked(_QUATERNION), stacked(_MATRIX)
     if quaternion is not None:
         pose = rotations_of_quaternions(quaternion, f"{path}: quaternion")
     elif matrix is not None:
         pose = matrix.reshape(-1, 3, 3)
-    elif (along := take(_GRAVITY)) is not None:
+    elif (along := stacked(_GRAVITY)) is not None:
         length = np.linalg.norm(along, axis=1, keepdims=True)
         if not length.all():
             row = int(np.flatnonzero(length[:, 0] == 0)[0])
@@ -347,7 +347,13 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
         direction = along / length * np.linalg.norm(np.asarray(gravity, float))
     readings = np.stack([columns[n] for n in WRENCH], axis=1)
     return ReadingLog.from_arrays(
-        readings, pose=pose, gravity=direction, V=take(TWIST), dV=take(_DV), time=columns.get("time"), name=str(path)
+        readings,
+        pose=pose,
+        gravity=direction,
+        V=stacked(TWIST),
+        dV=stacked(_DV),
+        time=columns.get("time"),
+        name=str(path),
     )
 
 

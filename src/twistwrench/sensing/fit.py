@@ -8,7 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import ValueRangeError
-from ..estimation.covariance import as_weights, by_channels, by_clusters, of_block, plug_in, sum_freedom
+from ..estimation.covariance import (
+    channel_covariance,
+    cluster_robust_covariance,
+    f_test_freedom,
+    sum_freedom,
+    variance_estimate_covariance,
+    weight_freedom,
+)
 from ..estimation.least_squares import MAD, huber_weights, orthogonal_fit
 from ..lie import so3
 from ..lie.labelled import WRENCH
@@ -325,13 +332,13 @@ def _covariances(
     p, load = len(x), problem.unknowns.load
     m, h = load.start, slice(load.start + 1, load.start + 4)
     rows = np.concatenate([half, half[h] * x[m] - np.outer(x[h], half[m])])
-    C, known = by_channels(Q, rows, freedom, groups)
+    C, known = channel_covariance(Q, rows, freedom, groups)
     joint = C[:p, :p]
-    joint_freedom = of_block(by_channels(Q, half[m : m + 4], as_weights(freedom), groups)[1])
+    joint_freedom = f_test_freedom(channel_covariance(Q, half[m : m + 4], weight_freedom(freedom), groups)[1])
     if problem.noise is None:
         label = problem.label[keep]
-        added = half @ plug_in(Q, freedom, groups) @ half.T
-        if not few(label) and (sandwich := by_clusters(Q[keep], left, rows, label)) is not None:
+        added = half @ variance_estimate_covariance(Q, freedom, groups) @ half.T
+        if not few(label) and (sandwich := cluster_robust_covariance(Q[keep], left, rows, label)) is not None:
             C, known = sandwich
         C, joint = C[:p, :p] + added, joint + added
         size = np.unique(label, return_counts=True)[1]

@@ -76,12 +76,12 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-1, -2))
     if off.size and off.max() > _OFF:
         raise ValueRangeError(
-            f"{where}{_at(off)} is no rotation: RᵀR differs from the identity by {printed(off.max(), 3)}, allowed is "
+            f"{where}{_index(off)} is no rotation: RᵀR differs from the identity by {printed(off.max(), 3)}, allowed is "
             f"{printed(_OFF)}. Check the order of its entries (row by row) and its decimals."
         )
     if (determinant := np.linalg.det(R)).size and determinant.min() < 0:
         raise ValueRangeError(
-            f"{where}{_at(-determinant)} mirrors: its determinant is {printed(determinant.min(), 3)}, a rotation has 1. "
+            f"{where}{_index(-determinant)} mirrors: its determinant is {printed(determinant.min(), 3)}, a rotation has 1. "
             "Swap no axes: the frame must be right-handed."
         )
     return quaternion.rotation(quaternion.from_matrix(R))
@@ -98,7 +98,7 @@ def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Arra
     off = np.abs(length - 1.0)
     if off.size and off.max() > _OFF:
         raise ValueRangeError(
-            f"{where}{_at(off)} has length {printed(float(length.flat[off.argmax()]))}, off from 1 by "
+            f"{where}{_index(off)} has length {printed(float(length.flat[off.argmax()]))}, off from 1 by "
             f"{printed(off.max(), 3)}, allowed is {printed(_OFF)}. Check which columns are qw, qx, qy, qz (qw is the "
             "scalar), or normalise them."
         )
@@ -132,7 +132,7 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
     return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
 
 
-def _at(badness: Array) -> str:
+def _index(badness: Array) -> str:
     """Index of the worst one of a batch, from 0; empty for a single one."""
     if badness.ndim == 0:
         return ""
