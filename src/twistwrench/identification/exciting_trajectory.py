@@ -31,7 +31,7 @@ from .trajectory_constraints import (
     half_and_middle,
     shared_bounds,
 )
-from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, Progress, WindowedFourierSeries
+from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, WindowedFourierSeries
 
 _JUDGED = 2001
 """Instants at which a motion is judged, at least."""
@@ -282,41 +282,32 @@ def exciting_trajectory(
         raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
     base = BaseParameters.from_unknowns(unknown)
     information = MotionInformation(base, _noise(robot, noise), speed, series.duration, criterion)
-    height = None if floor is None else arguments.number(floor, "floor")
-    if height is not None and not np.isfinite(height):
-        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
-    capsules = CapsuleDistances.from_capsules(
-        robot,
-        LinkCapsules.from_robot(robot),
-        floor=height,
-        itself=arguments.flag(clear_of_itself, "clear_of_itself"),
-    )
+    constraints = TrajectoryConstraints(robot, bounds, speed, _capsules(robot, floor, clear_of_itself), clear)
     if clear is not None and not callable(clear):
         raise ValueRangeError(
             f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
         )
-    constraints = TrajectoryConstraints(robot, bounds, speed, capsules, clear)
     search = MotionSearch(series, information, constraints, *_sizes(robot, bounds, series))
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
     if step > series.duration / 20:
         raise ValueRangeError(
             f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
         )
-    tell, found = progress or (lambda _share: None), list[Array]()
-
-    def progress_of(k: int) -> Progress:
-        return lambda done: tell((k + done) / times)
-
-    for k in range(times):
-        z = search.best(rng, progress_of(k))
-        found += [] if z is None else [z]
-    if not found:
+    best = search.best_of(times, rng, progress or (lambda _share: None))
+    if best is None:
         raise ValueRangeError(
             f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "
             "above the floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
         )
-    best = max(found, key=search.merit)
     return ExcitingMotion(robot, series, search.coefficients(best), constraints, information, step)
+
+
+def _capsules(robot: Robot, floor: float | None, clear_of_itself: bool) -> CapsuleDistances:
+    height = None if floor is None else arguments.number(floor, "floor")
+    if height is not None and not np.isfinite(height):
+        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
+    itself = arguments.flag(clear_of_itself, "clear_of_itself")
+    return CapsuleDistances.from_capsules(robot, LinkCapsules.from_robot(robot), floor=height, itself=itself)
 
 
 def _sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:

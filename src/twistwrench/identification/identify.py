@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
@@ -26,7 +26,7 @@ from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
-from .rows import MOST_ROWS, FilteredRows, SteadySamples, pauses
+from .rows import MOST_ROWS, SteadySamples, pauses
 
 MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
@@ -129,17 +129,7 @@ def identify(
         return whole.identified(accumulate(robot, tested, like=whole) if tested else None)
     unknown = unknown_of(robot, payload_only=payload_only, **same)
     tell = progress or (lambda _share: None)
-    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only).robot
-
-
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """Identified robot, with the rows it was identified from."""
-
-    robot: IdentifiedRobot
-    dead: Array
-    rows: FilteredRows
-    autocorrelation_length: float
+    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only)[0]
 
 
 def identified(
@@ -154,18 +144,13 @@ def identified(
     payload_only: str | None = None,
     anew: bool = True,
     most_rows: float = MOST_ROWS,
-) -> Identified:
-    """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
-    base = BaseParameters.from_unknowns(unknown)
-    samples = _samples(trained, "logs")
-    if asked.cutoff is not None:  # pieces too short for it
-        samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
-    dead = _dead(trained)
-    if dead.all():
-        raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
-    source = SettingRows(base, samples, asked, dead, most_rows)
-    sizes = unknown.scales(*source.typical())
-    prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
+) -> tuple[IdentifiedRobot, Array, float]:
+    """The identification of checked logs, joints without a torque (nv,), and the autocorrelation length of the residuals.
+
+    Settings are chosen anew for each fifth held out where ``anew``.
+    """
+    source, sizes, prior = _source(unknown, trained, asked, most_rows)
+    base = source.base
     tell(0.2)
     settings = source.choose(prior, range(FOLDS))
     tell(0.4)
@@ -183,10 +168,10 @@ def identified(
         return chosen
 
     among = _five_fold(source, prior, method, settings_without)
-    held_out = _predicted(base, tested, asked, dead, settings, x) if tested else among
+    held_out = _predicted(source, tested, settings, x) if tested else among
     seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
-        rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
+        rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(
@@ -207,7 +192,22 @@ def identified(
         payload_frame=payload_only,
         notes=_remarks((*trained, *tested)),
     )
-    return Identified(found, dead, rows, autocorrelation_length((trial.tau - trial.W @ x) / sigma))
+    return found, source.dead, autocorrelation_length((trial.tau - trial.W @ x) / sigma)
+
+
+def _source(
+    unknown: UnknownParameters, trained: Sequence[Motion], asked: FitOptions, most_rows: float
+) -> tuple[SettingRows, Array, Prior]:
+    """Rows of the logs, the largest plausible sizes of the unknown parameters (p,), and the weak prior of their groups."""
+    base, samples = BaseParameters.from_unknowns(unknown), _samples(trained, "logs")
+    if asked.cutoff is not None:  # pieces too short for it
+        samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
+    dead = _dead(trained)
+    if dead.all():
+        raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
+    source = SettingRows(base, samples, asked, dead, most_rows)
+    sizes = unknown.scales(*source.typical())
+    return source, sizes, Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
 
 
 def fit_options(cutoff: float | None, friction_speed: float | None, shift: float | None) -> FitOptions:
@@ -300,14 +300,12 @@ def _five_fold(
     return reduce(operator.add, found)
 
 
-def _predicted(
-    base: BaseParameters, tested: Sequence[Motion], asked: FitOptions, dead: Array, settings: FitSettings, x: Array
-) -> HeldOut:
+def _predicted(source: SettingRows, tested: Sequence[Motion], settings: FitSettings, x: Array) -> HeldOut:
     """Logs of their own, with the settings of the training logs."""
-    options = FitOptions(settings.cutoff, asked.friction_speed, settings.shift)
-    trial = Trial(SettingRows(base, _samples(tested, "test"), options, dead), settings)
+    options = FitOptions(settings.cutoff, source.asked.friction_speed, settings.shift)
+    trial = Trial(SettingRows(source.base, _samples(tested, "test"), options, source.dead), settings)
     rows = HeldOutRows(trial.rows.time, trial.rows.log, trial.tau, trial.W @ x)
-    return HeldOut.from_rows("test", rows, base.unknown.model.velocity_names)
+    return HeldOut.from_rows("test", rows, source.base.unknown.model.velocity_names)
 
 
 def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:

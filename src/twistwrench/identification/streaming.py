@@ -167,15 +167,25 @@ def accumulate(
         start = replace(like, moments=JointBlocks.none(like.frame, 0), doubts=(), logs=())
     tell(0.2)
     work = _chunks(start.frame, clocks)
-    made = team.results(Chunk.moments, work, lambda s: tell(0.2 + 0.8 * s))
+    return _sum_of_logs(start, like, work, team.results(Chunk.moments, work, lambda s: tell(0.2 + 0.8 * s)), failed)
+
+
+def _sum_of_logs(
+    start: NormalEquationBlocks,
+    like: NormalEquationBlocks | None,
+    work: Sequence[Chunk],
+    made: Iterable[tuple[JointBlocks, tuple[str, ...]] | Failure],
+    failed: dict[str, str],
+) -> NormalEquationBlocks:
+    """All chunks together, with doubts on logs that are left out, contradict themselves, or are not like the others."""
     # Logs are compared at the unknowns of the logs before, or of the excerpt.
     frame = start.frame
     x = np.pad(frame.x, (0, frame.width - len(frame.x))) if like is None else block_solution(like)[0]
+    whole: NormalEquationBlocks | None = None  # a sum all along: parts of many logs are large
     left, said = dict[str, HeldOut](), dict[str, str]()
-    whole: NormalEquationBlocks | None = None
     for part, sentences in _parts(start, work, made, failed):
-        left[part.logs[0]] = block_residuals(part, x)
         whole = part if whole is None else whole + part
+        left[part.logs[0]] = block_residuals(part, x)
         if sentences:
             said[part.logs[0]] = sentences[0]
     if whole is None:
@@ -286,16 +296,15 @@ def _from_excerpt(
     if not windows:
         raise TrajectoryError(next(iter(failed.values())))
     moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
-    seen = identified(
+    found, dead, length = identified(
         unknown, robot, moving, (), asked, method, lambda _share: None,
         payload_only=payload_only, anew=False, most_rows=_MOST_ROWS,
     )  # fmt: skip
-    found = seen.robot
     free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
-    sigma = np.where(seen.dead, 1.0, found.sigma)
-    frame = RowFrame(found.base, found.settings, found.values, sigma, seen.dead, *free, method == "irls")
+    sigma = np.where(dead, 1.0, found.sigma)
+    frame = RowFrame(found.base, found.settings, found.values, sigma, dead, *free, method == "irls")
     shown = (np.concatenate(columns) for columns in zip(*map(astuple, found.held_out.rows), strict=True))
     return NormalEquationBlocks(
-        robot, frame, JointBlocks.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.autocorrelation_length, (),
+        robot, frame, JointBlocks.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, length, (),
         found.doubts, HeldOutRows(*shown) if found.held_out.rows else None, payload_only,
     )  # fmt: skip

@@ -382,6 +382,15 @@ class MotionSearch:
 
     # ── the search ──
 
+    def best_of(self, times: int, rng: np.random.Generator, progress: Progress) -> Array | None:
+        """The best of some searches, each with random motions of its own; None where no motion is possible."""
+
+        def progress_of(k: int) -> Progress:
+            return lambda done: progress((k + done) / times)
+
+        found = [self.best(rng, progress_of(k)) for k in range(times)]
+        return max((z for z in found if z is not None), key=self.merit, default=None)
+
     def best(self, rng: np.random.Generator, progress: Progress) -> Array | None:
         """The motion that a search from random ones comes to; None where no motion is possible."""
         starts = list[Array]()
