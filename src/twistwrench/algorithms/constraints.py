@@ -143,7 +143,7 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
         mine = body.places[1]
-        J[:, mine] = J[:, mine] + np.array([_at(p, V) for V in axes]).T
+        J[:, mine] = J[:, mine] + np.array([_at_point(p, V) for V in axes]).T
     return J
 
 
@@ -155,11 +155,11 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
         mine = dq[body.places[1]] @ axes
         dV = dV + ad(V) @ mine  # or with what is after it, for [mine, mine] = 0
         V = V + mine
-    dp = _at(p, V)[3:]
-    return np.concatenate([dV[:3], _at(p, dV)[3:] + so3.cross(V[:3], dp)])
+    dp = _at_point(p, V)[3:]
+    return np.concatenate([dV[:3], _at_point(p, dV)[3:] + so3.cross(V[:3], dp)])
 
 
-def _at(p: Array, V: Array) -> Array:
+def _at_point(p: Array, V: Array) -> Array:
     """(w, v + w × p): the velocity of the point p in place of that at the origin."""
     return np.concatenate([V[:3], V[3:] + so3.cross(V[:3], p)])
 

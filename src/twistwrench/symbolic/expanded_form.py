@@ -325,7 +325,8 @@ class Terms:
     @cached_property
     def christoffel(self) -> Array:
         """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i); MR section 8.1.2."""
-        n, M = len(self.coordinates), self.mass_matrix
+        n = len(self.coordinates)
+        M: Any = self.mass_matrix
         dM = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
             dM[i, j, k] = M[i, j].diff(self.coordinates[k].name) if i <= j else dM[j, i, k]

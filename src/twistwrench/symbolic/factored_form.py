@@ -48,15 +48,20 @@ class EquationWriter:
 
     def by_mass(self, total: TrigPolynomial) -> Any:
         """Masses pulled out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
-        return self._grouped(total, self._mass_part)
+        parts: list[Any] = []
+        for common, rows in _groups(self._rows(total), lambda row: self._mass_part(row[1])).items():
+            if not common or len(rows) == 1:
+                parts.extend(self._product(*row) for row in rows)
+                continue
+            share = _content([c for c, _, _ in rows])
+            inner = self._by_waves([(c / share, m - common, waves) for c, m, waves in rows])
+            parts.append(self._product(share, common, (), inner))
+        return sympy.Add(*parts)
 
     def by_angle(self, total: TrigPolynomial) -> Any:
         """Factors of equal sines and cosines together: (m_1 + m_2) L_1 g cos θ_1."""
-        groups: dict[Waves, list[Row]] = defaultdict(list)
-        for row in self._rows(total):
-            groups[row[2]].append(row)
         parts: list[Any] = []
-        for waves, rows in groups.items():
+        for waves, rows in _groups(self._rows(total), lambda row: row[2]).items():
             common = self._common([m for _, m, _ in rows])
             share = _content([c for c, _, _ in rows])
             inner = self._bracket([(c / share, m - common) for c, m, _ in rows])
@@ -67,9 +72,7 @@ class EquationWriter:
         """A sum without sines and cosines: as squares and products, else each mass once."""
         if (whole := self._factored(terms)) is not None:
             return whole
-        groups: dict[int, list[Term]] = defaultdict(list)
-        for c, m in terms:
-            groups[self._mass_part(m)].append((c, m))
+        groups = _groups(terms, lambda term: self._mass_part(term[1]))
         parts: list[Any] = []
         for mass, members in groups.items():
             if not mass or len(members) == 1 or len(groups) == 1:
@@ -135,27 +138,10 @@ class EquationWriter:
             parts.append(sympy.Mul(sign, *outer, *sympy.Mul.make_args(inner)))
         return sympy.Add(*parts)
 
-    def _grouped(self, total: TrigPolynomial, key: Callable[[int], int]) -> Any:
-        groups: dict[int, list[Row]] = defaultdict(list)
-        for row in self._rows(total):
-            groups[key(row[1])].append(row)
-        parts: list[Any] = []
-        for common, rows in groups.items():
-            if not common or len(rows) == 1:
-                parts.extend(self._product(*row) for row in rows)
-                continue
-            share = _content([c for c, _, _ in rows])
-            inner = self._by_waves([(c / share, m - common, waves) for c, m, waves in rows])
-            parts.append(self._product(share, common, (), inner))
-        return sympy.Add(*parts)
-
     def _by_waves(self, rows: list[Row]) -> Any:
         """A sum whose parts with the same sines and cosines are squares and products where they can be, common sums once."""
-        groups: dict[Waves, list[Row]] = defaultdict(list)
-        for row in rows:
-            groups[row[2]].append(row)
         parts: list[Any] = []
-        for waves, members in groups.items():
+        for waves, members in _groups(rows, lambda row: row[2]).items():
             terms = [(c, m) for c, m, _ in members]
             if (whole := self._factored(terms)) is not None:
                 parts.append(self._product(1, 0, waves, whole))
@@ -211,6 +197,14 @@ class EquationWriter:
         for (monomial, base), value in total.terms.items():
             by_monomial[monomial][self.ring.bases[base]] = value
         return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._forms.shortest(terms).items()]
+
+
+def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
+    """The items by their keys, in order."""
+    groups: dict[Any, list[Any]] = defaultdict(list)
+    for item in items:
+        groups[key(item)].append(item)
+    return groups
 
 
 def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:

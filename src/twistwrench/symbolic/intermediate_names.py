@@ -124,8 +124,8 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     names.group("potential_energy", "the sum of −m (gravity · p), and what springs store")
     lifted = (names.number(b.mass) * y for b, y in zip(entries.bodies, heights, strict=True))
     P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
-    said = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
-    names.group("slopes_of_energies", said)
+    remark = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
+    names.group("slopes_of_energies", remark)
     dM = [[[names.slope(M[min(i, j)][max(i, j)], k) for k in range(n)] for j in range(n)] for i in range(n)]
     for i, j, k in np.ndindex(n, n, n):
         if i <= j:
@@ -147,8 +147,8 @@ def _velocities(
     names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
     """Velocities of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
-    said = "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes"
-    names.group("velocities", said)
+    remark = "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes"
+    names.group("velocities", remark)
     origins: list[dict[int, tuple[Array, Array]]] = []
     centres: list[dict[int, tuple[Array, Array]]] = []
     for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
@@ -192,10 +192,10 @@ def _cross(a: Array, b: Array) -> Array:
 
 def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
     """- gravity · (place of the centre of mass) of each body: n_i is -gravity in its axes, eta_i that of its origin."""
-    said = (
+    remark = (
         "n_i: minus gravity in the axes of link i; eta_i, zeta_i: that times the place of its origin and centre of mass"
     )
-    names.group("heights", said)
+    names.group("heights", remark)
     up = -numbers_of(names, entries.gravity)
     directions: list[Array] = []
     origins: list[Any] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -174,9 +175,9 @@ def _parsed(
     if _degree(L, atoms) > HIGHEST - _RAISED:
         return None
     ring = Ring(list(atoms.values()), [s.name for s in q], exact=True)
-    reader = _Reader(ring, atoms, q, moving)
-    total = reader.read(L)
-    if total is None:
+    try:
+        total = _polynomial(L, ring, atoms, q)
+    except _NoPolynomial:
         return None
     coordinates = tuple(Variable(a.name, b.name, c.name) for a, b, c in zip(q, dq, ddq, strict=True))
     terms = Terms(ring, coordinates, total, ring.number(0))
@@ -219,43 +220,34 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
     return int(expr.exp) * _degree(expr.base, atoms) if expr.is_Pow else 0
 
 
-class _Reader:
-    def __init__(self, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...], moving: set[Any]) -> None:
-        self.ring, self.atoms, self.q, self.moving = ring, atoms, q, moving
+class _NoPolynomial(Exception):
+    """An expression that is no trigonometric polynomial of the coordinates."""
 
-    def read(self, expr: Any) -> TrigPolynomial | None:
-        """The sum of products that an expression is, None if it is none."""
+
+def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]) -> TrigPolynomial:
+    """The sum of products that L is. Raises _NoPolynomial."""
+
+    def read(expr: Any) -> TrigPolynomial:
         if expr.is_Rational:
-            return self.ring.number(Fraction(int(expr.p), int(expr.q)))
-        if expr in self.atoms:
-            return self.ring.symbol(self.atoms[expr])
-        if expr.is_Add or expr.is_Mul:
-            parts = [self.read(x) for x in expr.args]
-            total = self.ring.number(0 if expr.is_Add else 1)
-            for part in parts:
-                if part is None:
-                    return None
-                total = total + part if expr.is_Add else total * part
-            return total
-        if expr.is_Pow:
-            base = self.read(expr.base)
-            total = self.ring.number(1)
-            for _ in range(int(expr.exp)):
-                if base is None:
-                    return None
-                total = total * base
-            return total
-        return self._wave(expr)
+            return ring.number(Fraction(int(expr.p), int(expr.q)))
+        if expr in atoms:
+            return ring.symbol(atoms[expr])
+        if expr.is_Add:
+            return sum(map(read, expr.args), ring.number(0))
+        factors = expr.args if expr.is_Mul else [expr.base] * int(expr.exp) if expr.is_Pow else None
+        return wave(expr) if factors is None else math.prod(map(read, factors), start=ring.number(1))
 
-    def _wave(self, expr: Any) -> TrigPolynomial | None:
+    def wave(expr: Any) -> TrigPolynomial:
         try:
-            factors = [sympy.Poly(expr.args[0], *self.q).coeff_monomial(s) for s in self.q]
+            factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
         except sympy.PolynomialError:
-            return None
-        rest = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, self.q, strict=True)))
+            raise _NoPolynomial from None
+        rest = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, q, strict=True)))
         if rest != 0 or not all(f.is_Integer for f in factors):
-            return None
-        return self.ring.wave(expr.func.__name__, [int(f) for f in factors])
+            raise _NoPolynomial
+        return ring.wave(expr.func.__name__, [int(f) for f in factors])
+
+    return read(L)
 
 
 # ── Other Lagrangians: plain differentiation

@@ -529,16 +529,18 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
     every = Namer(model).entries()
     chosen = _chosen(symbols, every.parameters)
 
-    def kept(entries: Any) -> Any:
+    def with_chosen(entries: Any) -> Any:
         """An entry, or entries in tuples, as plain numbers where no symbol was chosen."""
         if isinstance(entries, tuple):
-            return tuple(map(kept, entries))
+            return tuple(map(with_chosen, entries))
         return entries if entries.parameter is None or entries.parameter.name in chosen else Entry(entries.value)
 
-    fields = ({name: kept(entry) for name, entry in vars(b).items() if name != "tag"} for b in every.bodies)
+    fields = ({name: with_chosen(entry) for name, entry in vars(b).items() if name != "tag"} for b in every.bodies)
     bodies = tuple(BodyEntries(b.tag, **some) for b, some in zip(every.bodies, fields, strict=True))
     parameters = tuple(p for p in every.parameters if p.name in chosen)
-    return ModelEntries(bodies, kept(every.gravity), kept(every.springs), kept(every.armature), parameters)
+    return ModelEntries(
+        bodies, with_chosen(every.gravity), with_chosen(every.springs), with_chosen(every.armature), parameters
+    )
 
 
 def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:

@@ -15,7 +15,7 @@ from ..errors import SingularMassMatrixError
 from ..export.javascript import javascript_module
 from ..export.request import BridgedQuantity
 from ..lie import se3
-from ..model.model import BASE, Body, Frame, Model
+from ..model.model import BASE, Frame, Model
 from ..motion.coordinates import Coordinates
 from ..robot import Robot
 from ..simulation.schemes import RK4
@@ -24,7 +24,6 @@ from .colours import COLOURS, SHARES, torque_marks
 from .scene import PAYLOAD, turned_z
 
 if TYPE_CHECKING:
-    from ..joints import Slider
     from .section_pages import SectionPanel
 
 LARGEST = 10_000
@@ -175,23 +174,23 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
     Its ``name``, place ``q``, ``unit`` (° or m), range ``lower`` to ``upper``, and limits ``least``, ``most`` (None without);
     three with ``turn`` 0, 1, 2 (roll, pitch, yaw) share a quaternion's ``q``.
     """
-    return [_of(model, body, slider) for body in model.leaders for slider in body.joint.sliders]
-
-
-def _of(model: Model, body: Body, slider: Slider) -> dict[str, Any]:
-    least, most = -np.inf, np.inf
-    if body.joint.nv == 1:
-        least, most = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
-    found = {
-        "name": f"{body.joint.name}{slider.label}",
-        "q": body.q_index + slider.coordinate,
-        "unit": slider.unit,
-        "lower": least if np.isfinite(least) else min(-slider.reach, most - 2 * slider.reach),
-        "upper": most if np.isfinite(most) else max(slider.reach, least + 2 * slider.reach),
-        "least": least if np.isfinite(least) else None,
-        "most": most if np.isfinite(most) else None,
-    }
-    return found if slider.turn is None else found | {"turn": slider.turn}
+    found: list[dict[str, Any]] = []
+    for body in model.leaders:
+        least, most = -np.inf, np.inf
+        if body.joint.nv == 1:
+            least, most = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+        for slider in body.joint.sliders:
+            entry = {
+                "name": f"{body.joint.name}{slider.label}",
+                "q": body.q_index + slider.coordinate,
+                "unit": slider.unit,
+                "lower": least if np.isfinite(least) else min(-slider.reach, most - 2 * slider.reach),
+                "upper": most if np.isfinite(most) else max(slider.reach, least + 2 * slider.reach),
+                "least": least if np.isfinite(least) else None,
+                "most": most if np.isfinite(most) else None,
+            }
+            found.append(entry if slider.turn is None else entry | {"turn": slider.turn})
+    return found
 
 
 # ── The robot in the page's header

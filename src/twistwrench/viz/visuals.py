@@ -52,8 +52,8 @@ def _places(uri: str, robot_file: Path) -> Iterator[Path]:
             yield folder / name / rest
             if folder.name == name:
                 yield folder / rest
-        for folder in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-            yield Path(folder) / name / rest
+        for root in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+            yield Path(root) / name / rest
         for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
             yield Path(prefix) / "share" / name / rest
     elif uri.startswith("file://"):
