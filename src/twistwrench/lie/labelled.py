@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
@@ -45,7 +44,7 @@ def missing_pose(to: str, of: str) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class Labelled(ABC):
+class Labelled:
     """Six numbers (..., 6), angular part first, and the name of the frame that they are expressed in."""
 
     values: Array
@@ -55,6 +54,7 @@ class Labelled(ABC):
 
     __array_ufunc__ = None  # array + labelled is refused rather than done entry by entry
     _kind: ClassVar[str]
+    _letter: ClassVar[str]
     _halves: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
     """Names and units of the angular and of the linear part."""
 
@@ -88,9 +88,9 @@ class Labelled(ABC):
         return hash_of(self.values, type(self), self.frame)
 
     @property
-    @abstractmethod
     def symbol(self) -> str:
         """The book's letter with the frame: V_b, F_b."""
+        return symbol(self._letter, self.frame)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -36,12 +36,8 @@ class Twist(Labelled):
     """
 
     _kind: ClassVar[str] = "twist"
+    _letter: ClassVar[str] = "V"
     _halves = (("omega", "rad/s"), ("v", "m/s"))
-
-    @property
-    def symbol(self) -> str:
-        """The book's letter with the frame: V_b."""
-        return symbol("V", self.frame)
 
     @property
     def omega(self) -> Array:
@@ -104,6 +100,7 @@ class Wrench(Labelled):
     """
 
     _kind: ClassVar[str] = "wrench"
+    _letter: ClassVar[str] = "F"
     _halves = (("m", "N m"), ("f", "N"))
 
     @classmethod
@@ -139,11 +136,6 @@ class Wrench(Labelled):
         """
         couple = arguments.real(m, "the couple m", 3)
         return cls(np.concatenate([couple, np.zeros_like(couple)], axis=-1), frame)
-
-    @property
-    def symbol(self) -> str:
-        """The book's letter with the frame: F_b."""
-        return symbol("F", self.frame)
 
     @property
     def m(self) -> Array:
@@ -283,9 +275,8 @@ class Pose:
             return place
         turn = so3.log(so3.project(self.rotation, within=np.inf))  # rounding that adds up in products is still printed
         angle = float(np.linalg.norm(turn))
-        return f"{place}, " + (
-            f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
-        )
+        turned = f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
+        return f"{place}, {turned}"
 
     def __rmatmul__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -353,9 +344,8 @@ def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
     [0.0, 4.0, 4.0, 1.0, 1.0, 1.0]
     """
     C = arguments.real(C_b, "the covariance of a wrench", 6, 6)
-    T_ba = (
-        T_ab.inverse if hasattr(T_ab, "inverse") else se3.inverse(arguments.real(T_ab, "move_covariance: T_ab", 4, 4))
-    )
+    T: Any = T_ab
+    T_ba = T.inverse if hasattr(T, "inverse") else se3.inverse(arguments.real(T, "move_covariance: T_ab", 4, 4))
     X = Ad(T_ba).T.matrix
     try:
         moved = X @ C @ np.swapaxes(X, -1, -2)

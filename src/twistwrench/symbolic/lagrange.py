@@ -177,7 +177,7 @@ def _parsed(
     ring = Ring(list(atoms.values()), [s.name for s in q], exact=True)
     try:
         total = _polynomial(L, ring, atoms, q)
-    except _NoPolynomial:
+    except sympy.PolynomialError:
         return None
     coordinates = tuple(Variable(a.name, b.name, c.name) for a, b, c in zip(q, dq, ddq, strict=True))
     terms = Terms(ring, coordinates, total, ring.number(0))
@@ -220,12 +220,8 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
     return int(expr.exp) * _degree(expr.base, atoms) if expr.is_Pow else 0
 
 
-class _NoPolynomial(Exception):
-    """An expression that is no trigonometric polynomial of the coordinates."""
-
-
 def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]) -> TrigPolynomial:
-    """The sum of products that L is. Raises _NoPolynomial."""
+    """The sum of products that L is. Raises SymPy's PolynomialError."""
 
     def read(expr: Any) -> TrigPolynomial:
         if expr.is_Rational:
@@ -238,13 +234,10 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
         return wave(expr) if factors is None else math.prod(map(read, factors), start=ring.number(1))
 
     def wave(expr: Any) -> TrigPolynomial:
-        try:
-            factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
-        except sympy.PolynomialError:
-            raise _NoPolynomial from None
+        factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
         rest = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, q, strict=True)))
         if rest != 0 or not all(f.is_Integer for f in factors):
-            raise _NoPolynomial
+            raise sympy.PolynomialError(f"{expr}: the angle is no sum of whole multiples of coordinates")
         return ring.wave(expr.func.__name__, [int(f) for f in factors])
 
     return read(L)
