@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import twistwrench as tw
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.robot.closed_robot import ClosedRobot
-from twistwrench.simulation.closed_run import ClosedSimulation
+from twistwrench.simulation.closed import ClosedSimulation
 
 BLUE, RED, GREY, GREEN = "#2f6db5", "#c4402f", "#8a8f98", "#3a8f5c"
 BASE, ARM, ROD, PLATE, SIDE = 0.20, 0.30, 0.70, 0.07, 0.05  # m; SIDE is half the distance of two rods

@@ -9,7 +9,7 @@ import numpy as np
 import twistwrench as tw
 from twistwrench import trajectories
 from twistwrench.simulation import SimulationBatch, SimulationResult
-from twistwrench.simulation.closed_run import ClosedRollout, ClosedSimulation
+from twistwrench.simulation.closed import ClosedRollout, ClosedSimulation
 from twistwrench.simulation.rollout import Rollout
 
 if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it

@@ -207,7 +207,7 @@ CALLS: dict[str, tuple[Any, dict[str, Any]]] = {
         {"function": lambda t, q, dq: q[0] - 1, "name": "it", "direction": "both", "terminal": False},
     ),
     "SimulationResult.load": (simulation.SimulationResult.load, {"path": "no/such/file"}),
-    "SimulationResult.of": (lambda robot: arm().simulate(duration=0.01).of(robot), {"robot": arm()}),
+    "SimulationResult.with_robot": (lambda robot: arm().simulate(duration=0.01).with_robot(robot), {"robot": arm()}),
     "SimulationResult.to_csv": (lambda path: arm().simulate(duration=0.01).to_csv(path), {"path": "no/such/folder/x"}),
     "SimulationResult.plot": (lambda path: arm().simulate(duration=0.01).plot(path), {"path": "no/such/folder/x.png"}),
     "ForceTorqueSensor": (

@@ -62,7 +62,7 @@ def test_a_run_is_stiff_where_many_steps_are_at_the_edge_of_stability_and_far_mo
     h, tried = 1e-3, 3000
     wheel().simulate([0.0], [2.0], 0.01, 1e-2, friction=True)
     (given,) = noted[1]
-    judge = Stiffness(given.system, given.scheme, (tried + to_come) * h)
+    judge = Stiffness(given.system, given.trials, (tried + to_come) * h)
     at_edge = np.zeros(tried, bool)
     at_edge[: round(share * tried)] = True
     for k, edge in enumerate(at_edge[:-1]):

@@ -16,7 +16,7 @@ from twistwrench.lowering.target_machine import DOUBLE, choices, host
 from twistwrench.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.simulation import BatchComputedTorque, BatchPD
 from twistwrench.simulation import rollout_gradient as rollout_kernel
-from twistwrench.simulation.compiled_steps import Plan
+from twistwrench.simulation.compiled_steps import StepPlan
 from twistwrench.simulation.torque_laws import GivenTorque
 from twistwrench.testing import random_robot, random_state
 
@@ -562,7 +562,7 @@ def test_float32_is_float64_to_its_round_off(name):
 
 
 def recurrence_of(robot):
-    return Plan(robot.model, GivenTorque(), "semi_implicit").recurrence()
+    return StepPlan(robot.model, GivenTorque(), "semi_implicit").recurrence()
 
 
 def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch):

@@ -353,11 +353,11 @@ def test_files_give_every_bit_back(result, tmp_path, kind):
     path = getattr(result, f"to_{kind}")(tmp_path / f"motion.{kind}")
     read = SimulationResult.load(path)
     same(result, read)
-    with pytest.raises(tw.ValueRangeError, match=r"result\.of\(robot\)\.motion"):
+    with pytest.raises(tw.ValueRangeError, match=r"result\.with_robot\(robot\)\.motion"):
         _ = read.motion
-    np.testing.assert_array_equal(read.of(tw.robots.floating_box()).motion.q, result.motion.q)
+    np.testing.assert_array_equal(read.with_robot(tw.robots.floating_box()).motion.q, result.motion.q)
     with pytest.raises(tw.ValueRangeError, match="coordinates are others"):
-        read.of(tw.robots.ur5())
+        read.with_robot(tw.robots.ur5())
 
 
 def test_the_csv_is_a_motion_for_other_commands(result, tmp_path):

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..robot import Robot
 from ..simulation.torque_laws import BatchComputedTorque, BatchPD
 from ..typing import Array
-from .references import Motion, Reference, gain, joint_motion, one_state, require_driven
+from .references import Motion, Reference, joint_motion, one_state, require_driven, set_gains
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,20 +34,11 @@ class JointLaw:
     def __post_init__(self) -> None:
         what = type(self).__name__
         robot = require_driven(self.robot, what)
-        for name in ("kp", "kd"):
-            object.__setattr__(
-                self, f"_{name}", gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names)
-            )
+        set_gains(self, robot.model.velocity_names, "kp", "kd")
         object.__setattr__(self, "_motion", joint_motion(robot, self.reference, f"{what}: reference"))
 
     def error(self, t: float, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
         """Tracking error: e = q_d - q and dq_d - dq.
-
-        Parameters
-        ----------
-        t : float [s]
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
 
         Returns
         -------
@@ -82,49 +74,34 @@ class JointLaw:
         >>> PD(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kp.tolist()
         [100.0, 100.0]
         """
-        self._require_same(robot)
-        return self._law(self._of_all_motions(times))
+        what = type(self).__name__
+        if robot.model is not self.robot.model:
+            raise ValueRangeError(
+                f"{what} knows the robot {self.robot.name!r} that it was made with, and the rollout is of "
+                f"another, {robot.name!r}. A rollout's law knows the robot it moves: make it with that one; "
+                "rollout(parameters=…) changes what moves and not what the law knows."
+            )
+        kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
+        if not (np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))):
+            raise ValueRangeError(
+                f"{what}: gains of a rollout are a number for each joint, and these couple joints. "
+                "robot.simulate takes them."
+            )
+        constant = not callable(self.reference) and not hasattr(self.reference, "motion")
+        rows = [self._motion(t) for t in ([0.0] if constant else times)]
+        q_d, dq_d, ddq_d = (np.array([row[k] for row in rows], float) for k in range(3))
+        return self._law({"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd})
 
     def _law(self, given: dict[str, Array]) -> BatchPD | BatchComputedTorque:
         """The law, of reference and gains as a rollout takes them."""
         raise NotImplementedError
 
-    def _of_all_motions(self, times: Array) -> dict[str, Array]:
-        """Reference and gains as the law of a batch has them. Raises ValueRangeError for gains that couple joints."""
-        kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
-        if not (np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))):
-            raise ValueRangeError(
-                f"{type(self).__name__}: gains of a rollout are a number for each joint, and these couple joints. "
-                "robot.simulate takes them."
-            )
-        held = not callable(self.reference) and not hasattr(self.reference, "motion")
-        rows = [self._motion(t) for t in ([0.0] if held else times)]
-        q_d, dq_d, ddq_d = (np.array([row[k] for row in rows], float) for k in range(3))
-        return {"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd}
-
-    def _require_same(self, robot: Robot) -> None:
-        if robot.model is not self.robot.model:
-            raise ValueRangeError(
-                f"{type(self).__name__} knows the robot {self.robot.name!r} that it was made with, and the rollout is of "
-                f"another, {robot.name!r}. A rollout's law knows the robot it moves: make it with that one; "
-                "rollout(parameters=…) changes what moves and not what the law knows."
-            )
-
 
 @dataclass(frozen=True, eq=False)
 class PD(JointLaw):
-    """PD control with gravity compensation: τ = Kp e + Kd ė + g(q).
+    """PD control with gravity compensation: τ = Kp e + Kd ė + g(q). MR section 11.4.2.
 
     It rests at q_d without a load, and Kp⁻¹ J'F beside it under one. Kp is a stiffness [N m/rad or N/m].
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        A gain is of another size or not finite.
-
-    Notes
-    -----
-    MR section 11.4.2.
 
     Examples
     --------
@@ -159,16 +136,7 @@ class PD(JointLaw):
 class ComputedTorque(JointLaw):
     """Computed-torque control: τ = M (ddq_d + Kp e + Kd ė) + h; where the model is right, ë + Kd ė + Kp e = 0.
 
-    Kp [1/s²] and Kd [1/s] are rates and no stiffness: Kd = 2 ω, Kp = ω² is critically damped.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        A gain is of another size or not finite.
-
-    Notes
-    -----
-    MR section 11.4.2.2, eq. 11.35.
+    Kp [1/s²] and Kd [1/s] are rates and no stiffness: Kd = 2 ω, Kp = ω² is critically damped. MR eq. 11.35.
 
     Examples
     --------
@@ -195,3 +163,6 @@ class ComputedTorque(JointLaw):
         e, de = self.error(t, q, dq)
         ddq = self._motion(t)[2] + self._kp @ e + self._kd @ de
         return self.robot.inverse_dynamics(q, dq, ddq, friction=self.friction)
+
+
+complete(globals())

@@ -15,7 +15,7 @@ control", ICRA 2005; Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,11 +71,6 @@ class MomentumObserver:
     robot : Robot
     gain : float or (nv,) array_like, the time constant is 1/``gain`` [1/s]
     friction : bool, take the robot's own friction laws off; else friction is part of the estimate
-
-    Raises
-    ------
-    ValueRangeError
-        A gain is of another size or not above zero.
 
     Examples
     --------
@@ -184,16 +179,15 @@ class MomentumObserver:
         (2, 2)
         """
         t = arguments.finite(times, "MomentumObserver: times")
-        coordinates, rates = self.robot.coordinate_names, self.robot.model.velocity_names
-        states = {"q": (q, coordinates), "dq": (dq, rates), "tau": (tau, rates)}
         if t.ndim != 1 or not len(t):
             raise ShapeError(f"MomentumObserver: times have shape {t.shape}, expected (n,), the instants of a record.")
-        q, dq, tau = (
-            arguments.finite(
-                arguments.one(x, f"MomentumObserver: {n}", len(t), len(names), names=names), f"MomentumObserver: {n}"
-            )
-            for n, (x, names) in states.items()
-        )
+
+        def rows(x: ArrayLike, name: str, names: Sequence[str]) -> Array:
+            what = f"MomentumObserver: {name}"
+            return arguments.finite(arguments.one(x, what, len(t), len(names), names=names), what)
+
+        rates = self.robot.model.velocity_names
+        q, dq, tau = rows(q, "q", self.robot.coordinate_names), rows(dq, "dq", rates), rows(tau, "tau", rates)
         p, beta = self._momentum(q, dq)
         found = np.zeros((len(t), self.robot.nv))
         for k in range(len(t) - 1):
@@ -229,25 +223,20 @@ class MomentumObserver:
             raise ValueRangeError(
                 f"MomentumObserver.watch: {controller!r} is not a controller, a function of (t, q, dq)."
             )
-        held = np.zeros(self.robot.nv)
+        tau = np.zeros(self.robot.nv)
 
         def watched(t: float, q: Array, dq: Array) -> Array:
-            nonlocal held
-            self.update(t, q, dq, held)
-            held = arguments.one(controller(t, q, dq), "the torques of the controller watched", self.robot.nv)
-            return held
+            nonlocal tau
+            self.update(t, q, dq, tau)
+            tau = arguments.one(controller(t, q, dq), "the torques of the controller watched", self.robot.nv)
+            return tau
 
         return watched
 
     def wrench(
-        self,
-        q: ArrayLike,
-        frame: str | None = None,
-        kind: Kind = "body",
-        rows: Rows = None,
-        *,
+        self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None, *,
         residual: ArrayLike | None = None,
-    ) -> ContactWrench:
+    ) -> ContactWrench:  # fmt: skip
         """Contact wrench at a frame that explains the residual, by least squares, with its undetermined part.
 
         Parameters
@@ -274,13 +263,8 @@ class MomentumObserver:
             raise UnknownNameError.from_choices("kind", kind, KINDS)
         q = arguments.one(q, "MomentumObserver.wrench: q", robot.nq, names=robot.coordinate_names)
         q = arguments.finite(q, "MomentumObserver.wrench: q")
-        r = arguments.one(
-            self._residual if residual is None else residual,
-            "MomentumObserver.wrench: residual",
-            robot.nv,
-            names=robot.model.velocity_names,
-        )
-        r = arguments.finite(r, "MomentumObserver.wrench: residual")
+        r, what = self._residual if residual is None else residual, "MomentumObserver.wrench: residual"
+        r = arguments.finite(arguments.one(r, what, robot.nv, names=robot.model.velocity_names), what)
         J = robot.jacobian(q, frame, kind)[chosen]
         U, s, Vt = np.linalg.svd(J)  # r = J'F
         rank = int(np.count_nonzero(s > SINGULAR * s.max(initial=0.0)))

@@ -15,7 +15,7 @@ from ..algorithms.time_scalings import PosePath
 from ..core import arguments
 from ..core.numbers import printed
 from ..errors import FrameError, ShapeError, ValueRangeError
-from ..lie import se3, so3
+from ..lie import so3
 from ..lie.twist_wrench import Pose
 from ..model.model import BASE
 from ..robot import Robot
@@ -36,16 +36,7 @@ class Timing(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PoseMotion:
-    """Motion of a frame: T(s(t)) with its body twist and the rate of that, from a path of poses and a time scaling.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        There is no such path or scaling.
-
-    Notes
-    -----
-    MR section 9.2.
+    """Motion of a frame: T(s(t)) with its body twist and the rate of that, from a path and a time scaling. MR section 9.2.
 
     Examples
     --------
@@ -80,28 +71,24 @@ class PoseMotion:
 
 
 def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
-    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d, or from a function of the time that gives the three.
-
-    Raises ShapeError, ValueRangeError.
-    """
+    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d, or from a function of the time that gives the three."""
     given = given if callable(given) else getattr(given, "motion", given)  # a result over time has one
     if not callable(given):
-        q = np.array(
-            arguments.finite(arguments.one(given, what, robot.nq, names=robot.coordinate_names), what, robot.nq)
-        )
+        q = arguments.one(given, what, robot.nq, names=robot.coordinate_names)
+        q = np.array(arguments.finite(q, what, robot.nq))
         q.setflags(write=False)
         zero = np.zeros(robot.nv)
         return lambda _t: (q, zero, zero)
     _require_one_argument(given, what)
 
     def motion(t: float) -> tuple[Array, Array, Array]:
-        q, dq, ddq = _three(given, what, t)
-        named = f"{what} at t = {printed(t)} s"
-        return (
-            arguments.one(q, f"q of {named}", robot.nq, names=robot.coordinate_names),
-            arguments.one(dq, f"dq of {named}", robot.nv, names=robot.model.velocity_names),
-            arguments.one(ddq, f"ddq of {named}", robot.nv, names=robot.model.velocity_names),
+        q, *rates = _three(given, what, t)
+        named, n, names = f"{what} at t = {printed(t)} s", robot.nv, robot.model.velocity_names
+        q = arguments.one(q, f"q of {named}", robot.nq, names=robot.coordinate_names)
+        dq, ddq = (
+            arguments.one(x, f"{d} of {named}", n, names=names) for d, x in zip(("dq", "ddq"), rates, strict=True)
         )
+        return q, dq, ddq
 
     motion(0.0)
     return motion
@@ -110,8 +97,7 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
 def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) -> Motion:
     """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
 
-    From a pose, a function of the time that gives the three, or a motion of the joints, whose frame is meant then. Raises
-    FrameError for a labelled pose of another frame or seen from a link that moves, ShapeError, ValueRangeError.
+    From a pose, a function of the time that gives the three, or a motion of the joints, whose frame is meant then.
     """
     name = robot.tip if frame is None else frame
     if isinstance(given, Pose) and given.of != name:
@@ -150,32 +136,6 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
     return of_pose
 
 
-def in_body(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
-    """X_e, V_e and the feedforward of the frame {b} at T, seen from itself; (6,) each. MR section 11.4.3.
-
-    [X_e] = log(X⁻¹ X_d), V_e = [Ad_X⁻¹X_d] V_d - V_b, and the feedforward is d/dt ([Ad_X⁻¹X_d] V_d).
-    """
-    T_bd = se3.inverse(T) @ T_d
-    R, p = T_bd[:3, :3], T_bd[:3, 3]
-    V_bd, dV_bd = _carried(R, p, V_d), _carried(R, p, dV_d)
-    turned = np.concatenate([so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])])
-    return se3.log(T_bd), V_bd - V, dV_bd - turned
-
-
-def in_world(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
-    """The same with turning and moving each by itself, axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
-    R_d, w_d = T_d[:3, :3], V_d[:3]
-    X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
-    moved = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
-    return X_e, moved - V, np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, V_d[3:]))])
-
-
-def _carried(R: Array, p: Array, V: Array) -> Array:
-    """[Ad_T] V, without a look at T: it is the product of two poses that were looked at."""
-    w = R @ V[:3]
-    return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
-
-
 def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
     """Value of the function at t [s]: three arrays."""
     t = arguments.number(t, "t")
@@ -208,7 +168,7 @@ _SYMMETRIC = 1e-9
 
 
 def require_driven(robot: object, what: str) -> Robot:
-    """A robot that has a torque for every velocity. Raises ValueRangeError."""
+    """A robot that has a torque for every velocity."""
     found = require_robot(robot, what)
     if names := undriven(found.model):
         raise ValueRangeError(
@@ -219,19 +179,13 @@ def require_driven(robot: object, what: str) -> Robot:
 
 
 def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
-    """q (nq,) and dq (nv,) of one state. Raises ShapeError, ValueRangeError."""
-    rates = robot.model.velocity_names
-    return (
-        arguments.one(q, f"{what}: q", robot.nq, names=robot.coordinate_names),
-        arguments.one(dq, f"{what}: dq", robot.nv, names=rates),
-    )
+    """q (nq,) and dq (nv,) of one state."""
+    q = arguments.one(q, f"{what}: q", robot.nq, names=robot.coordinate_names)
+    return q, arguments.one(dq, f"{what}: dq", robot.nv, names=robot.model.velocity_names)
 
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
-    """A gain as a symmetric matrix (n, n), n the number of names: from one number for all, one each (n,), or the matrix.
-
-    Raises ShapeError, and ValueRangeError for one that is not positive semidefinite, or not definite where it must be.
-    """
+    """A gain as a positive matrix (n, n), n the number of names: from one number for all, one each (n,), or the matrix."""
     n, given = len(names), arguments.finite(K, what, names=names)
     if given.shape not in ((), (n,), (n, n)):
         raise ShapeError(
@@ -252,3 +206,9 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
         )
     full.setflags(write=False)
     return full
+
+
+def set_gains(law: object, names: Sequence[str], *fields: str) -> None:
+    """Store gains of a law as matrices, each under its name with an underscore before it."""
+    for name in fields:
+        object.__setattr__(law, f"_{name}", gain(getattr(law, name), f"{type(law).__name__}: {name}", names))

@@ -22,16 +22,44 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import UnknownNameError, ValueRangeError
+from ..lie import se3, so3
 from ..lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
 from ..robot.closed_robot import ClosedRobot
 from ..typing import Array
-from .references import Motion, Reference, gain, in_body, in_world, joint_motion, one_state, pose_motion, require_driven
+from .references import Motion, Reference, gain, joint_motion, one_state, pose_motion, require_driven, set_gains
 
 KINDS = ("world_aligned", "body")
+
+
+def in_body(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
+    """X_e, V_e and the feedforward of the frame {b} at T, seen from itself; (6,) each. MR section 11.4.3.
+
+    [X_e] = log(X⁻¹ X_d), V_e = [Ad_X⁻¹X_d] V_d - V_b, and the feedforward is d/dt ([Ad_X⁻¹X_d] V_d).
+    """
+    T_bd = se3.inverse(T) @ T_d
+    R, p = T_bd[:3, :3], T_bd[:3, 3]
+    V_bd, dV_bd = _carried(R, p, V_d), _carried(R, p, dV_d)
+    turned = np.concatenate([so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])])
+    return se3.log(T_bd), V_bd - V, dV_bd - turned
+
+
+def in_world(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
+    """The same with turning and moving each by itself, axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
+    R_d, w_d = T_d[:3, :3], V_d[:3]
+    X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
+    moved = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
+    return X_e, moved - V, np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, V_d[3:]))])
+
+
+def _carried(R: Array, p: Array, V: Array) -> Array:
+    """[Ad_T] V, without a look at T: it is the product of two poses that were looked at."""
+    w = R @ V[:3]
+    return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
 
 
 class TaskState(NamedTuple):
@@ -104,8 +132,7 @@ class TaskLaw:
         put(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
         posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
         put(self, "_posture", posture)
-        for name in ("posture_kp", "posture_kd"):
-            put(self, f"_{name}", gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names))
+        set_gains(self, robot.model.velocity_names, "posture_kp", "posture_kd")
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -114,16 +141,6 @@ class TaskLaw:
 
     def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
         """Task-space errors and the other inputs of the law, on the chosen rows.
-
-        Parameters
-        ----------
-        t : float [s]
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-
-        Returns
-        -------
-        state : TaskState
 
         Examples
         --------
@@ -144,32 +161,22 @@ class TaskLaw:
 
     def _torques(self, t: float, q: ArrayLike, dq: ArrayLike, now: TaskState, F: Array) -> Array:
         """τ for a force F (r,) that would give the frame the acceleration Λ⁻¹ F, if all else were made up for."""
-        ddq = self._posture_acceleration(t, q, dq)
+        q, dq = one_state(self.robot, type(self).__name__, q, dq)
+        if self._posture is None:
+            ddq = -self._posture_kd @ dq
+        else:
+            q_r, dq_r, ddq_r = self._posture(t)
+            ddq = ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
         more = F - now.Lambda @ (now.J @ ddq + now.drift)
         return self.robot.inverse_dynamics(q, dq, ddq) + now.J.T @ more
-
-    def _posture_acceleration(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
-        if self._posture is None:
-            return -self._posture_kd @ one_state(self.robot, type(self).__name__, q, dq)[1]
-        q, dq = one_state(self.robot, type(self).__name__, q, dq)
-        q_r, dq_r, ddq_r = self._posture(t)
-        return ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
 
 
 @dataclass(frozen=True, eq=False)
 class TaskSpace(TaskLaw):
     """Task-space control: τ = J'(Λ (d/dt(V_d) + Kp X_e + Kd V_e) + η) + P τ_0.
 
-    The frame's error obeys dV_e/dt + Kd V_e + Kp X_e = 0. What the task leaves free follows ``posture``, or is damped.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError, UnknownNameError, FrameError
-        An argument is invalid, or the robot has no such frame or row.
-
-    Notes
-    -----
-    MR section 11.4.3, with the projector P of section 8.7.
+    The frame's error obeys dV_e/dt + Kd V_e + Kp X_e = 0. What the task leaves free follows ``posture``, or is damped. MR
+    section 11.4.3, with the projector P of section 8.7.
 
     Examples
     --------
@@ -191,8 +198,7 @@ class TaskSpace(TaskLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("kp", "kd"):
-            object.__setattr__(self, f"_{name}", gain(getattr(self, name), f"TaskSpace: {name}", self.row_names))
+        set_gains(self, self.row_names, "kp", "kd")
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
@@ -209,20 +215,11 @@ Measured = Callable[[float, Array, Array], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Impedance(TaskLaw):
-    """Impedance control: K X_e + B V_e pulls the frame back; under a wrench F on it, it rests where K X_e = -F.
+    """Impedance control (MR section 11.7.1): K X_e + B V_e pulls the frame back; under a wrench F, it rests where K X_e = -F.
 
     Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured.
     With it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F. V_e is that of the reference less that of the
     frame, and F the force on the chosen rows, Λ J M⁻¹ τ_ext.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError, UnknownNameError, FrameError
-        An argument is invalid, or the robot has no such frame or row.
-
-    Notes
-    -----
-    MR section 11.7.1.
 
     Examples
     --------
@@ -248,8 +245,7 @@ class Impedance(TaskLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("stiffness", "damping"):
-            object.__setattr__(self, f"_{name}", gain(getattr(self, name), f"Impedance: {name}", self.row_names))
+        set_gains(self, self.row_names, "stiffness", "damping")
         if (self.mass is None) != (self.wrench_on_robot is None):
             raise ValueRangeError(
                 "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
@@ -270,14 +266,13 @@ class Impedance(TaskLaw):
         if self.wrench_on_robot is None:
             return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
         measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
-        F = self._felt(q, arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6), now)
+        measured = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
+        pushed = np.linalg.solve(self.robot.mass_matrix(q), self.robot.wrench_torques(q, measured, self.frame))
+        F = (
+            now.Lambda @ now.J @ pushed
+        )  # the chosen entries of the wrench, if its others are zero or no row is left out
         a = now.feedforward + self._inverse_mass @ (pull + F)
         return self._torques(t, q, dq, now, now.Lambda @ a - F)
-
-    def _felt(self, q: ArrayLike, F: Array, now: TaskState) -> Array:
-        """Λ J M⁻¹ τ_ext: the chosen entries of F, if its others are zero or no row is left out."""
-        pushed = self.robot.wrench_torques(q, F, self.frame)
-        return now.Lambda @ now.J @ np.linalg.solve(self.robot.mass_matrix(q), pushed)
 
 
 # ── Hybrid motion–force control of a constrained robot. Modern Robotics section 11.6
@@ -295,16 +290,7 @@ Law = Callable[[float, Array, Array], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class HybridMotionForce:
-    """Hybrid motion-force control: follows a motion law in the free directions, and presses with λ_d in the others.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        A force or a gain is of another size or not finite.
-
-    Notes
-    -----
-    MR section 11.6.
+    """Hybrid motion-force control: a motion law in the free directions, λ_d in the others. MR section 11.6.
 
     Examples
     --------
@@ -327,7 +313,7 @@ class HybridMotionForce:
     """K_f: a number, (k,), or (k, k), of no unit."""
     measured: Measured | None = field(default=None, kw_only=True)
     """λ (k,) as a function of (t, q, dq), from a sensor: what the robot applies."""
-    _gain: Array = field(init=False, repr=False)
+    _force_gain: Array = field(init=False, repr=False)
     _force: Callable[[float], ArrayLike] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -344,14 +330,13 @@ class HybridMotionForce:
         if not callable(self.motion):
             raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
         k, force = len(names), self.force
-        if callable(force):
-            object.__setattr__(self, "_force", force)
-        else:
+        if not callable(force):
             what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
             constant = np.array(arguments.finite(arguments.one(force, what, k), what, k))
-            object.__setattr__(self, "_force", lambda _t: constant)
-        object.__setattr__(self, "_gain", gain(self.force_gain, "HybridMotionForce: force_gain", names))
-        if (self.measured is None) != (not np.any(self._gain)):
+            force = lambda _t: constant  # noqa: E731
+        object.__setattr__(self, "_force", force)
+        set_gains(self, names, "force_gain")
+        if (self.measured is None) != (not np.any(self._force_gain)):
             raise ValueRangeError("HybridMotionForce: force_gain acts on λ_d - λ, so it and measured go together.")
         if self.measured is not None and not callable(self.measured):
             raise ValueRangeError(
@@ -365,14 +350,11 @@ class HybridMotionForce:
         tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {printed(t)} s", robot.nv)
         free = robot.forward_dynamics(q, dq, tau)
         ddq = closed.project_acceleration(q, dq, free)  # M ddq = P (τ - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
-        pressed = closed.constraint_jacobian(q).T @ self._commanded(t, q, dq)
-        return robot.inverse_dynamics(q, dq, ddq) + pressed
+        k, at = len(closed.sizes), f"of HybridMotionForce at t = {printed(t)} s"
+        lam = arguments.one(self._force(t), f"force {at}", k)
+        if self.measured is not None:
+            lam = lam + self._force_gain @ (lam - arguments.one(self.measured(t, q, dq), f"measured {at}", k))
+        return robot.inverse_dynamics(q, dq, ddq) + closed.constraint_jacobian(q).T @ lam
 
-    def _commanded(self, t: float, q: Array, dq: Array) -> Array:
-        """λ_d + K_f (λ_d - λ)."""
-        k = len(self.closed.sizes)
-        lam = arguments.one(self._force(t), f"force of HybridMotionForce at t = {printed(t)} s", k)
-        if self.measured is None:
-            return lam
-        felt = arguments.one(self.measured(t, q, dq), f"measured of HybridMotionForce at t = {printed(t)} s", k)
-        return lam + self._gain @ (lam - felt)
+
+complete(globals())

@@ -60,6 +60,7 @@ ENTRIES: Mapping[str, str] = {
 
 ROOMS: Mapping[str, Mapping[str, str]] = {
     "bodies": {"G": "SpatialInertia"},
+    "control": {"t": "float [s]"},
     "convert": {"model": "the other library's model of the same robot"},
     "diagnosis": {"report": "DoctorReport"},
     "identification": {
@@ -152,6 +153,7 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "com": "(3,) array_like, centre of mass of the payload in the frame [m]",
         "edges": "int, edges of each friction cone to begin with",
     },
+    "simulation": {"model": "Model"},
     "symbolic": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
     "viz": {
         "path": "str or Path, .gif or .mp4",
@@ -197,11 +199,15 @@ RETURNS: Mapping[str, str] = {
     "ReadingLog": "log : ReadingLog",
     "Robot": "robot : Robot",
     "Rotations": "R : (..., 3, 3) array",
+    "SimulationResult": "result : SimulationResult",
     "SpatialInertia": "G : SpatialInertia",
+    "TaskState": "state : TaskState",
+    "Trajectory": "trajectory : Trajectory",
     "Twist": "V : Twist",
     "Twists": "V : (..., 6) array, (omega, v)",
     "Wrench": "F : Wrench",
     "bool": "answer : bool",
+    "tuple[Violation, ...]": "found : tuple of Violation",
     "str": "text : str",
 }
 """The section Returns by the annotation of the result."""

@@ -44,7 +44,7 @@ from .shared_methods import ClosedMethod, SharedMethods
 from .task_space_methods import ActuationMethods
 
 if TYPE_CHECKING:
-    from ..simulation.closed_run import ClosedRollout, ClosedSimulation
+    from ..simulation.closed import ClosedRollout, ClosedSimulation
     from .explanation import Explanation
     from .ik_search import LoopClosureSolver
     from .programs import KernelOptions
@@ -151,12 +151,12 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return {"constraints": self._independent_constraints} if "constraints" in options_of(name) else {}
 
     def _simulated(self, *start: Any, **given: Any) -> ClosedSimulation:
-        from ..simulation.closed_run import simulate_closed
+        from ..simulation.preparation import simulate_closed
 
         return simulate_closed(self, *start, **given)
 
     def _rolled_out(self, *start: Any, **given: Any) -> ClosedRollout:
-        from ..simulation.closed_run import rollout_closed
+        from ..simulation.closed import rollout_closed
 
         return rollout_closed(self, *start, **given)
 

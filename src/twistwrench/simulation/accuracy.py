@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,37 +117,26 @@ MOST_SAMPLED = 2000
 """Steps probed of a run, and as many again in which a contact begins or ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class SampledSteps:
-    """Steps of a run: number, time, state before and after, torques held by the controller; of one, or of m with an axis."""
+class SampledSteps(NamedTuple):
+    """Steps of a run, m with an axis or a single one."""
 
     numbers: Any
     t: Any
     y: Array
     after: Array
     held: Array
-    """(nv,) of all of them, or (m, nv)."""
+    """Torques of the controller."""
     begun: Array
-    """(m, nv), the accelerations that they begin with."""
+    """Accelerations that they begin with."""
 
-    def __getitem__(self, which: Any) -> SampledSteps:
-        held = self.held if self.held.ndim == 1 else self.held[which]
-        return SampledSteps(
-            self.numbers[which], self.t[which], self.y[which], self.after[which], held, self.begun[which]
-        )
+    def pick(self, which: Any) -> SampledSteps:
+        """Some of them, or one."""
+        return SampledSteps(*(x[which] for x in self))
 
     @classmethod
-    def of_all(cls, parts: list[SampledSteps]) -> SampledSteps:
+    def join(cls, parts: list[SampledSteps]) -> SampledSteps:
         """Concatenate several samples."""
-        if len(parts) == 1:
-            return parts[0]
-        numbers, times, before, after, begun = (
-            np.concatenate(x) for x in zip(*((p.numbers, p.t, p.y, p.after, p.begun) for p in parts), strict=True)
-        )
-        held = parts[0].held
-        if any(p.held is not held for p in parts) or held.ndim > 1:
-            held = np.concatenate([np.broadcast_to(p.held, (len(p.t), p.held.shape[-1])) for p in parts])
-        return cls(numbers, times, before, after, held, begun)
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 @lru_cache(maxsize=16)
@@ -183,14 +172,7 @@ def sampled_steps(n: int) -> tuple[int, ...]:
 _ROUNDING = 1e-14
 
 
-class Accelerations(Protocol):
-    """Equations of motion."""
-
-    def accelerations(self, t: float, y: Array, /) -> Array:
-        """Return the accelerations (nv,) of a state (size,)."""
-
-
-class Flow(Accelerations, Protocol):
+class Flow(Protocol):
     """Steps of one method, one by one or many at once."""
 
     @property
@@ -207,6 +189,9 @@ class Flow(Accelerations, Protocol):
     def begun(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
         """Return the state a time h later and the accelerations (nv,) at the given state."""
 
+    def accelerations(self, t: float, y: Array, /) -> Array:
+        """Return the accelerations (nv,) of a state (size,)."""
+
 
 class StepDoubling:
     """The steps of a run that are to be probed, and what they turn out to be off by."""
@@ -219,15 +204,15 @@ class StepDoubling:
         self._spread: list[SampledSteps] = []
         self._changed: list[SampledSteps] = []
         self.steps = self._changes = 0
-        self._last: tuple[float, Array, Array, Array, Array] | None = None
-        """The last step, unless it is among those that changed: time, state before and after, torques, accelerations."""
+        self._last: SampledSteps | None = None
+        """The last step, unless it is among those that changed."""
 
     def note(self, t: float, y: Array, after: Array, held: Array, begun: Array, *, changed: bool) -> None:
         """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
         if changed or self.steps in self._due:
             self.note_block(np.array([t]), np.array([y, after]), held, begun[None], np.array([changed]))
         else:
-            self._last = t, y, after, held, begun.copy()
+            self._last = SampledSteps(self.steps, t, y, after, held, begun.copy())
             self.steps += 1
 
     def note_block(
@@ -239,35 +224,26 @@ class StepDoubling:
         counts as such a one.
         """
         first, m = self.steps, len(times)
-
-        def those(which: Any) -> SampledSteps:
-            mine = held if held.ndim == 1 else held[which]
-            return SampledSteps(which + first, times[which], states[which], states[which + 1], mine, begun[which])
-
+        numbers, held = np.arange(first, first + m), np.broadcast_to(held, begun.shape)
+        steps = SampledSteps(numbers, times, states[:-1], states[1:], held, begun)
         k = bisect_left(self._ordered, first)
         due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
         if due:
-            self._spread.append(those(np.array(due) - first))
-        marked = False
+            self._spread.append(steps.pick(np.array(due) - first))
+        marked = changed.copy()
         if changed.any():
             if changed[0] and self._last is not None:
-                t, y, after, mine, ddq = self._last
-                self._mark(SampledSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine, ddq[None]))
-            both = changed.copy()
-            both[:-1] |= changed[1:]
-            marked = bool(both[-1])
-            self._mark(those(np.flatnonzero(both)))
-        mine = held if held.ndim == 1 else held[-1].copy()
-        last = float(times[-1]), states[-2].copy(), states[-1].copy(), mine, begun[-1].copy()
-        self._last = None if marked else last
+                self._mark(SampledSteps(*(np.asarray(x)[None] for x in self._last)))
+            marked[:-1] |= changed[1:]
+            self._mark(steps.pick(np.flatnonzero(marked)))
+        self._last = None if marked[-1] else SampledSteps(*(x[-1].copy() for x in steps))
         self.steps = first + m
 
     def _mark(self, steps: SampledSteps) -> None:
         """Count steps as such in which something changes, and keep them to be probed while they are not too many."""
-        left = MOST_SAMPLED - min(self._changes, MOST_SAMPLED)
-        self._changes += len(steps.numbers)
-        if left:
-            self._changed.append(steps[:left])
+        if self._changes < MOST_SAMPLED:
+            self._changed.append(steps.pick(slice(MOST_SAMPLED - self._changes)))
+        self._changes += len(steps.t)
 
     def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
         """Error of all steps together, added without sign, (nv,) [rad or m]; None if no step could be sampled.
@@ -278,8 +254,8 @@ class StepDoubling:
         try:
             every = self._spread
             if self._changed:
-                special = SampledSteps.of_all(self._changed).numbers
-                every = [some[~np.isin(some.numbers, special)] for some in every]
+                special = SampledSteps.join(self._changed).numbers
+                every = [some.pick(~np.isin(some.numbers, special)) for some in every]
             spread = self._probe(system, flow, every, spans)
             changed = self._probe(system, flow, self._changed, spans)
             if spread is None and changed is None:
@@ -295,11 +271,11 @@ class StepDoubling:
 
     def _probe(self, system: System, flow: Flow, parts: list[SampledSteps], spans: Array) -> tuple[Array, Array] | None:
         """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
-        found, parts = [], [some for some in parts if len(some.numbers)]
+        found, parts = [], [some for some in parts if len(some.t)]
         if not parts:
             return None
-        steps = SampledSteps.of_all(parts)
-        left = [steps] if flow.takes_many else [steps[k] for k in range(len(steps.numbers))]
+        steps = SampledSteps.join(parts)
+        left = [steps] if flow.takes_many else [steps.pick(k) for k in range(len(steps.t))]
         for step in left:
             system.held = step.held
             try:
@@ -308,19 +284,17 @@ class StepDoubling:
                 lasts = lasting(flow, system.moving, step.t + self.h, step.after, change, begun)
             except SimulationError:  # a function that fails at other times than those of the run
                 if np.ndim(step.t):
-                    left += [steps[k] for k in range(len(steps.numbers))]
+                    left += [steps.pick(k) for k in range(len(steps.t))]
                 continue
-            found.append((step.numbers, step.after, halves, lasts))
+            rows = np.atleast_2d(step.after), np.atleast_2d(halves)
+            found.append((np.atleast_1d(step.numbers), *rows, np.atleast_1d(lasts)))
         if not found:
             return None
-        numbers, whole, halved, times = found[0] if len(found) == 1 else map(np.array, zip(*found, strict=True))
-        numbers, times = np.atleast_1d(numbers), np.atleast_1d(times)
-        whole, halved = whole.reshape(-1, system.size), halved.reshape(-1, system.size)
+        numbers, whole, halved, times = map(np.concatenate, zip(*found, strict=True))
         good = np.isfinite(halved).all(axis=1)
-        if not good.all():
-            numbers, whole, halved, times = numbers[good], whole[good], halved[good], times[good]
-        if not len(numbers):
+        if not good.any():
             return None
+        numbers, whole, halved, times = numbers[good], whole[good], halved[good], times[good]
         q, v = slice(0, system.nq), system.moving
         places = _above_rounding(system.robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
         speeds = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
@@ -331,7 +305,7 @@ class StepDoubling:
         """Effect of the initial velocities of a lagging method, given for the start and not half a step before it."""
         if not self.lagging:
             return np.zeros(system.nv)
-        first, v = self._spread[0][0], system.moving
+        first, v = self._spread[0].pick(0), system.moving
         system.held = first.held
         late = 0.5 * self.h * first.begun
         return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
@@ -351,14 +325,14 @@ class StepDoubling:
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
         start[v] += 0.5 * half * step.begun
-        halves, _ = self._halves(system, flow, replace(step, y=start))
+        halves, _ = self._halves(system, flow, step._replace(y=start))
         later, begun = flow.begun(step.t + self.h, end, half)
         halves[v] -= 0.5 * (later[v] - end[v])
         halves[v] = system.allowed_velocities(halves)
         return halves, begun
 
 
-def lasting(flow: Accelerations, moving: slice, t: Any, y: Array, off: Array, begun: Array | None = None) -> Array:
+def lasting(flow: Flow | System, moving: slice, t: Any, y: Array, off: Array, begun: Array | None = None) -> Array:
     """About how long differences of velocities (..., nv) last, by the accelerations they bring, (...) s; inf undamped.
 
     ``begun`` are the accelerations at y, if they are known.
@@ -384,10 +358,7 @@ def _integral(numbers: Array, off: Array, n: int) -> Array:
 # ── Quadrature check of torques and wrenches between the stages of a step
 
 Path = Callable[[Array], Array]
-"""From shares (m,) of a step to the states (m, size) then."""
-
-_Step = tuple[float, Array, Array, Array]
-"""Time of a step, states before and after it, and the torques of the controller."""
+"""From shares (m,) of steps to the states (..., m, size) then."""
 
 _MOST_KEPT = 100_000
 """Steps that are stored until the end of the run before functions are called; of more, the first are checked earlier.
@@ -404,30 +375,19 @@ class ForceQuadrature:
     def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
         self.system, self.rule = system, ProbeRule(times, weights, spacing)
 
-    def impulse(self, t: float, h: float, path: Path) -> Array | None:
-        """Missed impulse of the functions in a step from t, (nv,) [N m s or N s]; None without functions.
+    def impulses(self, t: Any, h: float, path: Path) -> Array:
+        """Missed impulses of the functions in steps from times t (...), (..., nv) [N m s or N s].
 
         Raises SimulationError where a function fails at one of the times.
         """
-        if not self.system.functions or not self.rule.needed(h):
-            return None
-        shares, weights = self.rule.shares(h)
-        times, states = t + h * shares, path(shares)
-        missing = np.zeros(self.system.nv)
-        for _, forces in self.system.functions:
-            missing += left_out(weights, forces(times, states))
-        return h * missing if missing.any() else None
-
-    def impulses(self, t: Array, h: float, y: Array, after: Array) -> Array:
-        """Missed impulses of n steps from times (n,) along straight lines between states (n, size), (n, nv)."""
-        missing = np.zeros((len(t), self.system.nv))
+        t, missing = np.asarray(t), np.zeros((*np.shape(t), self.system.nv))
         if not self.system.functions or not self.rule.needed(h):
             return missing
         shares, weights = self.rule.shares(h)
-        times = t[:, None] + h * shares
-        states = (y[:, None] + shares[:, None] * (after - y)[:, None]).reshape(-1, y.shape[1])
+        times, states = t[..., None] + h * shares, path(shares)
         for _, forces in self.system.functions:
-            missing += left_out(weights, forces(times.ravel(), states).reshape(*times.shape, -1))
+            values = forces(times.ravel(), states.reshape(-1, states.shape[-1])).reshape(*times.shape, -1)
+            missing += left_out(weights, values)
         return h * missing
 
     def change(self, q: Array, dq: Array, impulse: Array) -> Array:
@@ -452,22 +412,23 @@ class ForceCheck:
     def __init__(self, probes: ForceQuadrature, h: float) -> None:
         self.probes, self.h = probes, h
         self._sum = np.zeros(probes.system.nv)
-        self._steps: list[_Step] = []
-        self._worst: tuple[Array, _Step] | None = None
+        self._blocks: list[tuple[Array, ...]] = []
+        """Times (m,), states before and after, and torques of the controller, (m, ...)."""
+        self._count = 0
+        self._worst: tuple[Array, tuple[float, Array, Array, Array]] | None = None
 
     def note(self, t: float, y: Array, after: Array) -> None:
         """Take note of a step from y at t to the state after it."""
         if self.probes.system.functions:
-            self._steps.append((t, y, after, self.probes.system.held))
-            if len(self._steps) == _MOST_KEPT:
-                self._add_up()
+            self.note_block(np.array([t]), np.array([y, after]), self.probes.system.held)
 
     def note_block(self, times: Array, states: Array, held: Array) -> None:
         """Take note of n steps from times (n,) through states (n + 1, size) under torques (nv,) or (n, nv) of a controller."""
         if self.probes.system.functions:
-            kept, torques = states.copy(), np.array(np.broadcast_to(held, (len(times), held.shape[-1])))
-            self._steps += zip(times.tolist(), kept[:-1], kept[1:], torques, strict=True)
-            if len(self._steps) >= _MOST_KEPT:
+            kept, torques = states.copy(), np.broadcast_to(held, (len(times), held.shape[-1])).copy()
+            self._blocks.append((times, kept[:-1], kept[1:], torques))
+            self._count += len(times)
+            if self._count >= _MOST_KEPT:
                 self._add_up()
 
     def error(self, extent: Extent, end: float) -> Array | None:
@@ -502,32 +463,32 @@ class ForceCheck:
         )
 
     def _add_up(self) -> None:
-        system, found = self.probes.system, []
-        for first in range(0, len(self._steps), _AT_ONCE):
-            some = self._steps[first : first + _AT_ONCE]
-            found += [
-                (missing, step) for missing, step in zip(self._impulses(some), some, strict=True) if missing.any()
-            ]
-        self._steps = []
-        if not found:
+        if not self._count:
             return
-        states = np.array([step[1] for _, step in found])
-        change = self.probes.change(states[:, : system.nq], states[:, system.moving], np.array([m for m, _ in found]))
+        system = self.probes.system
+        t, y, after, held = map(np.concatenate, zip(*self._blocks, strict=True))
+        self._blocks, self._count = [], 0
+        cuts = [slice(k, k + _AT_ONCE) for k in range(0, len(t), _AT_ONCE)]
+        missing = np.concatenate([self._impulses(t[some], y[some], after[some]) for some in cuts])
+        mine = np.flatnonzero(missing.any(axis=1))
+        if not len(mine):
+            return
+        change = self.probes.change(y[mine, : system.nq], y[mine, system.moving], missing[mine])
         self._sum += np.abs(change).sum(axis=0)
         largest = int(np.abs(change).max(axis=1).argmax())
         if self._worst is None or np.abs(change[largest]).max() > np.abs(self._worst[0]).max():
-            self._worst = change[largest], found[largest][1]
+            k = mine[largest]
+            self._worst = change[largest], (float(t[k]), y[k], after[k], held[k])
 
-    def _impulses(self, steps: list[_Step]) -> Array:
+    def _impulses(self, t: Array, y: Array, after: Array) -> Array:
         """Missed impulses of steps, (n, nv); zero if a function fails at other times than those of the run."""
-        t, y, after = (np.array(x) for x in list(zip(*steps, strict=True))[:3])
         try:
-            return self.probes.impulses(t, self.h, y, after)
+            return self.probes.impulses(t, self.h, _straight(y, after))
         except SimulationError:
-            if len(steps) == 1:
+            if len(t) == 1:
                 return np.zeros((1, self.probes.system.nv))
-            return np.concatenate([self._impulses([step]) for step in steps])
+            return np.concatenate([self._impulses(t[k : k + 1], y[k : k + 1], after[k : k + 1]) for k in range(len(t))])
 
 
 def _straight(y: Array, after: Array) -> Path:
-    return lambda shares: y + shares[:, None] * (after - y)
+    return lambda shares: y[..., None, :] + shares[:, None] * (after - y)[..., None, :]

@@ -1,30 +1,236 @@
-"""Adaptive Dormand–Prince steps: step control, dense output, and detection of stiffness. Hairer et al., II.4 and IV.2.
+"""Adaptive Dormand–Prince steps: trial steps, step control, dense output, and detection of stiffness.
 
-The last two stages of Dormand and Prince's method are at the end of the step, at two states z and y1. The difference of their
-rates over the difference of the states estimates the largest eigenvalue λ of the equations, and the method is stable up to
-h λ of about 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
+Source: Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.4.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..algorithms.recursion import zeros
 from ..core.numbers import printed, residual
 from ..errors import SimulationError
+from ..ir.loops import Scan, Source
+from ..ir.tracer import trace
+from ..robot.engine import compiled
+from ..runtime.dispatch import Rows, bind_calls, can_bind_calls
+from ..runtime.gufunc import owner_of
 from ..typing import Array
 from .accuracy import ForceQuadrature
 from .callback_steps import FASTEST
+from .compiled_steps import Ports, StepPlan, acts_by_itself, constants
 from .forces import WORKS, System
 from .schemes import DORMAND_PRINCE, RungeKutta
-from .trial_steps import ROWS, TrialSteps
 
 if TYPE_CHECKING:
     from .run import Run
+
+STAGES = len(DORMAND_PRINCE.b)
+
+
+@dataclass(frozen=True)
+class TrialStep(StepPlan):
+    """Trial step of Dormand and Prince's method, quaternions not normalised."""
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of forward dynamics, those at the beginning left out: its rates are given."""
+        return STAGES - 1
+
+    def recurrence(self) -> Scan:
+        """The program, whose states are q, dq, W, the rates (7, size) of the stages, error (size,) and judgement (4,).
+
+        Of the rates the first are given; error and judgement go in as any numbers, and nothing takes them. After the step's
+        length and all else that is given come the tolerances.
+        """
+        model = self.model
+        shapes = [(model.nq,), (model.nv,), (len(WORKS),)]
+        size = model.nq + model.nv + len(WORKS)
+        state: Ports = [("angles", shapes[0]), ("q", shapes[0]), ("dq", shapes[1])]
+        starts: Ports = list(zip(("q at start", "dq at start", "work at start"), shapes, strict=True))
+        rest: Ports = [*starts, ("K", (STAGES, size)), ("stage", (2 * STAGES,))]
+        given = [*self.given, ("rtol", ()), ("atol", ())]
+        fed = [Source("state", k) for k in (0, 0, 1)] + [Source("start", k) for k in range(3)]
+        fed += [Source("state", 3), Source("stage")]
+        names = ["q", "dq", "work", "rates", "error", "judgement"]
+        program = trace(self._attempt, [*state, *rest, *given], names)
+        return Scan(program, (*fed, *[Source("given")] * len(given)), visible=6, table=_rows())
+
+    def _attempt(
+        self, angles: Array, _q: Array, dq: Array, q0: Array, dq0: Array, work0: Array, K: Array, row: Array, h: Any,
+        *given: Any,
+    ) -> tuple[Array, ...]:  # fmt: skip
+        """The rates at a stage, written into K by the first half of a row, and the next stage, by its second half.
+
+        The last stage is at the end of the step, and so is what comes after it: then it is judged.
+        """
+        *acting, rtol, atol = given
+        rate = np.concatenate(self._rates(angles, angles, dq, acting)[0])
+        here, ahead = row[:STAGES], row[STAGES:]
+        K = np.array([K[0]] + [K[i] + here[i] * (rate - K[i]) for i in range(1, STAGES)], object)
+        y = np.concatenate([q0, dq0, work0])
+        y1 = y + h * (ahead @ K)
+        nq, nv = self.model.nq, self.model.nv
+        judged = judgement(slice(nq, nq + nv), y, y1, K, h, rtol, atol)
+        return y1[:nq], y1[nq : nq + nv], y1[nq + nv :], K, *judged
+
+
+def _rows() -> tuple[tuple[float, ...], ...]:
+    """Index of the rate of each stage, and the weights that lead to the next one, from the last to the end."""
+    a, b, *_ = DORMAND_PRINCE.numbers
+    rows = []
+    for i in range(STAGES):
+        here, ahead = np.zeros(STAGES), np.zeros(STAGES)
+        here[i] = float(i > 0)
+        if i + 1 < STAGES:
+            ahead[: i + 1] = a[i + 1][: i + 1]
+        else:
+            ahead[:] = b
+        rows.append((*map(float, here), *map(float, ahead)))
+    return tuple(rows)
+
+
+def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any) -> tuple[Array, Array]:
+    """Error (size,) of a step from y to y1, and squared size, steepness, distance and speed (4,)."""
+    mine = slice(0, moving.stop)
+    a, _, _, weights, _ = DORMAND_PRINCE.numbers
+    error = h * (weights @ K)
+    largest = np.array([abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)], object)
+    share = (error / (atol + rtol * largest))[mine]
+    steep = (K[-1] - K[-2])[mine]
+    away = (y1 - y - h * (a[-2][: STAGES - 2] @ K[:-2]))[mine]
+    found = zeros(4)
+    found[:] = (share @ share) * (1.0 / moving.stop), h * h * (steep @ steep), away @ away, y1[moving] @ y1[moving]
+    return error, found
+
+
+# ── Compiled trial steps
+
+ROWS = 256
+"""Steps that there is room for; those accepted wait there for the states between them to be made."""
+
+
+class TrialSteps:
+    """Steps of any length under the constant torques and wrenches of a system, and room for what comes of them.
+
+    The rows before :attr:`count` are the steps accepted, the next one is the last that was tried.
+    """
+
+    def __init__(self, system: System, plan: TrialStep, kernel: Any, tolerances: tuple[float, float]) -> None:
+        self.system, self.plan, self.count = system, plan, 0
+        self._total = np.zeros(system.size)
+        m, size = ROWS, system.size
+        self.states, self.rates = np.zeros((m, size)), np.zeros((m, STAGES, size))
+        self.errors, self.judgements = np.zeros((m, size)), np.zeros((m, 4))
+        """(m, size), (m, 7, size), (m, size), (m, 4): states after the steps, rates of the stages, errors and judgements."""
+        self._y, self._K, self._h = np.zeros((1, size)), np.zeros((1, STAGES, size)), np.zeros(1)
+        self._given = {"tau": np.zeros((1, system.nv)), **{k: x[None] for k, x in constants(system, plan).items()}}
+        self._held: Array | None = None
+        one, own = np.zeros(m, int), np.arange(m)
+        cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, size)
+        states, after = ([(x[:, cut], which) for cut in cuts] for x, which in ((self._y, one), (self.states, own)))
+        judged = [(self.errors, own), (self.judgements, own)]
+        named = [(self._given[name], one) for name, _ in plan.given[1:]]
+        limits = [(np.array([x]), one) for x in tolerances]
+        inputs: list[Rows] = [*states, (self._K, one), *judged, (self._h, one), *named, *limits]
+        outputs: list[Rows] = [*after, (self.rates, own), *judged]
+        self._call = _calls(kernel, inputs, outputs, [name for name, _ in plan.given].index("tau") + 6)
+
+    @classmethod
+    def build(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
+        """None where something is a function, a contact, or cannot be compiled."""
+        if system.functions or not acts_by_itself(system):
+            return None
+        robot, plan = system.robot, TrialStep.from_system(system, "dopri5")
+
+        def build() -> Any:
+            robot.engine.require_invertible()
+            doc = f"Steps of {robot.name}, compiled: dopri5."
+            return compiled(plan.recurrence(), "attempted step", doc, scalar=True)
+
+        kernel = robot.engine.cached(plan.key, build)
+        return None if owner_of(kernel) is None else cls(system, plan, kernel, tolerances)
+
+    def attempt(self, _t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
+        """Try a step from a state and its rates (size,): size of its error, steepness, distance, and squared speed."""
+        if self.count == ROWS:
+            self.restart()
+        s, k = self.system, self.count
+        if self._held is not s.held:
+            self._held = s.held
+            self._given["tau"][0] = s.held
+        self._y[0], self._K[0, 0], self._h[0] = y, rate, h
+        self._call(k)
+        s.evaluations += self.plan.stages
+        square, steep, away, speed = self.judgements[k].tolist()
+        return math.sqrt(square), math.sqrt(steep), math.sqrt(away), speed
+
+    def accept(self) -> None:
+        """Keep the step that was tried last."""
+        self.count += 1
+
+    def restart(self) -> None:
+        """Give the rows of the steps accepted to the next ones."""
+        self._total = self.total
+        self.count = 0
+
+    @property
+    def total(self) -> Array:
+        """Estimated errors of all accepted steps, added up, (size,)."""
+        return np.asarray(self._total + np.abs(self.errors[: self.count]).sum(axis=0))
+
+
+def _calls(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau: int) -> Callable[[int], Any]:
+    """A function that makes call k of a kernel, from and to rows of arrays."""
+    if can_bind_calls(kernel):
+        return bind_calls(kernel, [*inputs, *outputs], tau, len(inputs) + len(outputs) - 1)
+
+    def call(k: int) -> None:
+        *states, lengths = (x[which[k]] for x, which in inputs[:7])
+        given = (x[which[k]][None] for x, which in inputs[7:])
+        kernel(*states, lengths[None], *given, out=tuple(x[which[k]][None] for x, which in outputs))
+
+    return call
+
+
+class FunctionTrials:
+    """Steps under torques or wrenches that are functions, in Python; rows as of :class:`TrialSteps`, one of each."""
+
+    count = 0
+
+    def __init__(self, system: System, scheme: RungeKutta, tolerances: tuple[float, float]) -> None:
+        self.system, self.scheme, self.tolerances = system, scheme, tolerances
+        self.total = np.zeros(system.size)
+        self.states = self.rates = self.errors = np.zeros((1, system.size))
+
+    def attempt(self, t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
+        """Try a step from a state and its rates (size,): size of its error, steepness, distance; the speed is not known."""
+        scheme, mine, (rtol, atol) = self.scheme, slice(0, self.system.size - len(WORKS)), self.tolerances
+        y1 = scheme.step(t, y, h, rate)
+        K = scheme.K.copy()
+        error = h * np.dot(scheme.error, K)
+        self.states, self.rates, self.errors = y1[None], K[None], error[None]
+        share = error / (atol + rtol * np.maximum(np.abs(y), np.abs(y1)))
+        z = y + h * np.dot(scheme.a[-2], K[:-2])
+        steep, away = h * float(np.linalg.norm((K[-1] - K[-2])[mine])), float(np.linalg.norm((y1 - z)[mine]))
+        return float(np.sqrt(np.mean(np.square(share[mine])))), steep, away, np.nan
+
+    def accept(self) -> None:
+        """Count the error of the step that was tried last."""
+        self.total += np.abs(self.errors[0])
+
+
+# ── Stiffness
+
+# The last two stages of Dormand and Prince's method are at the end of the step, at two states z and y1. The difference of their
+# rates over the difference of the states estimates the largest eigenvalue λ of the equations, and the method is stable up to
+# h λ of about 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
 
 _EDGE = 3.25
 """h λ above which a step is as long as stability allows."""
@@ -39,18 +245,10 @@ _MOST_TO_COME = 100_000
 class Stiffness:
     """The steps tried since the last look, and how many of them were as long as stability allows."""
 
-    def __init__(self, system: System, scheme: RungeKutta, duration: float) -> None:
-        self.system, self.scheme, self.duration = system, scheme, duration
+    def __init__(self, system: System, trials: TrialSteps | FunctionTrials, duration: float) -> None:
+        self.system, self.trials, self.duration = system, trials, duration
         self._tried = self._at_edge = 0
         self._begin = 0.0
-        self.stages: Callable[[], Array] = lambda: scheme.K
-        """The rates of the stages of the last step tried."""
-
-    def look(self, t: float, h: float, y: Array, y1: Array) -> None:
-        """Take note of a step from y at t that was tried. Raises SimulationError where the run would hardly end."""
-        K, moving = self.scheme.K, slice(0, self.system.size - len(WORKS))
-        z = y + h * np.dot(self.scheme.a[-2], K[:-2])
-        self.note(t, h, h * float(np.linalg.norm((K[-1] - K[-2])[moving])), float(np.linalg.norm((y1 - z)[moving])))
 
     def note(self, t: float, h: float, steep: float, away: float) -> None:
         """Record two states at a distance of ``away``, whose rates differ by ``steep`` / h."""
@@ -60,7 +258,7 @@ class Stiffness:
             return
         mean = (t - self._begin) / self._tried
         if self._at_edge > _STIFF_SHARE * self._tried and self.duration - t > _MOST_TO_COME * mean:
-            K = self.stages()
+            K = self.trials.rates[self.trials.count]
             raise SimulationError(self._words(t, h, mean, (K[-1] - K[-2])[self.system.moving]))
         self._tried, self._at_edge, self._begin = 0, 0, t
 
@@ -99,45 +297,34 @@ class Stepper:
         self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
         self.probes = ForceQuadrature(system, *self.scheme.asked, spacing)
         self.rtol, self.atol, self.longest = rtol, atol, longest
-        self.stiffness = Stiffness(system, self.scheme, duration)
+        self.trials = trials or FunctionTrials(system, self.scheme, (rtol, atol))
+        self.stiffness = Stiffness(system, self.trials, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
-        self.trials = trials
-        """Compiled trial steps; None if a force is a Python function."""
-        if trials is not None:
-            self.stiffness.stages = lambda: trials.rates[trials.count]
         self.speed = 0.0
         """The square of all velocities after the last of these."""
         self.rate_after = np.zeros(0)
         """f at the end of the last step; a part of what the dense output is made of."""
-        self.errors = np.zeros(system.size)
-        """Estimated errors of all steps, added up."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
         """Time and state after one step that is accepted, not beyond ``until``."""
-        scheme, trials = self.scheme, self.trials
+        trials = self.trials
         h = min(self.h or self._first(y, rate, until - t), self.longest)
         grow = _GROW
         while True:
             t1 = until if t + 1.01 * h >= until else t + h
             step = t1 - t
-            if trials is None:
-                y1, error, size = self._tried(t, y, rate, step)
-            else:
-                square, steep, away, self.speed = trials.take(y, rate, step)
-                self.stiffness.note(t, step, math.sqrt(steep), math.sqrt(away))
-                size = math.sqrt(square)
+            size, steep, away, self.speed = trials.attempt(t, y, rate, step)
+            self.stiffness.note(t, step, steep, away)
+            y1, K = trials.states[trials.count], trials.rates[trials.count]
+            if size <= 1.0 and self.system.functions:
+                size = max(size, self._unseen(t, step, y, y1, K))
             if size <= 1.0:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
                     self.h = step * factor
-                if trials is None:
-                    self.errors += np.abs(error)
-                    K = scheme.K.copy()
-                else:
-                    y1, K = trials.states[trials.count], trials.rates[trials.count]
-                    trials.accept()
+                trials.accept()
                 self.rate_after = K[-1]
                 self.last = (t, step, y, K)
                 return t1, y1
@@ -145,27 +332,13 @@ class Stepper:
             grow = 1.0
             h = step * (max(_SHRINK, _SAFETY * size**self.power) if np.isfinite(size) else 0.1)
             if h < 1e-14 * max(t, 1e-3):
-                if trials is not None:
-                    y1, error = trials.states[trials.count], trials.errors[trials.count]
-                bad = np.abs(error / self._allowed(y, y1))[self.system.moving]
+                bad = np.abs(trials.errors[trials.count] / self._allowed(y, y1))[self.system.moving]
                 worst = int(np.argmax(np.where(np.isfinite(bad), bad, np.inf)))
                 raise SimulationError(
                     f"at t = {printed(t, 9)} s steps shrink below {residual(h)} s and still miss the tolerance, most of "
                     f"all in joint {self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows "
                     "without bound. Make it continuous, or take a method of fixed steps."
                 )
-
-    def _tried(self, t: float, y: Array, rate: Array, step: float) -> tuple[Array, Array, float]:
-        """The state after a step, its error, and how large that is of what is allowed."""
-        judged = slice(0, self.system.size - len(WORKS))
-        y1 = self.scheme.step(t, y, step, rate)
-        self.stiffness.look(t, step, y, y1)
-        error = step * np.dot(self.scheme.error, self.scheme.K)
-        allowed = self._allowed(y, y1)
-        size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
-        if size <= 1.0:
-            size = max(size, self._unseen(t, step, y, allowed))
-        return y1, error, size
 
     def between(self, times: Array) -> Array:
         """The states (m, size) at times (m,) within the last step, by the dense output."""
@@ -183,17 +356,17 @@ class Stepper:
 
         They are judged by a method of order 4, so it is more than they are off by.
         """
-        off = self.errors if self.trials is None else self.trials.total
+        off = self.trials.total
         return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
 
-    def _unseen(self, t: float, h: float, y: Array, allowed: Array) -> float:
+    def _unseen(self, t: float, h: float, y: Array, y1: Array, K: Array) -> float:
         """Impulse of functions between the stages of a step, as a change of velocity, over the tolerance."""
-        Q = self.scheme.dense.T @ self.scheme.K
-        missing = self.probes.impulse(t, h, lambda shares: y + h * _dense(shares[:, None], Q))
-        if missing is None:
+        Q = self.scheme.dense.T @ K
+        missing = self.probes.impulses(t, h, lambda shares: y + h * _dense(shares[:, None], Q))
+        if not missing.any():
             return 0.0
         change = self.probes.change(*self.system.split(y), missing)
-        return float(np.sqrt(np.mean(np.square(change / allowed[self.system.moving]))))
+        return float(np.sqrt(np.mean(np.square(change / self._allowed(y, y1)[self.system.moving]))))
 
     def _first(self, y: Array, rate: Array, span: float) -> float:
         """A first step in which a straight line goes a hundredth of what there is, or what acts at once."""
@@ -360,7 +533,7 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
-    if stepper.trials is not None and run.asks_nobody:
+    if isinstance(stepper.trials, TrialSteps) and run.asks_nobody:
         run_dense(run, stepper, stepper.trials)
         return
     kept = 1

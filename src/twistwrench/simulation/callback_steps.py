@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..ir.loops import Scan
 from ..runtime.dispatch import Rows, bind_calls
 from ..typing import Array
-from .compiled_steps import TABLEAUS, CompiledSteps, SimulatedStep, stages
-from .forces import ControlLaw
+from .compiled_steps import TABLEAUS, CompiledSteps, StepPlan, stages
+from .forces import ControlLaw, System
 
 if TYPE_CHECKING:
     from .run import Run
@@ -24,27 +24,18 @@ class CallbackSteps(CompiledSteps):
     """The steps of one method under torques and wrenches of which some are functions; its kernel takes one stage a call."""
 
     @staticmethod
-    def recurrence(plan: SimulatedStep) -> Scan:
+    def recurrence(plan: StepPlan) -> Scan:
         """Return the compiled loop: one stage, which is a step for methods of one stage."""
         return plan.one_stage() if plan.stages > 1 else plan.recurrence()
 
-    @property
-    def shares(self) -> list[float]:
-        """The times of the stages, as shares of a step."""
-        return [float(c) for c in TABLEAUS[self.plan.method].c] if self.stages > 1 else [0.0]
-
-    @property
-    def table(self) -> Array:
-        """Coefficients from each stage to the next, (stages, 5)."""
-        return np.array(stages(TABLEAUS[self.plan.method]))
-
-    def laws(self) -> Iterator[tuple[str, ControlLaw]]:
-        """The functions, and what each of them gives, by its name in the plan."""
-        if self.system.tau is not None:
-            yield "tau", self.system.tau
-        for frame, law in self.system.wrenches.items():
-            if law.varies:
-                yield f"wrench at {frame}", law
+    def __init__(self, system: System, plan: StepPlan, order: int, h: float, kernel: Any, cost: float) -> None:
+        super().__init__(system, plan, order, h, kernel, cost)
+        if self.stages > 1:
+            tableau = TABLEAUS[plan.method]
+            self.shares, self.table = [float(c) for c in tableau.c], np.array(stages(tableau))
+        if system.tau is not None:
+            self.laws.append(("tau", system.tau))
+        self.laws += [(f"wrench at {frame}", law) for frame, law in system.wrenches.items() if law.varies]
 
     def stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
         """States after ``count`` stages of a step, and the accelerations at its beginning."""
@@ -71,7 +62,7 @@ class CallbackSteps(CompiledSteps):
         """Inputs of a stage at states (..., size) but its length, with functions evaluated there."""
         s = self.system
         given = {"tau": s.held, **self.constants}
-        for name, law in self.laws():
+        for name, law in self.laws:
             q, dq = y[..., : s.nq].copy(), y[..., s.moving].copy()
             found = law(t, q, dq) if y.ndim == 1 else law.values(np.broadcast_to(t, len(y)), q, dq)
             given[name] = s.held + found if name == "tau" else found
@@ -96,8 +87,7 @@ class CallbackRows:
 
     def __init__(self, steps: CompiledSteps, m: int) -> None:
         s = steps.system
-        laws = _laws(steps)
-        shares = steps.shares if isinstance(steps, CallbackSteps) else [0.0]
+        laws, shares = steps.laws, steps.shares
         self.every = n = len(shares)
         """Calls that make a step."""
         own = np.arange(m * n)
@@ -119,7 +109,7 @@ class CallbackRows:
         self.peaks = np.zeros(m * n + 1)
         """Peaks of these states: see :func:`.compiled_steps.ended`."""
         states, after = ([*self._parts(steps, which), (self.peaks, which)] for which in (own, own + 1))
-        if isinstance(steps, CallbackSteps) and n > 1:
+        if n > 1:
             sums = np.zeros_like(self.states)
             states += [(sums[:, cut], own) for cut in steps.cuts]
             after += [(sums[:, cut], own + 1) for cut in steps.cuts]
@@ -151,13 +141,11 @@ class CallbackRows:
     ) -> Iterator[CallbackRows]:
         """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
         m = SHORT if n <= 2 * SHORT else LONG
-        key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in _laws(steps))
+        key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in steps.laws)
         free: list[CallbackRows] = steps.system.robot.engine.cached(key, list)
         try:
             rows = free.pop()
-        except (
-            IndexError
-        ):  # all of them are lent: a function that is asked may simulate itself, and so may another thread
+        except IndexError:  # all are lent: a function that is called may simulate itself, and so may another thread
             rows = cls(steps, m)
         rows._begin(steps, controller, constant)
         yield rows
@@ -167,10 +155,13 @@ class CallbackRows:
 
     def _begin(self, steps: CompiledSteps, controller: ControlLaw | None, constant: Array) -> None:
         """Numbers and functions of a run."""
-        self._h[0], self.held[:], laws, n = steps.h, constant, _laws(steps), self.every
+        self._h[0], self.held[:], laws, n = steps.h, constant, steps.laws, self.every
         for name, x in steps.constants.items():
             self._constants[name][0] = x
-        self.sole = _sole(controller, constant, laws)
+        if controller is not None:
+            self.sole = None if laws or constant.any() else controller
+        else:
+            self.sole = laws[0][1] if [name for name, _ in laws] == ["tau"] else None
         if self.sole is not None or not (controller or laws):
             self._plain = self._plain or self._steps([[] for _ in self._calls])
             self.steps = self._plain
@@ -193,17 +184,6 @@ class CallbackRows:
         return [(self.states[:, cut], which) for cut in steps.cuts]
 
 
-def _laws(steps: CompiledSteps) -> list[tuple[str, ControlLaw]]:
-    return list(steps.laws()) if isinstance(steps, CallbackSteps) else []
-
-
-def _sole(controller: ControlLaw | None, constant: Array, laws: list[tuple[str, ControlLaw]]) -> ControlLaw | None:
-    """Return the function that gives all torques without an addend, if it is the only one."""
-    if controller is not None:
-        return None if laws or constant.any() else controller
-    return laws[0][1] if len(laws) == 1 and laws[0][0] == "tau" else None
-
-
 # ── Compiled part of a run: blocks of steps, stored results and end
 
 FASTEST = 1e6
@@ -218,7 +198,7 @@ def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
     most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
     while run.steps < run.n:
         counted = system.evaluations
-        found = steps.take(run.last[1], min(most, run.n - run.steps))
+        found = steps.advance(run.last[1], min(most, run.n - run.steps))
         system.evaluations = counted
         if not use_block(run, steps, *found):
             return
@@ -231,9 +211,13 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
 
     ``ddq`` (m, nv) and ``gaps`` (m, contacts) are said of the beginnings of steps.
     """
-    m = _stable_steps(states[1:], run.system.moving)
+    m, after, speeds = len(ddq), states[1:], states[1:, run.system.moving]
+    if not (speeds.max() < FASTEST and speeds.min() > -FASTEST and np.isfinite(after).all()):  # row by row takes longer
+        m = int((np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < FASTEST)).argmin())
     states, stable = states[: m + 1], m == len(ddq)
-    gaps = _all_gaps(run, gaps[:m], states[-1])
+    gaps = _gaps(run, gaps[:m], states[-1])
+    if run.detector is not None:
+        gaps[0] = run.detector.gaps  # as at the last check: rounding does not begin a contact
     first, end, used = run.steps, None, m
     if run.detector is not None and m:
         at_once = first == 0 and run.leaves_at_once(states[0], states[1], run.h)
@@ -249,23 +233,6 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
     elif run.tick is not None and m:
         run.tick(run.last[0])
     return end is None and stable
-
-
-def _all_gaps(run: Run, begun: Array, last: Array) -> Array:
-    """Gaps of the contacts at the beginnings of m steps and after them, (m + 1, contacts)."""
-    if not (contacts := run.system.contacts) or run.detector is None:
-        return np.zeros((len(begun) + 1, 0))
-    q = run.system.split(last)[0]
-    found = np.concatenate([begun, [[contact.gap(q) for contact in contacts]]])
-    found[0] = run.detector.gaps  # as at the last check: rounding does not begin a contact
-    return found
-
-
-def _stable_steps(Y: Array, moving: slice) -> int:
-    """Number of states (m, size) up to the first that is not finite or has velocities out of range."""
-    if abs(float(Y[:, moving].max())) < FASTEST and float(Y[:, moving].min()) > -FASTEST and np.isfinite(Y).all():
-        return len(Y)  # row by row takes ten times as long
-    return int((np.isfinite(Y).all(axis=1) & (np.abs(Y[:, moving]).max(axis=1) < FASTEST)).argmin())
 
 
 def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
@@ -369,14 +336,14 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
             system.held = rows.held[sampled - 1].copy()
         system.evaluations += steps.stages * sampled
         ddq = rows.ddq[:: rows.every]
-        gaps = _gaps(run, rows, states[done], done)
+        gaps = _gaps(run, rows.gaps[:: rows.every][:done], states[done])
         keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done], gaps)
     if end is not None:
         end_in_step(run, steps, end, ddq[done], rows.tau[done])
     return end is not None
 
 
-def _gaps(run: Run, rows: CallbackRows, last: Array, done: int) -> Array:
-    """Gaps of the contacts as each step begins and after the last one, (done + 1, contacts)."""
+def _gaps(run: Run, begun: Array, last: Array) -> Array:
+    """Gaps of the contacts as each of m steps begins and after the last one, (m + 1, contacts)."""
     q = run.system.split(last)[0]
-    return np.concatenate([rows.gaps[:: rows.every][:done], [[contact.gap(q) for contact in run.system.contacts]]])
+    return np.concatenate([begun, [[contact.gap(q) for contact in run.system.contacts]]])

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,11 +43,6 @@ class Plane:
 
     Along the plane a point sliding at v is held back by ``friction f v / √(|v|² + slip²)``: Coulomb's law, except that
     it creeps where it would stick, at up to the speed ``slip``.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        An argument is of another size or not finite.
 
     Examples
     --------
@@ -93,13 +88,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class JointStops:
-    """Compliant joint stops at the position limits of the joints of one degree of freedom, by the law of :class:`Plane`.
-
-    Raises
-    ------
-    ValueRangeError
-        A number is not finite or negative.
-    """
+    """Compliant joint stops at the position limits of the joints of one degree of freedom, by the law of :class:`Plane`."""
 
     stiffness: float
     """k [N m/radⁿ or N/mⁿ]."""
@@ -194,33 +183,20 @@ _NOTHING = 1e-9
 class RobotContact(ABC):
     """A robot and what it runs into."""
 
-    robot: Robot
-    name: str
-    """Name of the event with which the contact begins."""
-
-    @property
-    @abstractmethod
-    def key(self) -> tuple[Any, ...]:
+    def __init__(
+        self, robot: Robot, name: str, key: tuple[Any, ...], size: int, numbers: dict[str, Array], **parts: Array
+    ) -> None:
+        self.robot, self.name, self.size, self.numbers = robot, name, size, numbers
+        """The name is that of the event with which it begins, the size counts its points or joints; inputs of its program
+        besides the state, by name, (...) each."""
+        self.key = (type(self).__name__, size, *key)
         """Contacts of one robot with one key are one program."""
-
-    @cached_property
-    @abstractmethod
-    def numbers(self) -> dict[str, Array]:
-        """Inputs of its program besides the state, by name, (...) each."""
-
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """m, its points or joints."""
+        self.parts = {**numbers, **parts}
+        """Inputs in parts (m, ...) that are evaluated as a batch, and whose torques add up."""
 
     @abstractmethod
     def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """On symbols, what it does to the joints, (nv,), and how deep each of its points or joints is inside, (m,)."""
-
-    @cached_property
-    def parts(self) -> dict[str, Array]:
-        """Inputs in parts (m, ...) that are evaluated as a batch, and whose torques add up."""
-        return self.numbers
 
     def touched(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Torques on the joints (..., nv), and penetration of each point or joint (..., m)."""
@@ -247,51 +223,26 @@ class RobotContact(ABC):
     def _kernel(self) -> Any:
         robot = self.robot
 
-        def made() -> Any:
+        def build() -> Any:
             rest = [(name, x.shape[-1:]) for name, x in self.parts.items()]
-            program = trace(
-                lambda *given: self.traced(robot.model, *given),
-                [("q", (robot.nq,)), ("dq", (robot.nv,)), *rest],
-                ["tau", "depths"],
-            )
+            inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), *rest]
+            program = trace(partial(self.traced, robot.model), inputs, ["tau", "depths"])
             return compiled(program, "contact", f"What a contact does to {robot.name}, compiled.")
 
-        return robot.engine.cached(("contact", *self.key), made)
+        return robot.engine.cached(("contact", *self.key), build)
 
 
-@dataclass(frozen=True, eq=False)
 class PlaneContact(RobotContact):
     """A plane and the robot that runs into it."""
 
-    robot: Robot
-    plane: Plane
-    name: str = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.robot.model.frame(self.plane.frame)
-        object.__setattr__(self, "name", f"{self.plane.frame} touches the plane")
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Frame, number of points and exponent."""
-        return "plane", self.plane.frame, self.size, self.plane.exponent
-
-    @property
-    def size(self) -> int:
-        """The number of points."""
-        return len(np.asarray(self.plane.points))
-
-    @cached_property
-    def numbers(self) -> dict[str, Array]:
-        """Points, normal, and the numbers of the law."""
-        plane = self.plane
-        law = (plane.height, plane.stiffness, plane.dissipation, plane.friction, plane.slip)
-        return {"points": np.ravel(plane.points), "normal": np.asarray(plane.normal), "law": np.array(law, float)}
-
-    @cached_property
-    def parts(self) -> dict[str, Array]:
-        """A part for each point."""
-        return {**self.numbers, "points": np.asarray(self.plane.points)}
+    def __init__(self, robot: Robot, plane: Plane) -> None:
+        robot.model.frame(plane.frame)
+        points = np.asarray(plane.points)
+        law = np.array((plane.height, plane.stiffness, plane.dissipation, plane.friction, plane.slip), float)
+        numbers = {"points": points.ravel(), "normal": np.asarray(plane.normal), "law": law}
+        key = plane.frame, plane.exponent
+        super().__init__(robot, f"{plane.frame} touches the plane", key, len(points), numbers, points=points)
+        self.plane = plane
 
     def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """By :func:`.plane_contact`."""
@@ -315,46 +266,24 @@ class PlaneContact(RobotContact):
         )
 
 
-@dataclass(frozen=True, eq=False)
 class StopContact(RobotContact):
     """Joint stops and the robot that has them."""
 
-    robot: Robot
-    stops: JointStops
-    name: str = "a joint touches its stop"
-    places: tuple[tuple[int, int], ...] = field(init=False)
-    """In q and in dq, of the joints that have stops."""
-
-    def __post_init__(self) -> None:
-        limits, known = self.robot.limits, {b.joint.name: b for b in self.robot.model.leaders if b.joint.nv == 1}
-        asked = known if self.stops.joints is None else self.stops.joints
-        for name in asked:
+    def __init__(self, robot: Robot, stops: JointStops) -> None:
+        limits, known = robot.limits, {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
+        names = known if stops.joints is None else stops.joints
+        for name in names:
             if name not in known:
                 raise UnknownNameError.from_choices("joint with one degree of freedom", name, known)
-        rows = [(known[n].q_index, known[n].v_index) for n in asked]
+        rows = [(known[n].q_index, known[n].v_index) for n in names]
         rows = [(i, k) for i, k in rows if np.isfinite(limits.lower[k]) or np.isfinite(limits.upper[k])]
         if not rows:
-            raise ValueRangeError(
-                f"robot {self.robot.name!r} has no limits of position there, so JointStops has no stops."
-            )
-        object.__setattr__(self, "places", tuple(rows))
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Joints and exponent."""
-        return "stops", self.places, self.stops.exponent
-
-    @property
-    def size(self) -> int:
-        """The number of joints."""
-        return len(self.places)
-
-    @cached_property
-    def numbers(self) -> dict[str, Array]:
-        """Limits, and the numbers of the law."""
-        limits, mine = self.robot.limits, [k for _, k in self.places]
-        law = np.array([self.stops.stiffness, self.stops.dissipation], float)
-        return {"lower": limits.lower[mine], "upper": limits.upper[mine], "law": law}
+            raise ValueRangeError(f"robot {robot.name!r} has no limits of position there, so JointStops has no stops.")
+        self.stops, self.places, mine = stops, tuple(rows), [k for _, k in rows]
+        """The places are those in q and in dq, of the joints that have stops."""
+        law = np.array([stops.stiffness, stops.dissipation], float)
+        numbers = {"lower": limits.lower[mine], "upper": limits.upper[mine], "law": law}
+        super().__init__(robot, "a joint touches its stop", (self.places, stops.exponent), len(rows), numbers)
 
     def traced(self, _model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """By :func:`.stop_contact`."""

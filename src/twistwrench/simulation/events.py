@@ -131,11 +131,6 @@ class Event:
     Of several zeros within a step of a method one is seen at most; a remark of the result names the event if its slope
     admits more. A zero at the very start does not count.
 
-    Raises
-    ------
-    ValueRangeError
-        ``name`` is not a text, ``direction`` none of the three, or ``function`` not a function.
-
     Examples
     --------
     >>> upright = Event(lambda t, q, dq: q[0], "upright", direction="up", terminal=True)

@@ -24,7 +24,6 @@ from ..algorithms.kinematics import brackets
 from ..core import arguments
 from ..core.numbers import printed
 from ..errors import ShapeError, SimulationError, ValueRangeError
-from ..ir.program import Program
 from ..ir.tracer import trace
 from ..lie.twist_wrench import Wrench
 from ..model.model import Model
@@ -117,19 +116,18 @@ class ControlLaw:
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the checked value of the function."""
-        try:
-            found = self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
-        except Exception as problem:
-            raise self.failure(t, problem) from problem
-        return self.checked(t, found)
+        return self.checked(t, self._evaluated(t, q, dq))
 
     def number(self, t: float, q: Array, dq: Array) -> float:
         """Return the value of a function of one number."""
+        found = self._evaluated(t, q, dq)
+        return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
+
+    def _evaluated(self, t: float, q: Array, dq: Array) -> Any:
         try:
-            found = self.function(t, q.copy(), dq.copy())
+            return self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
         except Exception as problem:
             raise self.failure(t, problem) from problem
-        return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
 
     def failure(self, t: float, problem: Exception) -> SimulationError:
         """Return the error for an exception of the function."""
@@ -141,25 +139,20 @@ class ControlLaw:
             found = arguments.plain(given, self.what)  # a table would be read by position
         except Exception as problem:
             raise self.failure(t, problem) from problem
+        at, expected = f"at t = {printed(t, 9)} s", f"{self.shape}{self.meaning}."
         if found.dtype.kind not in "biuf":
-            raise SimulationError(
-                f"{self.what} gave {found.tolist()!r} at t = {printed(t, 9)} s, expected real numbers of shape "
-                f"{self.shape}{self.meaning}."
-            )
-        if found.shape != self.shape:
-            raise SimulationError(
-                f"{self.what} gave an array of shape {found.shape} at t = {printed(t, 9)} s, expected "
-                f"{self.shape}{self.meaning}."
-            )
-        if not self.shape and found.dtype.kind == "b":
-            raise SimulationError(
-                f"{self.what} gave {bool(found)} at t = {printed(t, 9)} s, and takes a number whose sign changes where it "
-                "happens: q[0] - 0.5, not q[0] > 0.5."
-            )
-        if not np.isfinite(found).all():
+            given, problem = repr(found.tolist()), f", expected real numbers of shape {expected}"
+        elif found.shape != self.shape:
+            given, problem = f"an array of shape {found.shape}", f", expected {expected}"
+        elif not self.shape and found.dtype.kind == "b":
+            given = str(bool(found))
+            problem = ", and takes a number whose sign changes where it happens: q[0] - 0.5, not q[0] > 0.5."
+        elif not np.isfinite(found).all():
             where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
-            raise SimulationError(f"{self.what} gave {found} at t = {printed(t, 9)} s, not finite{where}.")
-        return found.astype(float)
+            given, problem = str(found), f", not finite{where}."
+        else:
+            return found.astype(float)
+        raise SimulationError(f"{self.what} gave {given} {at}{problem}")
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
         """Values of the function at times (m,) and states (m, nq), (m, nv), with their shape checked together."""
@@ -183,10 +176,8 @@ def require_arguments(function: Any, what: str, taken: Sequence[str], names: str
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
     code = function.__code__ if isinstance(function, FunctionType) else None
-    if (
-        code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount
-    ):  # a signature takes longer than many steps
-        return
+    if code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount:
+        return  # a signature takes longer than many steps
     try:
         signed = signature(function)
     except (TypeError, ValueError):  # some of C say nothing
@@ -255,19 +246,22 @@ class EasedFriction:
 
     @cached_property
     def _kernel(self) -> Any:
-        return self.robot.engine.cached("eased friction", lambda: _eased(self.robot))
+        robot = self.robot
+
+        def left(dq: Array, tau: Array, share: Array) -> tuple[Array]:
+            return (torque_past_eased_friction(robot.model, dq, tau, share),)
+
+        def build() -> Any:
+            program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
+            return compiled(
+                program, "eased friction", f"What eased friction of {robot.name} leaves of torques, compiled."
+            )
+
+        return robot.engine.cached("eased friction", build)
 
     def left(self, dq: Array, tau: Array) -> Array:
         """Torques tau after friction, (nv)."""
         return np.asarray(self._kernel(dq, tau, eased(dq, self.creep)))
-
-
-def _eased(robot: Robot) -> Any:
-    def left(dq: Array, tau: Array, share: Array) -> tuple[Array]:
-        return (torque_past_eased_friction(robot.model, dq, tau, share),)
-
-    program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
-    return compiled(program, "eased friction", f"What eased friction of {robot.name} leaves of torques, compiled.")
 
 
 def rubs_dry(model: Model) -> Array:
@@ -306,14 +300,20 @@ class DryFrictionStep:
     @cached_property
     def kernel(self) -> Any:
         """(q, dq, h, tau, push, gains) to velocities, torques applied and those of friction; made where it is needed."""
-        robot = self._robot
+        robot, friction, gained = self._robot, self.friction, self.gained
+        model = regrouped(robot.model)
 
-        def made() -> Any:
+        def step(q: Array, dq: Array, h: Any, tau: Array, push: Array, gains: Array) -> tuple[Array, Array, Array]:
+            return velocity_step(model, q, dq, h, tau, gains=gains if gained else None, friction=friction, push=push)
+
+        def build() -> Any:
             robot.engine.require_invertible()
-            doc = f"Velocities of {robot.name} after a step, compiled."
-            return compiled(_program(robot, self.friction, self.gained), "braked step", doc)
+            rest = [(name, (robot.nv,)) for name in ("tau", "push", "gains")]
+            inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), ("h", ()), *rest]
+            program = trace(step, inputs, ["v", "applied", "friction"])
+            return compiled(program, "braked step", f"Velocities of {robot.name} after a step, compiled.")
 
-        return robot.engine.cached(("braked step", self.friction, self.gained), made)
+        return robot.engine.cached(("braked step", friction, gained), build)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Coordinates at which velocities change, (nq,): halfway with friction, at the beginning without."""
@@ -322,21 +322,6 @@ class DryFrictionStep:
     def end(self, manifold: Manifold, middle: Array, v: Array, h: float) -> Array:
         """Coordinates at the end of the step, (nq,)."""
         return manifold.move(middle, (0.5 * h if self.friction else h) * v)
-
-    def __call__(self, q: Array, dq: Array, h: float, tau: Array, push: Array) -> tuple[Array, Array, Array]:
-        """Velocities after the step, torques applied in it, and those of friction; ``push`` is what else acts on the joints."""
-        v, applied, lost = self.kernel(q, dq, h, tau, push, self.gains)
-        return v, applied, lost
-
-
-def _program(robot: Robot, friction: bool, gained: bool) -> Program:
-    model, nv = regrouped(robot.model), robot.nv
-
-    def step(q: Array, dq: Array, h: Any, tau: Array, push: Array, gains: Array) -> tuple[Array, Array, Array]:
-        return velocity_step(model, q, dq, h, tau, gains=gains if gained else None, friction=friction, push=push)
-
-    rest = [(name, (nv,)) for name in ("tau", "push", "gains")]
-    return trace(step, [("q", (robot.nq,)), ("dq", (nv,)), ("h", ()), *rest], ["v", "applied", "friction"])
 
 
 # ── Forces on the robot and rates of its state
@@ -383,6 +368,11 @@ class System:
         """Joint torques at the last evaluation of forces, (nv)."""
         self.evaluations = 0
 
+    @property
+    def rubs(self) -> bool:
+        """True if there is friction."""
+        return self.friction is not None or (self.dry_friction is not None and self.dry_friction.friction)
+
     def split(self, y: Array) -> tuple[Array, Array]:
         """q and dq of a state."""
         return y[: self.nq], y[self.moving]
@@ -415,7 +405,8 @@ class System:
         middle = self.dry_friction.middle(self.manifold, q, dq, h)
         pushes = list(self._pushes(t, q, dq, middle))
         push = sum((x for _, x in pushes), np.zeros(self.nv))
-        v, self.applied, lost = self.dry_friction(middle, dq, h, self._torques(t, q, dq), push)
+        tau, gains = self._torques(t, q, dq), self.dry_friction.gains
+        v, self.applied, lost = self.dry_friction.kernel(middle, dq, h, tau, push, gains)
         mean = 0.5 * (dq + v)
         powers[:] = self.applied @ mean, lost @ mean, 0.0, 0.0
         for k, x in pushes:
@@ -466,19 +457,22 @@ class System:
         """Accelerations and torques at the joints, (m, nv), at times (m,) and states (m, size); an open robot's."""
         self.evaluations += len(states)
         q, dq = states[:, : self.nq], states[:, self.moving]
-        tau = total = (
-            np.broadcast_to(self.held, dq.shape) if self.tau is None else self.held + self.tau.values(times, q, dq)
-        )
-        if self.friction is not None:
-            total = self.friction.left(dq, total)
+        tau = np.broadcast_to(self.held, dq.shape)
+        if self.tau is not None:
+            tau = self.held + self.tau.values(times, q, dq)
+        return np.asarray(self.robot.forward_dynamics(q, dq, self.total(times, q, dq, tau))), tau
+
+    def total(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
+        """Torques tau (m, nv) after friction, with those of wrenches and contacts."""
+        found = tau if self.friction is None else self.friction.left(dq, tau)
         for frame, law in self.wrenches.items():
             F = law.values(times, q, dq) if law.varies else law(0.0, q, dq)
-            total = total + self.robot.wrench_torques(q, F, frame)
+            found = found + self.robot.wrench_torques(q, F, frame)
         for contact in self.contacts:
             touched = contact.torques(q, dq)
             if touched is not None:
-                total = total + touched
-        return np.asarray(self.robot.forward_dynamics(q, dq, total)), tau
+                found = found + touched
+        return found
 
     def accelerations(self, t: float, y: Array) -> Array:
         """Accelerations (nv,) of a state."""

@@ -6,6 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -15,12 +16,13 @@ from ..core import arguments
 from ..core.arguments import positive, whole
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
-from ..errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
+from ..errors import ShapeError, SimulationError, TwistWrenchError, UnknownNameError, ValueRangeError
 from ..model.limits import NONE_GIVEN
+from ..robot import constraints as checks
 from ..typing import Array
-from .adaptive import Stepper, run_adaptive
+from .adaptive import Stepper, TrialSteps, run_adaptive
 from .callback_steps import CallbackSteps, use_block
-from .closed_system import ClosedScheme, ClosedStepper, ClosedSteps, ClosedSystem, Loops
+from .closed import CLOSED_METHODS, ClosedScheme, ClosedSimulation, ClosedStepper, ClosedSteps, ClosedSystem, Loops
 from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .events import Event, EventDetector, PositionLimits
@@ -30,7 +32,7 @@ from .forces import (
     EasedFriction,
     Function,
     System,
-    creep_speeds,
+    creep_of_samples,
     easing_remark,
     require_arguments,
     torque_law,
@@ -38,38 +40,22 @@ from .forces import (
 )
 from .result import SimulationResult
 from .run import Run
-from .schemes import ADAPTIVE, SemiImplicit, scheme_of
-from .trial_steps import TrialSteps
+from .schemes import ADAPTIVE, Scheme, SemiImplicit, scheme_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from ..robot.closed_robot import ClosedRobot
 
 _MOST = 10**8
 
 
 def build_run(
-    robot: Robot,
-    q0: ArrayLike | None,
-    dq0: ArrayLike | None,
-    duration: float,
-    dt: float,
-    *,
-    method: str | None,
-    tau: ArrayLike | Function | None,
-    controller: Function | None,
-    wrench_on_robot: Mapping[str, Any] | None,
-    friction: bool,
-    creep: float | None,
-    contacts: Plane | JointStops | Iterable[Plane | JointStops],
-    limits: str | None,
-    events: Event | Function | Iterable[Event | Function],
-    rtol: float,
-    atol: float,
-    max_step: float | None,
-    every: int,
-    progress: Callable[[float], None] | None,
-    loops: Loops | None,
-) -> Run:
+    robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None, duration: float, dt: float, *, method: str | None,
+    tau: ArrayLike | Function | None, controller: Function | None, wrench_on_robot: Mapping[str, Any] | None,
+    friction: bool, creep: float | None, contacts: Plane | JointStops | Iterable[Plane | JointStops],
+    limits: str | None, events: Event | Function | Iterable[Event | Function], rtol: float, atol: float,
+    max_step: float | None, every: int, progress: Callable[[float], None] | None, loops: Loops | None,
+) -> Run:  # fmt: skip
     """A run that is ready to go, by the arguments of :meth:`twistwrench.Robot.simulate`."""
     method = ADAPTIVE if method is None else method
     if robot.nv == 0:
@@ -81,20 +67,66 @@ def build_run(
     acting: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
     system = System(robot, **acting) if loops is None else ClosedSystem(loops, **acting)
     system.held = held
-    scheme, adapts = scheme_of(method, system), method == ADAPTIVE
+    scheme = scheme_of(method, system)
     y0 = _start(robot, system, q0, dq0)
     if loops is not None:
         scheme = ClosedScheme(scheme, loops)
         loops.begin(y0)
-    remarks = (
-        []
-        if abs(h - dt) <= 1e-9 * dt
-        else [f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it"]
-    )
+    remarks = []
+    if abs(h - dt) > 1e-9 * dt:
+        remarks.append(f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it")
     planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
-    remarks += [said for plane in planes if (said := plane.buried(y0[: robot.nq]))]
+    remarks += [buried for plane in planes if (buried := plane.buried(y0[: robot.nq]))]
     friction = arguments.flag(friction, "friction")
-    rubs, gains = friction and robot.model.friction.any, _rate_gains(robot, tau)
+    remarks += _friction(system, scheme, method, y0, h, tau, friction=friction, creep=creep)
+    watched, stops = _events(events), _limits(robot, limits, y0)
+    run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
+    if watched or surfaces or stops is not None:
+        run.detector = EventDetector(watched, system.split, stops, surfaces)
+    if controller is not None:
+        meaning = ", a torque for each velocity"
+        run.controller = ControlLaw.from_function(controller, "the controller", (robot.nv,), meaning)
+        run.constant = held
+    tolerances, longest = (positive(rtol, "rtol"), positive(atol, "atol")), h if surfaces else np.inf
+    if max_step is not None:
+        longest = positive(max_step, "max_step", "s", infinite=True)
+        if method != ADAPTIVE and longest < h * (1.0 - 1e-9):
+            raise ValueRangeError(
+                f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
+                f"dt, and every= to keep fewer states; max_step is for method={ADAPTIVE!r}."
+            )
+    if progress is not None:
+        require_arguments(progress, "progress", ("the share done, from 0 to 1",))
+        run.tick = lambda t: progress(min(t / end, 1.0))
+    run.go = partial(_go, run, tolerances, longest, loops)
+    return run
+
+
+def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops | None) -> None:
+    """Take all steps of a run, compiled as far as that can be."""
+    system, options = run.system, (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
+    if run.method == ADAPTIVE and loops is not None:
+        run_adaptive(run, ClosedStepper(loops, *options))
+    elif run.method == ADAPTIVE:
+        run_adaptive(run, Stepper(system, *options, trials=TrialSteps.build(system, tolerances)))
+    else:
+        steps = CompiledSteps if not system.functions else CallbackSteps
+        if loops is not None:
+            steps = ClosedSteps if run.detector is None and run.controller is None else None
+        run.compiled = None if steps is None else steps.build(system, run.method, run.scheme.order, run.h)
+        run.fixed()
+
+
+def _friction(
+    system: System, scheme: Scheme, method: str, y0: Array, h: float, tau: Any, *, friction: bool, creep: float | None
+) -> list[str]:
+    """Give the system the robot's friction in the form that the method takes; remarks on it."""
+    robot = system.robot
+    rubs, remarks = friction and robot.model.friction.any, []
+    gains = getattr(tau, "rate_gains", None) if callable(tau) else None
+    if gains is not None:
+        given = arguments.one(gains, "rate_gains", robot.nv)
+        gains = np.array(arguments.finite(given, "rate_gains", robot.nv), float)
     if friction and not rubs:
         remarks.append(NONE_GIVEN)
     if isinstance(scheme, SemiImplicit):
@@ -106,48 +138,16 @@ def build_run(
         if rubs or gains is not None:
             system.dry_friction = DryFrictionStep(robot, h, friction=bool(rubs), gains=gains)
     elif rubs:
-        system.friction = EasedFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
-        if eased := easing_remark(robot.model, system.friction.creep):
-            remarks.append(eased if loops is None else eased.rpartition("; ")[0])  # those of closed robots ease, too
-    watched, stops = _events(events), _limits(robot, limits, y0)
-    run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
-    if watched or surfaces or stops is not None:
-        run.detector = EventDetector(watched, system.split, stops, surfaces)
-    if controller is not None:
-        run.controller = ControlLaw.from_function(
-            controller, "the controller", (robot.nv,), ", a torque for each velocity"
-        )
-        run.constant = held
-    tolerances = (positive(rtol, "rtol"), positive(atol, "atol"))
-    longest = h if surfaces else np.inf
-    if max_step is not None:
-        longest = positive(max_step, "max_step", "s", infinite=True)
-        if not adapts and longest < h * (1.0 - 1e-9):
-            raise ValueRangeError(
-                f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
-                f"dt, and every= to keep fewer states; max_step is for method={ADAPTIVE!r}."
-            )
-    if progress is not None:
-        require_arguments(progress, "progress", ("the share done, from 0 to 1",))
-        run.tick = lambda t: progress(min(t / end, 1.0))
-
-    def go() -> None:
-        if adapts:
-            asked = (*tolerances, longest, probe_spacing(h, end), end)
-            if loops is None:
-                run_adaptive(run, Stepper(system, *asked, trials=TrialSteps.build(system, tolerances)))
-            else:
-                run_adaptive(run, ClosedStepper(loops, *asked))
-        elif loops is None:
-            run.compiled = (CallbackSteps if system.functions else CompiledSteps).build(system, method, scheme.order, h)
-            run.fixed()
+        if creep is not None:
+            speeds = np.full(robot.nv, positive(creep, "creep", "rad/s or m/s"))
         else:
-            alone = run.detector is None and controller is None
-            run.compiled = ClosedSteps.build(system, method, scheme.order, h) if alone else None
-            run.fixed()
-
-    run.go = go
-    return run
+            robot.engine.require_invertible()
+            speeds = creep_of_samples(robot, y0[: robot.nq], 0.0 if method == ADAPTIVE else h, {})
+        system.friction = EasedFriction(robot, speeds)
+        if eased := easing_remark(robot.model, speeds):
+            # Semi-implicit steps of closed robots ease, too.
+            remarks.append(eased.rpartition("; ")[0] if isinstance(scheme, ClosedScheme) else eased)
+    return remarks
 
 
 def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
@@ -168,8 +168,11 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
         if given is None:
             y[place] = robot.neutral if name == "q0" else 0.0
             continue
-        shape = np.shape(given) if isinstance(given, np.ndarray | list | tuple) and not _ragged(given) else None
-        if shape is not None and len(shape) > 1:
+        try:
+            shape = np.shape(given) if isinstance(given, np.ndarray | list | tuple) else ()
+        except ValueError:  # ragged, refused below
+            shape = ()
+        if len(shape) > 1:
             raise ShapeError(
                 f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). robot.simulate_batch takes many."
             )
@@ -186,44 +189,15 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
     return y
 
 
-def _ragged(given: Any) -> bool:
-    try:
-        np.asarray(given)
-    except ValueError:
-        return True
-    return False
-
-
-def _rate_gains(robot: Robot, tau: Any) -> Array | None:
-    """Velocity gains -∂τ/∂dq of a law that provides them, (nv,)."""
-    told = getattr(tau, "rate_gains", None) if callable(tau) else None
-    if told is None:
-        return None
-    return np.array(arguments.finite(arguments.one(told, "rate_gains", robot.nv), "rate_gains", robot.nv), float)
-
-
-def _creep(robot: Robot, y0: Array, h: float, asked: float | None) -> Array:
-    """The speeds below which dry friction is eased off, (nv,)."""
-    if asked is not None:
-        return np.full(robot.nv, positive(asked, "creep", "rad/s or m/s"))
-    friction = robot.model.friction
-    robot.engine.require_invertible()
-    return creep_speeds(robot.mass_matrix(y0[: robot.nq]), np.maximum(friction.static, friction.coulomb), h)
-
-
 def _contacts(robot: Robot, given: Any) -> list[PlaneContact | StopContact]:
     listed = [given] if isinstance(given, Plane | JointStops) else given
     if isinstance(listed, str) or not isinstance(listed, Iterable):
         raise ValueRangeError(f"contacts is {given!r}, and must be a Plane, JointStops, or a list of them.")
-    found: list[PlaneContact | StopContact] = []
-    for one in listed:
-        if isinstance(one, Plane):
-            found.append(PlaneContact(robot, one))
-        elif isinstance(one, JointStops):
-            found.append(StopContact(robot, one))
-        else:
+    found = list(listed)
+    for one in found:
+        if not isinstance(one, Plane | JointStops):
             raise ValueRangeError(f"contacts has {one!r}, and takes tw.simulation.Plane and tw.simulation.JointStops.")
-    return found
+    return [PlaneContact(robot, one) if isinstance(one, Plane) else StopContact(robot, one) for one in found]
 
 
 def _events(given: Any) -> list[Event]:
@@ -255,6 +229,23 @@ def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None
 def simulated(robot: Robot, *start: Any, loops: Loops | None = None, **given: Any) -> SimulationResult:
     """The result of :meth:`twistwrench.Robot.simulate`; ``loops`` are constraints to keep to."""
     return run_to_end(build_run(robot, *start, **given, loops=loops))
+
+
+def simulate_closed(closed: ClosedRobot, q0: Any, *start: Any, method: str | None, **given: Any) -> ClosedSimulation:
+    """Simulation of a closed robot from one state; see :meth:`twistwrench.Robot.simulate`."""
+    method = "rk4" if method is None else method
+    if method not in CLOSED_METHODS:
+        raise UnknownNameError.from_choices("method", method, CLOSED_METHODS)
+    loops = Loops(closed) if closed.independent else None
+    if q0 is None:
+        q0 = checks.some_configurations(closed, closed.robot.neutral)[0]
+    try:
+        found = simulated(closed.robot, q0, *start, method=method, loops=loops, **given)
+    except (SimulationError, KeyboardInterrupt) as problem:
+        if isinstance(result := getattr(problem, "result", None), SimulationResult):
+            problem.result = ClosedSimulation.from_result(result, closed, loops)  # type: ignore[union-attr]
+        raise
+    return ClosedSimulation.from_result(found, closed, loops)
 
 
 def run_to_end(run: Run) -> SimulationResult:
@@ -377,7 +368,7 @@ def _advance(runs: list[Run]) -> None:
     wide = going[0][1].side_by_side() if going else None
     while wide is not None and going and (left := first.n - going[0][0].steps):
         counted = first.system.evaluations
-        given = [np.array(told) for told in zip(*(steps.inputs() for _, steps in going), strict=True)]
+        given = [np.array(given) for given in zip(*(steps.inputs() for _, steps in going), strict=True)]
         states = np.array([run.last[1] for run, _ in going])
         found = wide.advance_with(states, min(max(1, wide.most // len(going)), left), first.h, given)
         first.system.evaluations = counted

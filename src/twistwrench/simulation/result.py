@@ -97,28 +97,20 @@ class SimulationResult:
         """The largest drift, over the energy that moved: the largest kinetic energy, work, or change of potential energy."""
         if not np.isfinite(self.energy).all():
             return np.nan
-        moved = [
-            float(self.kinetic_energy.max()),
-            float(np.ptp(self.potential_energy)),
-            *map(_largest, self.work.values()),
-        ]
-        largest = max(*moved, _ROUNDING * _largest(self.energy))
+        moved = float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))
+        largest = max(*moved, *map(_largest, self.work.values()), _ROUNDING * _largest(self.energy))
         return _largest(self.drift) / largest if largest > 0 else 0.0
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __repr__(self) -> str:
-        said = [
-            f"{len(self)} state{'s' * (len(self) != 1)} to {number(self.times[-1], 6)} s",
-            self.stopped,
-            f"drift of energy {residual(self.relative_drift)}",
-        ]
-        said += (
-            [f"error of the motion about {residual(self.relative_error)}"] if np.isfinite(self.relative_error) else []
-        )
-        said += [f"note: {r}" for r in self.remarks]
-        return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(said)}>"
+        parts = [f"{len(self)} state{'s' * (len(self) != 1)} to {number(self.times[-1], 6)} s", self.stopped]
+        parts.append(f"drift of energy {residual(self.relative_drift)}")
+        if np.isfinite(self.relative_error):
+            parts.append(f"error of the motion about {residual(self.relative_error)}")
+        parts += [f"note: {r}" for r in self.remarks]
+        return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         from ..core.tables import html_table
@@ -131,31 +123,27 @@ class SimulationResult:
     def motion(self) -> Motion:
         """States as a :class:`twistwrench.Motion`, whose ``tau`` are the applied torques.
 
-        Raises ValueRangeError for a result from a file, which has no robot: give one to :meth:`of`.
+        Raises ValueRangeError for a result from a file, which has no robot: give one to :meth:`with_robot`.
         """
         if self.simulated is None:
             raise ValueRangeError(
-                "this result was read from a file, which has no robot in it: result.of(robot).motion."
+                "this result was read from a file, which has no robot in it: result.with_robot(robot).motion."
             )
         from ..motion.motion import Motion
 
         return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated, in_seconds=True)
 
-    def of(self, robot: Robot) -> SimulationResult:
+    def with_robot(self, robot: Robot) -> SimulationResult:
         """Return the result with the robot that was simulated, for a result from a file.
-
-        Returns
-        -------
-        result : SimulationResult
 
         Examples
         --------
         >>> import twistwrench as tw
         >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> swing.of(tw.robots.pendulum()).motion
+        >>> swing.with_robot(tw.robots.pendulum()).motion
         <Motion of 'pendulum': 101 states, 0 to 0.1 s>
         """
-        if require_robot(robot, "SimulationResult.of").coordinate_names != self.coordinate_names:
+        if require_robot(robot, "SimulationResult.with_robot").coordinate_names != self.coordinate_names:
             raise ValueRangeError(
                 f"the result is of robot {self.robot!r}, whose coordinates are others than those of {robot.name!r}."
             )
@@ -168,16 +156,10 @@ class SimulationResult:
         ----------
         degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
-        Raises
-        ------
-        ValueRangeError
-            Nothing can be written; or degrees are asked for of a result from a file, which has no robot.
-
         Notes
         -----
         Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and
-        momentum. What else there is stands in comments before the header. What is written in degrees comes back with the
-        rounding of the conversion.
+        momentum; text in comments before the header. Degrees come back with the rounding of the conversion.
 
         Examples
         --------
@@ -195,11 +177,6 @@ class SimulationResult:
     def to_npz(self, path: str | Path) -> Path:
         """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
 
-        Raises
-        ------
-        ValueRangeError
-            Nothing can be written.
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -215,18 +192,7 @@ class SimulationResult:
 
     @staticmethod
     def load(path: str | Path) -> SimulationResult:
-        """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called.
-
-        Returns
-        -------
-        result : SimulationResult, without its robot
-
-        Raises
-        ------
-        NotFoundError
-            There is no such file.
-        TrajectoryError
-            It is none of these files.
+        """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called, without its robot.
 
         Examples
         --------
@@ -242,18 +208,7 @@ class SimulationResult:
         return read(path)
 
     def plot(self, path: str | Path) -> Path:
-        """Plot of joints, energies and drift.
-
-        Parameters
-        ----------
-        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-        Raises
-        ------
-        MissingExtraError
-            There is no matplotlib.
-        ValueRangeError
-            Nothing can be written.
+        """Plot of joints, energies and drift; the suffix says the kind (.png, .pdf, .svg).
 
         Examples
         --------
@@ -304,8 +259,8 @@ class Record:
         k = self.count
         if k == len(self._parts[0]):
             self._grow(k + 1)
-        times, states, accelerations, torques = self._parts
-        times[k], states[k], accelerations[k], torques[k] = t, y, ddq, tau
+        for part, given in zip(self._parts, (t, y, ddq, tau), strict=True):
+            part[k] = given
         self.count = k + 1
 
     def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:
@@ -317,7 +272,7 @@ class Record:
             room[first:end] = given
         self.count = end
 
-    def result(self, robot: Robot, works: tuple[str, ...], **said: Any) -> SimulationResult:
+    def result(self, robot: Robot, works: tuple[str, ...], **more: Any) -> SimulationResult:
         """Return the stored states, with energies and momentum."""
         times, Y, accelerations, torques = (x[: self.count] for x in self._parts)
         if self.count < len(self._parts[0]) - 2:  # room that an early end left unused is given back
@@ -326,24 +281,12 @@ class Record:
         with np.errstate(all="ignore"):  # the last states before a failure may be enormous
             kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
             momentum = robot.momentum(q, dq)
+        more["coordinate_units"] = tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units)
         return SimulationResult(
-            robot=robot.name,
-            simulated=robot,
-            coordinate_names=robot.coordinate_names,
-            coordinate_units=tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units),
-            velocity_names=robot.model.velocity_names,
-            times=times,
-            q=q,
-            dq=dq,
-            ddq=accelerations,
-            tau=torques,
-            kinetic_energy=np.asarray(kinetic),
-            potential_energy=np.asarray(potential),
-            work={name: x.copy() for name, x in zip(works, W.T, strict=True)},
-            momentum=np.asarray(momentum),
-            events=tuple(self.events),
-            **said,
-        )
+            robot.name, robot.coordinate_names, robot.model.velocity_names, times, q, dq, accelerations, torques,
+            np.asarray(kinetic), np.asarray(potential), {name: x.copy() for name, x in zip(works, W.T, strict=True)},
+            np.asarray(momentum), simulated=robot, events=tuple(self.events), **more,
+        )  # fmt: skip
 
     def _grow(self, rows: int) -> None:
         parts = []

@@ -52,16 +52,9 @@ def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = Fal
     factors: dict[str, Array] = {}
     if degrees:
         header, factors = _in_degrees(result, header)
-    columns = [
-        result.times,
-        result.q * factors.get("q", 1.0),
-        result.dq * factors.get("dq", 1.0),
-        result.ddq * factors.get("dq", 1.0),
-        result.tau,
-        result.kinetic_energy,
-        result.potential_energy,
-    ]
-    columns += [*(result.work[w] for w in WORKS), result.momentum]
+    turned, turning = factors.get("q", 1.0), factors.get("dq", 1.0)
+    columns = [result.times, result.q * turned, result.dq * turning, result.ddq * turning, result.tau]
+    columns += [result.kinetic_energy, result.potential_energy, *(result.work[w] for w in WORKS), result.momentum]
     path = as_path(path)
     with replacing(path) as scratch, scratch.open("wb") as file:
         file.write(f"# {_MARK}\n# {_said(result)}\n".encode())
@@ -75,7 +68,8 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
     """Header in degrees, and the factors of coordinates and velocities."""
     if result.simulated is None:
         raise ValueRangeError(
-            "degrees: this result was read from a file, and has no robot that says what turns: result.of(robot).to_csv(…)."
+            "degrees: this result was read from a file, and has no robot that says what turns: "
+            "result.with_robot(robot).to_csv(…)."
         )
     names = Coordinates.from_model(result.simulated.model)
     said = [header for part in DEGREES for header in names.headers(part, degrees=True)]
@@ -89,21 +83,15 @@ def _to_radians(header: list[str], expected: list[str]) -> Array | None:
     degree, units = np.radians(1.0), tuple(f" [{unit}]" for unit in DEGREES.values())
     if len(header) != len(expected):
         return None
-    factors = np.ones(len(header))
-    for k, (name, wanted) in enumerate(zip(header, expected, strict=True)):
-        if name != wanted:
-            if name not in [wanted + unit for unit in units]:
-                return None
-            factors[k] = degree
-    return factors
+    in_degrees = [name in [wanted + unit for unit in units] for name, wanted in zip(header, expected, strict=True)]
+    if any(name != wanted and not turned for name, wanted, turned in zip(header, expected, in_degrees, strict=True)):
+        return None
+    return np.where(in_degrees, degree, 1.0)
 
 
 def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
-    header = [
-        time_column(coordinates),
-        *coordinates,
-        *(f"{n}{SUFFIX[part]}" for part in ("dq", "ddq", "tau") for n in v),
-    ]
+    header = [time_column(coordinates), *coordinates]
+    header += [f"{n}{SUFFIX[part]}" for part in ("dq", "ddq", "tau") for n in v]
     return [*header, *ENERGIES, *(f"{WORK}{w}" for w in WORKS), *MOMENTUM]
 
 
@@ -134,10 +122,8 @@ def _read(path: Path) -> SimulationResult:
         raise NotFoundError(
             f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote."
         ) from None
-    return _read_npz(data) if data[:2] == b"PK" else _read_csv(data)
-
-
-def _read_npz(data: bytes) -> SimulationResult:
+    if data[:2] != b"PK":
+        return _read_csv(data)
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         if "format" not in archive or str(archive["format"]) != _MARK:
             raise TrajectoryError("an archive of NumPy, but not of a simulation.")
@@ -185,7 +171,7 @@ def _words(said: Any) -> dict[str, Any]:
         raise _other_kind("what it says in words")
     said = {**_ADDED, **said}
     for name, kind in _SAID.items():
-        if not _is_of(said.get(name), kind):
+        if not _has_type(said.get(name), kind):
             raise _other_kind(repr(name))
     if not isinstance(said.get("events"), list):
         raise _other_kind("'events'")
@@ -194,22 +180,20 @@ def _words(said: Any) -> dict[str, Any]:
     if len(words["coordinate_units"]) not in (0, nq):
         raise _other_kind("'coordinate_units'")
     off = _numbers("'error_estimate'", said.get("error_estimate", [math.nan] * nv), (nv,))
-    return {**words, "error_estimate": off, "events": tuple(_happening(event, nq, nv) for event in said["events"])}
+    events = []
+    for event in said["events"]:
+        if not isinstance(event, dict) or not isinstance(event.get("name"), str):
+            raise _other_kind("an event")
+        parts = (("time", ()), ("q", (nq,)), ("dq", (nv,)))
+        time, q, dq = (_numbers(f"an event's {part}", event.get(part), n) for part, n in parts)
+        events.append(Happening(event["name"], float(time), q, dq))
+    return {**words, "error_estimate": off, "events": tuple(events)}
 
 
-def _is_of(value: object, kind: type) -> bool:
-    if kind is float:
-        return isinstance(value, float | int) and not isinstance(value, bool)
-    if kind is int:
-        return isinstance(value, int) and not isinstance(value, bool)
+def _has_type(value: object, kind: type) -> bool:
+    if kind in (int, float):
+        return isinstance(value, (float, int) if kind is float else int) and not isinstance(value, bool)
     return isinstance(value, kind) and (kind is not list or all(isinstance(part, str) for part in cast("Any", value)))
-
-
-def _happening(event: Any, nq: int, nv: int) -> Happening:
-    if not isinstance(event, dict) or not isinstance(event.get("name"), str):
-        raise _other_kind("an event")
-    time, q, dq = (_numbers(f"an event's {x}", event.get(x), n) for x, n in (("time", ()), ("q", (nq,)), ("dq", (nv,))))
-    return Happening(event["name"], float(time), q, dq)
 
 
 def _numbers(what: str, x: Any, shape: tuple[int, ...]) -> Array:

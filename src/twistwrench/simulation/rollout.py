@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -95,16 +95,7 @@ class Rollout:
 
         Returns
         -------
-        dataset : xarray.Dataset
-
-        Raises
-        ------
-        MissingExtraError
-            There is no xarray.
-
-        Notes
-        -----
-        Torques are those of the step that begins at each time; at the last one they are NaN.
+        dataset : xarray.Dataset, torques of the step that begins at each time, NaN at the last one
 
         Examples
         --------
@@ -130,12 +121,6 @@ class Rollout:
         Returns
         -------
         gradient : RolloutGradient
-            By the states at the start, torques, references and gains, wrenches and parameters.
-
-        Raises
-        ------
-        ValueRangeError
-            The rollout was made without ``gradients=True``, or says no torques.
 
         Notes
         -----
@@ -164,11 +149,6 @@ class Rollout:
         -------
         A : (..., steps, 2 nv, 2 nv) array, of x = (δ, δdq)
         B : (..., steps, 2 nv, nv) array, of u = δτ
-
-        Raises
-        ------
-        ValueRangeError
-            The rollout was made without ``gradients=True``, keeps not every state, or its torques are those of a law.
 
         Notes
         -----
@@ -237,30 +217,27 @@ class Rollout:
         return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
 
+Result = TypeVar("Result", bound=Rollout)
+
+
 def rolled_out(robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any) -> Rollout:
     """The result of :meth:`twistwrench.Robot.rollout`."""
     given = cleaned(robot, *start, **options)
     for_gradients = kept_for_gradients(given, out) if arguments.flag(gradients, "gradients") else None
-    results = room_for(given, out)
-    computed(robot, given, results)
-    q, dq, *said = results
+    q, dq, *tau = computed(robot, given, room_for(given, out))
     if for_gradients is not None:
         q.flags.writeable = dq.flags.writeable = False
-    return Rollout(
-        robot.name,
-        robot.coordinate_names,
-        robot.model.velocity_names,
-        given.times,
-        q,
-        dq,
-        said[0] if said else None,
-        given.dt,
-        given.steps,
-        given.plan.method,
-        given.remarks,
-        robot,
-        for_gradients,
-    )
+    return build_rollout(Rollout, robot, given, q, dq, tau, given=for_gradients)
+
+
+def build_rollout(
+    kind: type[Result], robot: Robot, inputs: Inputs, q: Array, dq: Array, tau: list[Array], **more: Any
+) -> Result:
+    """The result of inputs, with what its kind has beside."""
+    known = {"times": inputs.times, "dt": inputs.dt, "steps": inputs.steps, "method": inputs.plan.method}
+    names = {"coordinate_names": robot.coordinate_names, "velocity_names": robot.model.velocity_names}
+    more = {"tau": tau[0] if tau else None, "remarks": inputs.remarks, **more}
+    return kind(robot=robot.name, simulated=robot, q=q, dq=dq, **names, **known, **more)
 
 
 def _meaningless(q: Array, dq: Array) -> Array:

@@ -26,7 +26,7 @@ from ..runtime.batch_threads import Part
 from ..runtime.gufunc import owner_of
 from ..runtime.result_pool import result_arrays
 from ..typing import Array
-from .compiled_steps import Plan, Ports
+from .compiled_steps import Ports, StepPlan
 from .rollout_inputs import Inputs
 
 if TYPE_CHECKING:
@@ -40,21 +40,17 @@ LANES = 16
 """Samples are shared out in multiples of this: whole blocks on every processor."""
 
 
-def room_for(given: Inputs, out: Any) -> list[Array]:
-    """Arrays for the results: fresh ones, or the caller's. Raises ShapeError where they do not fit."""
-    return _fresh(given.shapes, given.dtype) if out is None else _lent(out, given.shapes, given.dtype)
-
-
-def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
-    """Take all steps, and write the states into the results."""
+def computed(robot: Robot, given: Inputs, results: list[Array]) -> list[Array]:
+    """Take all steps; the results, with the states written into them."""
     samples = math.prod(given.batch)
     arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
-    states = len(given.plan.state_sizes)
+    states = len(given.plan.state)
     flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
     for x, start in zip(flat[:states], arrays, strict=False):
         x[:, 0] = start
     outputs = (*(x[:, 1:] for x in flat[:states]), *flat[states:])
     take(kernel_of(robot, given.plan), arrays, given.ranks, outputs, given.steps)
+    return results
 
 
 def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int) -> None:
@@ -112,7 +108,7 @@ def _parts(
         yield Part(tuple(inputs), tuple(x[some] for x in outputs))
 
 
-def kernel_of(robot: Robot, plan: Plan) -> Any:
+def kernel_of(robot: Robot, plan: StepPlan) -> Any:
     """The compiled steps of a plan, made once for a robot."""
 
     def made() -> Any:
@@ -122,11 +118,15 @@ def kernel_of(robot: Robot, plan: Plan) -> Any:
     return robot.engine.cached(plan.key, made)
 
 
-def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
+def room_for(given: Inputs, out: Any) -> list[Array]:
+    """Arrays for the results: fresh ones, or the caller's. Raises ShapeError where they do not fit."""
+    shapes, dtype = given.shapes, np.dtype(given.dtype)
+    if out is not None:
+        return _lent(out, shapes, dtype)
     try:
-        return list(result_arrays(shapes, np.dtype(dtype)))
+        return list(result_arrays(shapes, dtype))
     except (MemoryError, ValueError):
-        size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
+        size = sum(map(math.prod, shapes)) * dtype.itemsize
         raise ValueRangeError(
             f"the states of this rollout take {printed(size / 1e9, 3)} GB, more than there is. Keep fewer with every=, or "
             "take fewer samples at a time."
@@ -135,27 +135,18 @@ def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
 
 def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
     """The caller's arrays, if the results fit in."""
+
+    def fits(x: Any, shape: tuple[int, ...]) -> bool:
+        flags = type(x) is np.ndarray and x.flags.writeable and x.flags.c_contiguous
+        return bool(flags) and x.shape == shape and x.dtype == dtype
+
     wanted = ", ".join(f"{name} {shape}" for name, shape in zip(("q", "dq", "tau"), shapes, strict=False))
-    fit = (
-        isinstance(out, tuple)
-        and len(out) == len(shapes)
-        and all(
-            type(x) is np.ndarray
-            and x.shape == shape
-            and x.dtype == dtype
-            and x.flags.writeable
-            and x.flags.c_contiguous
-            for x, shape in zip(out, shapes, strict=True)
-        )
-    )
-    if not fit:
-        given = (
-            ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out)
-            if isinstance(out, tuple)
-            else f"of type {type(out).__name__}"
-        )
+    given = f"of type {type(out).__name__}"
+    if isinstance(out, tuple):
+        given = ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out)
+    if not isinstance(out, tuple) or len(out) != len(shapes) or not all(map(fits, out, shapes)):
         raise ShapeError(
-            f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays in C order that can be written to: {wanted}; "
+            f"out= is {given}. Give a tuple of {dtype.name} arrays in C order that can be written to: {wanted}; "
             "or leave it out."
         )
     if any(np.may_share_memory(x, y) for k, x in enumerate(out) for y in out[:k]):
@@ -182,7 +173,7 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
 class StepAdjoint:
     """The adjoint of the steps of one plan."""
 
-    plan: Plan
+    plan: StepPlan
 
     @property
     def by(self) -> Ports:
@@ -305,15 +296,8 @@ def gradient(robot: Robot, given: Inputs, q: Array, dq: Array, slopes: Mapping[s
     for k, name in enumerate(plan.parameters):
         total = whole["parameters"][..., k].sum(axis=-1)
         parameters[name] = _shared(total[..., None], (*(own[f"parameter {name}"] or ()), 1))[..., 0]
-    return RolloutGradient(
-        _shared(by_q0.reshape(*batch, robot.nv), own["q0"]),
-        _shared(by_dq0.reshape(*batch, robot.nv), own["dq0"]),
-        law.pop("tau", None),
-        law,
-        pushed,
-        parameters,
-        remarks_of(robot, plan),
-    )
+    q0, dq0 = (_shared(x.reshape(*batch, robot.nv), own[name]) for name, x in (("q0", by_q0), ("dq0", by_dq0)))
+    return RolloutGradient(q0, dq0, law.pop("tau", None), law, pushed, parameters, remarks_of(robot, plan))
 
 
 def linearized(robot: Robot, given: Inputs, q: Array, dq: Array) -> tuple[Array, Array]:
@@ -336,7 +320,7 @@ def linearized(robot: Robot, given: Inputs, q: Array, dq: Array) -> tuple[Array,
     return A, B
 
 
-def remarks_of(robot: Robot, plan: Plan) -> tuple[str, ...]:
+def remarks_of(robot: Robot, plan: StepPlan) -> tuple[str, ...]:
     """Remarks on slopes at corners of the motions."""
     laws = (".coulomb", ".static", ".load")
     dry = rubbing(robot.model) or any(name.endswith(laws) for name in plan.parameters)
@@ -354,21 +338,19 @@ def _swept(
     kernel, by = _kernel(robot, given.plan), StepAdjoint(given.plan).by
     said = list(result_arrays([(samples, steps, *shape) for _, shape in by], np.dtype(given.dtype)))
     now = cost["q"][:, -1], cost["dq"][:, -1]
-    pieces = [(0, steps)] if every == 1 else [(k * every, (k + 1) * every) for k in reversed(range(given.kept))]
+    pieces = [(0, steps)] if every == 1 else [(k, k + every) for k in range(steps - every, -1, -every)]
     for first, last in pieces:
-        step = [x[first:last] if rank == 1 else x[..., first:last, :] for x, rank in _given(given)]
+        inputs = zip(given.arrays[2:], given.ranks[2:], strict=True)  # dt and all that is given for each step
+        step = [x[first:last] if rank == 1 else x[..., first:last, :] for x, rank in inputs]
         if every == 1:
             states, costs = (q[:, :-1], dq[:, :-1]), [x[:, :steps] for x in cost.values()]
         else:
             states = _between(robot, given, q[:, first // every], dq[:, first // every], step)
-            costs = [_at_first(x[:, first // every], every) for x in cost.values()]
-        back = [x[:, ::-1] for x in (states[0], *states)]
-        arrays = [
-            *now,
-            *back,
-            *(x[..., ::-1] if x.ndim == 1 else x[..., ::-1, :] for x in step),
-            *(x[:, ::-1] for x in costs),
-        ]
+            costs = [np.zeros((samples, every, robot.nv), x.dtype) for x in cost.values()]
+            for at_first, x in zip(costs, cost.values(), strict=True):
+                at_first[:, 0] = x[:, first // every]
+        back = [x[:, ::-1] for x in (states[0], *states, *costs)]
+        arrays = [*now, *back[:3], *(x[::-1] if x.ndim == 1 else x[..., ::-1, :] for x in step), *back[3:]]
         ranks = [1, 1, 2, 2, 2, *given.ranks[2:], *[2] * len(costs)]
         rows = result_arrays([(samples, last - first, robot.nv)] * 2, np.dtype(given.dtype))
         take(kernel, arrays, ranks, (*rows, *(x[:, first:last][:, ::-1] for x in said)), last - first)
@@ -386,23 +368,11 @@ def _between(robot: Robot, given: Inputs, q: Array, dq: Array, step: list[Array]
     return shifted[0], shifted[1]
 
 
-def _given(given: Inputs) -> list[tuple[Array, int]]:
-    """dt and all that is given for each step, with the axes that are not the batch's."""
-    return list(zip(given.arrays[2:], given.ranks[2:], strict=True))
-
-
-def _at_first(slope: Array, steps: int) -> Array:
-    """Slopes (samples, nv) of the first of some steps, 0 for the others."""
-    found = np.zeros((len(slope), steps, slope.shape[-1]), slope.dtype)
-    found[:, 0] = slope
-    return found
-
-
 def _rows(x: Array) -> Array:
     return x.reshape(-1, *x.shape[-2:])
 
 
-def _kernel(robot: Robot, plan: Plan) -> Any:
+def _kernel(robot: Robot, plan: StepPlan) -> Any:
     doc = f"Adjoints of the steps of rollouts of {robot.name}, compiled: {plan.method}."
     return robot.engine.cached(("adjoint", *plan.key), lambda: compiled(StepAdjoint(plan).recurrence, "adjoint", doc))
 

@@ -12,12 +12,12 @@ import numpy as np
 from ..core import arguments
 from ..core.arguments import positive, whole
 from ..core.numbers import printed
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.limits import NONE_GIVEN
 from ..model.parameters import matching, nominal, refuse_impossible
 from ..robot.arguments import wrench_at
 from ..typing import Array
-from .compiled_steps import Plan, method_named
+from .compiled_steps import StepPlan
 from .forces import creep_of_samples, easing_remark
 from .torque_laws import GivenTorque, TorqueLaw
 
@@ -64,11 +64,6 @@ def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
     return array
 
 
-def leaves_single(x: Array) -> bool:
-    """True if an array leaves the result in float32; single numbers do."""
-    return x.dtype == np.float32 or x.ndim == 0
-
-
 def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
     """A state's part of the right length, q0 or dq0; quaternions are some rotation."""
     x = _real(given, what, robot.coordinate_names if what == "q0" else robot.model.velocity_names)
@@ -87,12 +82,10 @@ def given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
     """Inputs of a law by name, with the length of the last axis."""
     found = []
     for name in law.names:
-        size = robot.nq if name == "q_des" else robot.nv
-        given = getattr(law, name)
+        size, given = robot.nq if name == "q_des" else robot.nv, getattr(law, name)
         none = given is None and isinstance(law, GivenTorque)
-        x = _real(
-            0.0 if none else given, name, robot.coordinate_names if name == "q_des" else robot.model.velocity_names
-        )
+        names = robot.coordinate_names if name == "q_des" else robot.model.velocity_names
+        x = _real(0.0 if none else given, name, names)
         one_for_all = none or name not in ("tau", "q_des")
         if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
             more = ", or one number for all" if one_for_all else ""
@@ -101,15 +94,6 @@ def given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
             )
         found.append((name, x, size))
     return found
-
-
-def wrenches_by_frame(robot: Robot, wrenches: Any) -> dict[str, Array]:
-    """Wrenches on the robot, checked, by frame."""
-    if wrenches is None:
-        return {}
-    if not isinstance(wrenches, Mapping):
-        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
-    return {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
 
 
 def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
@@ -132,6 +116,8 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
 
 # ── Inputs in the shapes of the kernel
 
+ROLLOUT_METHODS = ("semi_implicit", "rk4")
+"""The methods of rollouts, by the names they have in simulations."""
 MOST_STEPS = 10**9
 LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
 
@@ -140,7 +126,7 @@ LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
 class Inputs:
     """Arguments of a kernel call."""
 
-    plan: Plan
+    plan: StepPlan
     arrays: list[Array]
     """States, dt, and all else that is given for each step, with an axis of steps; the batch is one axis, or none."""
     ranks: list[int]
@@ -165,14 +151,14 @@ class Inputs:
     def shapes(self) -> list[tuple[int, ...]]:
         """Shapes of the results: q, dq, the rest passed from step to step, and the torques if requested."""
         rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
-        states = [(*rows, size) for size in self.plan.state_sizes]
+        states = [(*rows, *shape) for _, shape in self.plan.state]
         return [*states, *[(*begun, self.plan.model.nv)] * self.plan.says_torques]
 
 
 def cleaned(
     robot: Robot, q0: Any, dq0: Any, tau: Any, *, dt: Any, steps: Any, duration: Any, every: Any, method: Any,
     wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
-    step_of: Callable[[Plan], Plan] = lambda plan: plan,
+    step_of: Callable[[StepPlan], StepPlan] = lambda plan: plan,
 ) -> Inputs:  # fmt: skip
     """The inputs of a rollout, whose step is ``step_of`` the plan; raises ShapeError, ValueRangeError and UnknownNameError."""
     if robot.nv == 0:
@@ -182,24 +168,32 @@ def cleaned(
         tau = tau.batch_law(robot, h * np.arange(n))
     law = law_of(tau)
     law.check(robot.model)
-    if isinstance(torque_limits, np.bool_):
-        torque_limits = bool(torque_limits)
+    torque_limits = bool(torque_limits) if isinstance(torque_limits, np.bool_) else torque_limits
     friction = arguments.flag(friction, "friction")
-    limits, frames = torque_limits_of(robot, torque_limits), wrenches_by_frame(robot, wrench_on_robot)
+    limits, wrenches = torque_limits_of(robot, torque_limits), {} if wrench_on_robot is None else wrench_on_robot
+    if not isinstance(wrenches, Mapping):
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+    frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
     names, values = parameter_values(robot, parameters)
     rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
     said = arguments.flag(torques, "torques")
-    plan = step_of(Plan(robot.model, law, method_named(method), bool(limits), tuple(frames), names, rubs, said))
+    if not isinstance(method, str) or method not in ROLLOUT_METHODS:
+        raise UnknownNameError.from_choices("method", method, ROLLOUT_METHODS)
+    plan = step_of(StepPlan(robot.model, law, method, bool(limits), tuple(frames), names, rubs, said))
     given = [*given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
     states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
     numbers = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
-    single = all(leaves_single(x) for x in (*states, *numbers, *values))
+    single = all(x.dtype == np.float32 or x.ndim == 0 for x in (*states, *numbers, *values))
     n, h, kept = _counted_steps(dt, steps, duration, every, given)
     labelled = [(label, _stepped(label, x, size, n)) for label, x, size in given]
     batches = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
     batches += [(label, x.shape[:-2]) for label, x in labelled]
     batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
-    batch = _batch_of(batches)
+    try:
+        batch = np.broadcast_shapes(*(shape for _, shape in batches))
+    except ValueError:
+        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+        raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
     rest = [x for _, x in labelled]
     remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
@@ -214,9 +208,8 @@ def cleaned(
     for x in rest:
         once = _flat(x.astype(dtype, copy=False), 2, batch)
         arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
-    own: dict[str, tuple[int, ...] | None] = {
-        label: x.shape for label, x in [("q0", states[0]), ("dq0", states[1]), *((label, x) for label, x, _ in given)]
-    }
+    own: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
+    own |= {label: x.shape for label, x, _ in given}
     own |= {f"parameter {name}": x.shape for name, x in zip(names, values, strict=True)}
     if isinstance(law, GivenTorque) and law.tau is None:
         own["tau"] = None
@@ -277,11 +270,3 @@ def _stepped(label: str, x: Array, size: int, n: int) -> Array:
             f"What differs from sample to sample but not in time has shape (..., 1, {size}): {label}[..., None, :]."
         )
     return x
-
-
-def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(*(shape for _, shape in batches))
-    except ValueError:
-        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
-        raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None

@@ -82,11 +82,6 @@ def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
 class Tableau:
     """Butcher tableau of a Runge-Kutta method, checked to have the order claimed.
 
-    Raises
-    ------
-    ValueRangeError
-        a, b, c do not have it; the tree that fails is named.
-
     Examples
     --------
     >>> Tableau("Heun", 2, a=((0, 0), (1, 0)), b=(Fraction(1, 2), Fraction(1, 2))).c
@@ -189,11 +184,6 @@ class Partitioned:
     """Partitioned Runge-Kutta method: two tables for two halves of a state, such as velocities and positions.
 
     Each half steps by its own.
-
-    Raises
-    ------
-    ValueRangeError
-        The two have not the order claimed together, on trees whose nodes have two colours.
     """
 
     name: str

@@ -12,6 +12,7 @@ from ..algorithms.inverse_dynamics import holding_torques
 from ..algorithms.operational_space import computed_torque, proportional_derivative, undriven
 from ..algorithms.recursion import zeros
 from ..core import arguments
+from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..model.model import Model
 from ..typing import Array
@@ -31,15 +32,7 @@ class TorqueLaw(Protocol):
         """Refuse a robot that the law does not serve."""
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, /, *given: Array) -> Array:
-        """Torques of the law, on symbols.
-
-        Parameters
-        ----------
-        model : Model
-        angles : (nq,) array of symbols, q again, for sines and cosines
-        q : (nq,) array of symbols
-        dq : (nv,) array of symbols
-        *given : arrays of symbols, those of ``names``
+        """Torques of the law, on symbols; angles are q again, for sines and cosines.
 
         Returns
         -------
@@ -50,16 +43,7 @@ class TorqueLaw(Protocol):
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, h: Any, /, *given: Array
     ) -> tuple[Array, Array | None]:
-        """Torques of the law at dq, and its damping, for steps that take the rates at their end.
-
-        Parameters
-        ----------
-        model : Model
-        angles : (nq,) array of symbols, q again, for sines and cosines
-        q : (nq,) array of symbols
-        dq : (nv,) array of symbols
-        h : symbol, the length of the step
-        *given : arrays of symbols, those of ``names``
+        """Torques of the law at dq, and its damping, for steps of length h that take the rates at their end.
 
         Returns
         -------
@@ -97,16 +81,12 @@ class GivenTorque(TorqueLaw):
 
 @dataclass(frozen=True, eq=False)
 class BatchPD(TorqueLaw):
-    """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q).
+    """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q). MR section 11.4.
 
     Gains and references may differ from motion to motion, which those of :class:`twistwrench.control.PD` do not. At
     every joint of one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored.
     Values hold for all steps and samples; with axes (..., steps, n) they are said step by step, with (..., 1, n) sample
     by sample. g, with what springs of the robot add to it, is that of the robot without ``parameters``.
-
-    Notes
-    -----
-    MR section 11.4.
     """
 
     q_des: ArrayLike
@@ -128,10 +108,6 @@ class BatchPD(TorqueLaw):
 
     def check(self, model: Model) -> None:
         """Check that the robot will do; any does.
-
-        Parameters
-        ----------
-        model : Model
 
         Examples
         --------
@@ -164,13 +140,9 @@ class BatchPD(TorqueLaw):
 class BatchComputedTorque(TorqueLaw):
     """Computed-torque law of the motions of a rollout: τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h.
 
-    The error obeys ë + kd ė + kp e = 0. Shapes are those of :class:`BatchPD`. M and h are those of the robot without
+    The error obeys ë + kd ė + kp e = 0 (MR eq. 11.35). Shapes are those of :class:`BatchPD`, M and h of the robot without
     ``parameters``, gravity and springs included, friction not. Robots with ball, planar or floating joints are refused:
     q_des - q is not an error of such a joint.
-
-    Notes
-    -----
-    MR eq. 11.35.
     """
 
     q_des: ArrayLike
@@ -192,15 +164,6 @@ class BatchComputedTorque(TorqueLaw):
 
     def check(self, model: Model) -> None:
         """Refuse joints of several degrees of freedom: ball, planar and floating ones.
-
-        Parameters
-        ----------
-        model : Model
-
-        Raises
-        ------
-        ValueRangeError
-            The robot has such a joint.
 
         Examples
         --------
@@ -234,3 +197,6 @@ class BatchComputedTorque(TorqueLaw):
         self, model: Model, q: Array, dq: Array, q_des: Array, dq_des: Array, kp: Array, kd: Array, ddq_des: Array
     ) -> Array:
         return np.asarray(ddq_des + proportional_derivative(model, q, dq, q_des, dq_des, kp, kd))
+
+
+complete(globals())

@@ -7,7 +7,7 @@ section IV.5, for the points; Pham, IEEE T-RO 30(6), 2014, for what happens at z
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
 
@@ -27,13 +27,9 @@ _RATIO = 4.0
 """x may grow or shrink by no more within a piece, or the time along it would be hard to integrate."""
 
 
-def _radau(n: int) -> Array:
-    """The points of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
-    P = np.polynomial.legendre.Legendre
-    return np.sort(0.5 * (1.0 + (P.basis(n) - P.basis(n - 1)).roots().real))
-
-
-NODES = _radau(STAGES)
+_P = np.polynomial.legendre.Legendre
+NODES = np.sort(0.5 * (1.0 + (_P.basis(STAGES) - _P.basis(STAGES - 1)).roots().real))
+"""The points of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
 _POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
 """Coefficients of u in powers of ζ from its values at the nodes."""
 INTEGRALS = (NODES[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
@@ -119,20 +115,16 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
         return None, True
     powers = np.concatenate([[x], 2 * way * h * (_POWERS @ u[n]) / np.arange(1, STAGES + 1)])
     cell = Cell(low, high, powers, row, sides[n])
-    return (cell if way > 0 else _mirrored(cell)), False
+    # Backward ζ was counted from the other end.
+    return (cell if way > 0 else replace(cell, x=_FLIP @ cell.x)), False
 
 
 def _candidates(rows: PathRows, found: Rows, x: float, way: int, h: float) -> tuple[Array, list[Row], list[int]]:
     """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row touched."""
     a = found.a[:STAGES]
     inner = np.sign(a[:-1])
-    sure = (
-        (inner == inner[0]).all(axis=0)
-        & (inner[0] != 0)
-        & ~rows.flat
-        & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
-    )
-    k = np.flatnonzero(sure)
+    one_sided = (inner == inner[0]).all(axis=0) & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
+    k = np.flatnonzero(one_sided & (inner[0] != 0) & ~rows.flat)
     if not len(k):
         return np.zeros((0, STAGES)), [], []
     side = way * inner[0, k]  # forward the upper bound of u, backward the lower
@@ -162,11 +154,6 @@ def _solved(matrix: Array, right: Array) -> Array:
         return np.linalg.solve(matrix + 1e-13 * (size + 1e-300) * np.eye(STAGES), right[..., None])[..., 0]
 
 
-def _mirrored(cell: Cell) -> Cell:
-    """Return the curve with ζ counted from the other end."""
-    return Cell(cell.low, cell.high, _FLIP @ cell.x, cell.active, cell.side)
-
-
 # ── s(t) of the fastest timing, from the pieces of x(s) = ds²
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -181,10 +168,6 @@ class FastestScaling:
 
     cells: tuple[Cell, ...]
     name: str = "fastest"
-
-    @cached_property
-    def _low(self) -> Array:
-        return np.array([c.low for c in self.cells])
 
     @cached_property
     def _size(self) -> Array:
@@ -257,7 +240,7 @@ class FastestScaling:
         u = 0.5 * u / self._size[k]
         outside = (given.ravel() < 0) | (given.ravel() > self.duration)
         lost = np.where(known, 0.0, np.nan)
-        s = self._low[k] + z * self._size[k]
+        s = np.array([c.low for c in self.cells])[k] + z * self._size[k]
         out = (s, np.where(outside, 0.0, np.sqrt(x)), np.where(outside, 0.0, u))
         return tuple((y + lost).reshape(given.shape) for y in out)  # type: ignore[return-value]
 

@@ -10,7 +10,6 @@ reachability analysis", IEEE T-RO 34(3), 2018, without its grid.
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.text import listed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
@@ -197,9 +197,7 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
     ends = np.unique(np.concatenate([rows.breaks, *([arc.low, arc.high] for arc in arcs)]))
     cells: list[Cell] = []
     s, x, hint = 0.0, 0.0, 1.0
-    for _ in itertools.count():
-        if s >= 1.0:
-            return cells
+    while s < 1.0:
         if len(cells) > _MOST:
             raise _lost(s)
         arc = next((a for a in arcs if a.low <= s < a.high), None)
@@ -216,7 +214,7 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
         cells.append(cell)
         hint = max(4.0 * (cell.high - cell.low), _SMALLEST)
         s, x = cell.high, float(cell.x.sum())
-    raise AssertionError
+    return cells
 
 
 def _lost(s: float) -> PathError:
@@ -237,7 +235,7 @@ _ROOM = 4e-8
 
 @dataclass(frozen=True)
 class LimitContact:
-    """Part of a fastest motion, and the limit it limit_contacts."""
+    """Part of a fastest motion, and the limit it touches."""
 
     begin: float
     """s."""
@@ -292,9 +290,8 @@ class Fastest(Trajectory):
             if c.active.kind == "velocity":
                 side = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, c.active.joint]))
             new = LimitContact(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
-            same = found and (found[-1].joint, found[-1].kind, found[-1].side) == (new.joint, new.kind, new.side)
-            if same:
-                found[-1] = LimitContact(found[-1].begin, new.end, name, new.kind, side, found[-1].s)
+            if found and (found[-1].joint, found[-1].kind, found[-1].side) == (name, new.kind, side):
+                found[-1] = replace(found[-1], end=new.end)
             else:
                 found.append(new)
         return tuple(found)
@@ -368,24 +365,17 @@ class Fastest(Trajectory):
 
 
 def fastest(
-    robot: Robot,
-    path: JointPath,
-    *,
-    effort: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None,
-    friction: bool = False,
-) -> Fastest:
+    robot: Robot, path: JointPath, *, effort: ArrayLike | None = None, velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None, friction: bool = False,
+) -> Fastest:  # fmt: skip
     """Time-optimal time scaling: the shortest motion along a path from rest to rest within the limits.
 
     Parameters
     ----------
-    robot : Robot
     path : JointPath
     effort : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
     velocity : (nv,) array_like, optional, velocity limits that stand in for the robot's own [rad/s, m/s]
     acceleration : (nv,) array_like, optional, acceleration limits [rad/s², m/s²]
-    friction : bool, count the friction of the joints
 
     Returns
     -------
@@ -433,8 +423,8 @@ def fastest(
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
     room = {name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "effort")}
     rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
-    if (felt := _felt(rows)) is not rows.bounds:
-        rows = PathRows(robot, path, felt, friction=friction)
+    if (reachable := _reachable(rows)) is not rows.bounds:
+        rows = PathRows(robot, path, reachable, friction=friction)
     if not (~rows.flat).any():
         raise ValueRangeError(
             f"nothing limits how fast {robot.name!r} speeds up on this path: give effort or acceleration "
@@ -447,39 +437,35 @@ def fastest(
     except PathError:  # a narrow place of the limit curve was missed
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
-    found = Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
-    _warn_of_positions(robot, path, bounds)
-    return found
-
-
-def _warn_of_positions(robot: Robot, path: JointPath, bounds: Bounds) -> None:
-    s = np.linspace(0.0, 1.0, 2001)
-    found = [
+    passed = [
         f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
         for v in positions_passed(robot, s, path(s)[0], bounds)
     ]
-    if found:
+    if passed:
         warnings.warn(
-            f"the path leaves the positions that joints of {robot.name!r} can take: {listed(found, 4, '; ')}. No timing "
+            f"the path leaves the positions that joints of {robot.name!r} can take: {listed(passed, 4, '; ')}. No timing "
             "mends that: take another path.",
             ConstraintWarning,
-            stacklevel=3,
+            stacklevel=2,
         )
+    return Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
 
 
-def _felt(rows: PathRows) -> Bounds:
+def _reachable(rows: PathRows) -> Bounds:
     """The limits, those of torque and acceleration no higher than motion within the velocity limits can feel."""
     found, bounds = rows.at(rows.grid), rows.bounds
     x = found.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
     if not np.isfinite(x):
         return bounds
     u = x / (2.0 * _SHORTEST)
-    most = 2.0 * (np.abs(found.a) * u + np.abs(found.b) * x + np.abs(found.d) * np.sqrt(x) + np.abs(found.c)).max(
-        axis=0
-    )
+    a, b, c, d = (np.abs(y) for y in (found.a, found.b, found.c, found.d))
+    most = 2.0 * (a * u + b * x + d * np.sqrt(x) + c).max(axis=0)
     if (most >= rows.L).all():
         return bounds
     effort, acceleration = bounds.effort.copy(), bounds.acceleration.copy()
     lower, n = np.minimum(rows.L, most), len(rows.torque)
     effort[rows.torque], acceleration[rows.accelerated] = lower[:n], lower[n:]
     return replace(bounds, effort=effort, acceleration=acceleration)
+
+
+complete(globals())

@@ -194,15 +194,13 @@ class PathRows:
             rate = np.where(np.isnan(size), 0.0, sign * slope / size)
         if not f.any():
             return np.full(len(x), -np.inf), np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x))
-        i, j = low.argmax(axis=1)[:, None], high.argmin(axis=1)[:, None]
-        pick = [np.take_along_axis(y, n, axis=1)[:, 0] for y, n in ((low, i), (high, j), (rate, i), (rate, j))]
-        return pick[0], pick[1], pick[2], pick[3]
+        k, i, j = np.arange(len(x)), low.argmax(axis=1), high.argmin(axis=1)
+        return low[k, i], high[k, j], rate[k, i], rate[k, j]
 
     def require_standing(self) -> None:
         """Raise PathError where the robot cannot stand still on the path: then it may be unable to follow it at all."""
-        s = np.unique(
-            np.concatenate([self.grid, np.clip(self.breaks + 1e-12, 0, 1), np.clip(self.breaks - 1e-12, 0, 1)])
-        )
+        beside = [np.clip(self.breaks + side, 0, 1) for side in (1e-12, -1e-12)]
+        s = np.unique(np.concatenate([self.grid, *beside]))
         c = np.abs(self.at(s).c)
         share = np.divide(c, self.L, out=np.zeros_like(c), where=self.L > 0)
         share[(self.L == 0) & (c > 0)] = np.inf

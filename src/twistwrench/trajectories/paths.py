@@ -58,10 +58,7 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     [[0.25, -0.5], [1.0, -2.0], [0.0, 0.0]]
     """
     require_robot(robot, "joint_line")
-    q0, q1 = (
-        np.array(arguments.one(arguments.finite(q, n, robot.nq, names=robot.coordinate_names), n, robot.nq))
-        for n, q in (("q0", q0), ("q1", q1))
-    )
+    q0, q1 = configuration(robot, q0, "q0"), configuration(robot, q1, "q1")
     way = robot.subtract(q1, q0)
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves, so there is no motion to plan.")
@@ -69,24 +66,16 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
         raise ValueRangeError("q0 and q1 are the same configuration, so there is no motion to plan.")
 
     def line(s: Array) -> tuple[Array, Array, Array]:
-        flat = np.broadcast_to(way, (*s.shape, robot.nv))
-        return (
-            robot.add(np.broadcast_to(q0, (*s.shape, robot.nq)), s[..., None] * flat),
-            flat.copy(),
-            np.zeros(flat.shape),
-        )
+        flat, start = np.broadcast_to(way, (*s.shape, robot.nv)), np.broadcast_to(q0, (*s.shape, robot.nq))
+        return robot.add(start, s[..., None] * flat), flat.copy(), np.zeros(flat.shape)
 
     return JointPath("joint line", line)
 
 
 def spline(
-    robot: Robot,
-    waypoints: ArrayLike,
-    *,
-    times: ArrayLike | None = None,
-    velocities: ArrayLike | None = None,
+    robot: Robot, waypoints: ArrayLike, *, times: ArrayLike | None = None, velocities: ArrayLike | None = None,
     degree: int = 3,
-) -> JointPath:
+) -> JointPath:  # fmt: skip
     """Spline path through waypoints; s is the share of its length, or of ``times``.
 
     Parameters
@@ -174,6 +163,12 @@ def one_degree_joints(robot: Robot, what: str) -> None:
         )
 
 
+def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
+    """A copy of q (nq,), finite."""
+    found = arguments.finite(q, name, robot.nq, names=robot.coordinate_names)
+    return np.array(arguments.one(found, name, robot.nq))
+
+
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
     """q (m, nq), finite."""
     array = np.asarray(arguments.finite(q, name, robot.nq, names=robot.coordinate_names), float)
@@ -193,12 +188,7 @@ _JUMP = 0.5
 
 
 def follow_poses(
-    robot: Robot,
-    poses: Callable[[Array], Array],
-    q0: ArrayLike,
-    frame: str | None = None,
-    *,
-    tolerance: float = 1e-8,
+    robot: Robot, poses: Callable[[Array], Array], q0: ArrayLike, frame: str | None = None, *, tolerance: float = 1e-8
 ) -> JointPath:
     """Joint path of a Cartesian path: moves a frame along T(s), from ``q0`` where it has the pose T(0), on q0's branch.
 
@@ -233,16 +223,14 @@ def follow_poses(
     True
     """
     one_degree_joints(require_robot(robot, "follow_poses"), "following poses")
-    q0 = arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
-    q0 = np.array(arguments.one(q0, "q0", robot.nq))
+    q0 = configuration(robot, q0, "q0")
     allowed = arguments.number(tolerance, "tolerance")
     if not 1e-10 <= allowed < np.inf:
         raise ValueRangeError(
             f"tolerance is {printed(allowed)}: give how far the frame may be off [m, rad], 1e-10 or more."
         )
     along = _door(poses)
-    first = along(np.zeros(1))
-    gap = twist_left(robot.forward_kinematics(q0, frame)[None], first, tuple(range(6)))[0]
+    gap = twist_left(robot.forward_kinematics(q0, frame)[None], along(np.zeros(1)), tuple(range(6)))[0]
     if np.abs(gap).max() > 1e-6:
         raise ValueRangeError(
             f"at q0 the frame is {printed(np.linalg.norm(gap[3:]), 3)} m and {printed(np.linalg.norm(gap[:3]), 3)} rad "
@@ -252,7 +240,7 @@ def follow_poses(
     n = _FIRST
     while True:
         s = np.linspace(0.0, 1.0, n + 1)
-        q, why = _solved(robot, along(s), np.asarray(q0), frame)
+        q, why = _solved(robot, along(s), q0, frame)
         if len(q) < len(s) and (n < 1024 and "limit" not in why):
             n *= 4  # closer places may get through
             continue
@@ -263,10 +251,11 @@ def follow_poses(
         off = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), along(middle), tuple(range(6)))
         deviation = float(max(np.linalg.norm(off[:, 3:], axis=1).max(), np.linalg.norm(off[:, :3], axis=1).max()))
         if not arrived and (deviation <= allowed or n >= 1024):
-            partial, reached = _spline(s / s[-1], q, deviation), float(s[-1])
-            raise PathError(
-                f"the path of poses ends at s = {printed(reached, 4)}: {why}.", reached=reached, partial=partial
+            partial, said = (
+                _spline(s / s[-1], q, deviation),
+                f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.",
             )
+            raise PathError(said, reached=float(s[-1]), partial=partial)
         if deviation <= allowed:
             return _spline(s, q, deviation)
         n *= 2
@@ -309,61 +298,57 @@ def _spline(s: Array, q: Array, deviation: float) -> JointPath:
 
     curve = make_interp_spline(s, q, k=5)
     first, second = curve.derivative(1), curve.derivative(2)
-    return JointPath(
-        "path of poses", lambda x: (curve(x), first(x), second(x)), np.array([0.0, 1.0]), deviation=deviation
-    )
+    return JointPath("path of poses", lambda x: (curve(x), first(x), second(x)), deviation=deviation)
 
 
 def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
     """q at each place until the first that fails, and why it does."""
-    every = tuple(range(6))
-    limits = robot.limits
-    lower, upper = limits.lower, limits.upper
-    names = robot.joint_names
-    found, near = [q0], pose_finder(robot, frame, _ARRIVED)
-    if limits.exceeded(q0).any():
-        k = int(limits.exceeded(q0).argmax())
-        return (
-            np.array(found),
-            f"it begins with {names[k]} at {printed(q0[k], 4)}, outside its limits {printed(lower[k], 4)} to "
-            f"{printed(upper[k], 4)}",
-        )
+    found, near, why = [q0], pose_finder(robot, frame, _ARRIVED), ""
+    if robot.limits.exceeded(q0).any():
+        k = int(robot.limits.exceeded(q0).argmax())
+        lower, upper = (printed(x[k], 4) for x in (robot.limits.lower, robot.limits.upper))
+        why = f"it begins with {robot.joint_names[k]} at {printed(q0[k], 4)}, outside its limits {lower} to {upper}"
     for target in targets[1:]:
+        if why:
+            break
         q, last = found[-1].copy(), found[-1]
         if robot.nv <= 6 and len(found) > 1:
             q = 2.0 * last - found[-2]  # redundant joints would drift on by themselves
         step = near(target, q)
-        if step is not None and np.abs(step - last).max() <= _JUMP:
+        if step is None or np.abs(step - last).max() > _JUMP:
+            step, why = _newton(robot, target, q, last, frame)
+        if not why:
             found.append(step)
-            continue
-        for _ in range(_NEWTON):
-            e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], every)[0]
-            if np.abs(e).max() <= _ARRIVED:
-                break
-            J = robot.jacobian(q, frame)
-            q = q + np.linalg.pinv(J, rcond=1e-9) @ e
-        else:
-            if np.abs(e).max() > 1e3 * _ARRIVED:
-                sizes = np.linalg.svd(robot.jacobian(last, frame), compute_uv=False)
-                least = float(sizes[min(5, len(sizes) - 1)]) if len(sizes) >= 6 else 0.0
-                if least < 0.02 * float(sizes[0]):
-                    return (
-                        np.array(found),
-                        "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
-                        f"singular value of J {printed(least, 2)})",
-                    )
-                return np.array(found), "the next pose is out of reach on this branch"
-        if limits.exceeded(q).any():
-            k = int(limits.exceeded(q).argmax())
-            limit = lower[k] if q[k] < lower[k] else upper[k]
-            return np.array(found), f"{names[k]} reaches its limit {printed(limit, 4)}"
-        if np.abs(q - last).max() > _JUMP:
-            k = int(np.abs(q - last).argmax())
-            return np.array(found), (
-                f"{names[k]} would jump by {printed(abs(q[k] - last[k]), 3)}: the arm passes a singular configuration"
+    return np.array(found), why
+
+
+def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | None) -> tuple[Array, str]:
+    """The configuration near q with the pose wanted, and why there is none that goes on from the last."""
+    names, limits = robot.joint_names, robot.limits
+    for _ in range(_NEWTON):
+        e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], tuple(range(6)))[0]
+        if np.abs(e).max() <= _ARRIVED:
+            break
+        q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=1e-9) @ e
+    else:
+        if np.abs(e).max() > 1e3 * _ARRIVED:
+            sizes = np.linalg.svd(robot.jacobian(last, frame), compute_uv=False)
+            least = float(sizes[min(5, len(sizes) - 1)]) if len(sizes) >= 6 else 0.0
+            if least >= 0.02 * float(sizes[0]):
+                return q, "the next pose is out of reach on this branch"
+            return q, (
+                "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
+                f"singular value of J {printed(least, 2)})"
             )
-        found.append(q)
-    return np.array(found), ""
+    why, beyond, way = "", limits.exceeded(q), np.abs(q - last)
+    if beyond.any():
+        k = int(beyond.argmax())
+        limit = limits.lower[k] if q[k] < limits.lower[k] else limits.upper[k]
+        why = f"{names[k]} reaches its limit {printed(limit, 4)}"
+    elif way.max() > _JUMP:
+        k = int(way.argmax())
+        why = f"{names[k]} would jump by {printed(way[k], 3)}: the arm passes a singular configuration"
+    return q, why
 
 
 complete(globals())

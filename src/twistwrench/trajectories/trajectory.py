@@ -18,30 +18,22 @@ from ..motion.bounds import Bounds, LimitCheck, Violation, bounds_or_own
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .paths import JointPath, joint_line, require_path, spline
+from .paths import JointPath, configuration, joint_line, require_path, spline
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
 
 def violations(
-    robot: Robot,
-    trajectory: Trajectory | Motion,
-    bounds: Bounds | None = None,
-    *,
-    friction: bool = False,
+    robot: Robot, trajectory: Trajectory | Motion, bounds: Bounds | None = None, *, friction: bool = False,
     samples: int = 2001,
-) -> tuple[Violation, ...]:
+) -> tuple[Violation, ...]:  # fmt: skip
     """Limits that a motion passes, worst first.
 
     Parameters
     ----------
     trajectory : Trajectory or Motion, at its own samples
     samples : int, instants at which a trajectory is looked at
-
-    Returns
-    -------
-    found : tuple of Violation
 
     Examples
     --------
@@ -167,10 +159,6 @@ class Trajectory:
     def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
         """Limits that it passes, worst first; see :func:`~twistwrench.trajectories.violations`.
 
-        Returns
-        -------
-        found : tuple of Violation
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -204,20 +192,7 @@ class Trajectory:
         return self.sample(dt).to_csv(path, degrees=degrees)
 
     def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
-        """Plot of positions, velocities, accelerations and torques as shares of their limits.
-
-        For the fastest timing the phase plane, too.
-
-        Parameters
-        ----------
-        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
-
-        Raises
-        ------
-        MissingExtraError
-            There is no matplotlib.
-        ValueRangeError
-            Nothing can be written.
+        """Plot of motion and torques as shares of their limits, with the phase plane of the fastest; to .png, .pdf or .svg.
 
         Examples
         --------
@@ -243,10 +218,6 @@ def move(
     scaling : optional, s(t); None: a quintic one that takes the time the robot's limits ask for
     waypoints : (m, nq) array_like, optional, between the ends
 
-    Returns
-    -------
-    trajectory : Trajectory
-
     Raises
     ------
     PathError
@@ -265,11 +236,8 @@ def move(
     else:
         names = robot.coordinate_names
         between = np.atleast_2d(np.asarray(arguments.finite(waypoints, "waypoints", robot.nq, names=names), float))
-        ends = [
-            np.asarray(arguments.one(arguments.finite(q, n, robot.nq, names=names), n, robot.nq), float)
-            for n, q in (("q0", q0), ("q1", q1))
-        ]
-        path = spline(robot, np.concatenate([ends[:1], between, ends[1:]]))
+        ends = [configuration(robot, q, name)[None] for name, q in (("q0", q0), ("q1", q1))]
+        path = spline(robot, np.concatenate([ends[0], between, ends[1]]))
     return Trajectory(robot, path, fitted(robot, path) if scaling is None else scaling)
 
 

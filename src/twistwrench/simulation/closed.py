@@ -1,4 +1,4 @@
-"""Steps of a closed robot: constrained dynamics, integration and projection, traced into one program.
+"""Closed robots: constrained dynamics, integration and projection, traced into one program, and what comes of them.
 
 Simulations and rollouts take the same steps. The state is q and dq, what steps left to be taken away so far, and, in
 simulations, the works done.
@@ -7,30 +7,36 @@ simulations, the works done.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from ..algorithms.constraints import Constraint, constrained_dynamics, independent_constraints, with_gaps
-from ..algorithms.friction import eased, largest, positive, smallest, torque_past_eased_friction
-from ..algorithms.kinematics import add, coordinate_rates
+from ..algorithms.friction import largest, positive, smallest
+from ..algorithms.kinematics import add
 from ..algorithms.loop_closure import SAFE, LoopRows, doubtful, projected
-from ..core.numbers import printed
+from ..core import arguments
+from ..core.numbers import printed, residual
 from ..errors import SimulationError, ValueRangeError
 from ..ir.loops import Scan, Source
 from ..ir.tracer import trace
+from ..model.model import Model
+from ..model.parameters import moves_joints
 from ..robot import constraints as checks
 from ..robot.constraints import CLOSED, gap_units
 from ..robot.engine import compiled
 from ..runtime.gufunc import owner_of
 from ..typing import Array
 from .adaptive import Stepper
-from .compiled_steps import SIMULATED, TABLEAUS, CompiledSteps, Plan, Ports, SimulatedStep, acts_by_itself
+from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
 from .forces import WORKS, System
+from .result import SimulationResult
+from .rollout import Rollout, build_rollout, rolled_out
+from .rollout_gradient import computed, room_for
+from .rollout_inputs import Inputs, cleaned
 from .schemes import ADAPTIVE, Scheme
-from .torque_laws import GivenTorque
 
 if TYPE_CHECKING:
     from ..robot.closed_robot import ClosedRobot
@@ -45,7 +51,7 @@ step would reach or pass the singular configuration."""
 
 
 @dataclass(frozen=True)
-class ClosedStep(SimulatedStep):
+class ClosedStep(StepPlan):
     """Step on constraints, without its numbers."""
 
     loops: LoopRows = field(default_factory=lambda: LoopRows((), ()))
@@ -53,18 +59,17 @@ class ClosedStep(SimulatedStep):
     """The usual size of each pivot of A M⁻¹ A'."""
     allowed: tuple[float, ...] = ()
     """Largest gap of each row with a position after a step, rad or m."""
-    works: bool = False
-    """True if works and accelerations are returned, as in simulations."""
 
     @property
     def key(self) -> tuple[Any, ...]:
         """Plans of one robot with one key are one program."""
-        return "closed step", super(SimulatedStep, self).key, self.loops, self.works
+        return "closed step", super().key, self.loops
 
     @property
-    def state_sizes(self) -> tuple[int, ...]:
-        """Sizes of the parts of the state."""
-        return self.model.nq, self.model.nv, KEPT, *[len(WORKS)] * self.works
+    def state(self) -> Ports:
+        """Names and shapes of the parts of the state."""
+        q, dq, *work = super().state
+        return [q, dq, ("kept", (KEPT,)), *work]
 
     @property
     def eases(self) -> bool:
@@ -77,10 +82,8 @@ class ClosedStep(SimulatedStep):
 
     def recurrence(self) -> Scan:
         """The program, and where its inputs come from."""
-        parts = ["q", "dq", "kept", *["work"] * self.works]
-        state: Ports = [(name, (size,)) for name, size in zip(parts, self.state_sizes, strict=True)]
-        said = ["ddq"] * self.works + ["tau"] * self.says_torques
-        program = trace(self._step, [*state, *self.given], [*parts, *said])
+        parts = [name for name, _ in self.state]
+        program = trace(self._step, [*self.state, *self.given], [*parts, *self._reports])
         fed = [Source("state", k) for k in range(len(parts))] + [Source("given")] * len(self.given)
         return Scan(program, tuple(fed), visible=len(parts))
 
@@ -88,34 +91,24 @@ class ClosedStep(SimulatedStep):
 
     def _step(self, q: Array, dq: Array, passed: Array, *rest: Any) -> tuple[Array, ...]:
         """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and back onto the constraints."""
-        count = 2 + self.works
         start, (h, *given) = (q, dq, *rest[: self.works]), rest[self.works :]
-        first, tau = self._motion(q, dq, given)
+        first, tau, _ = self._rates(q, q, dq, given)
         if self.method in TABLEAUS:
             a, b, _, _, _ = TABLEAUS[self.method].numbers
             stages = [first]
             for i in range(1, len(b)):
                 q_i, dq_i = _along(start[:2], h, a[i], stages)
-                stages.append(self._motion(q_i, dq_i, given)[0])
-            q1, dq1, *work = _along(start, h, b, [stage[:count] for stage in stages])
+                stages.append(self._rates(q_i, q_i, dq_i, given)[0])
+            q1, dq1, *work = _along(start, h, b, stages)
         else:
-            _, ddq, powers = first
-            dq1, work = dq + h * ddq, [x + h * powers for x in start[2:]]
+            dq1, *work = [x + h * rate for x, rate in zip(start[1:], first[1:], strict=True)]
             q1 = add(self.model, q, h * dq1)
         _, plant, _ = self._models(given)
         q1, dq1, *left = projected(plant, q1, dq1, self.loops.constraints, self.loops.independent)
-        said = (first[1],) * self.works + (tau,) * self.says_torques
-        return q1, dq1, self._passed_on(passed, *left), *work, *said
+        return q1, dq1, self._passed_on(passed, *left), *work, *[first[1]] * self.works, *[tau] * self.says_torques
 
-    def _motion(self, q: Array, dq: Array, given: Sequence[Array]) -> tuple[tuple[Array, Array, Array], Array]:
-        """Rates of coordinates, velocities and works; and the torques."""
-        known, plant, rest = self._models(given)
-        tau = force = self._torques(known, q, q, dq, rest)
-        if self.friction:
-            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
-        ddq = constrained_dynamics(plant, q, dq, force, self._pushed(rest), self._held)[0]
-        powers = self._powers(plant, q, dq, tau, force - tau, rest)
-        return (coordinate_rates(self.model, q) @ dq, ddq, powers), tau
+    def _accelerations(self, plant: Model, angles: Array, dq: Array, force: Array, inputs: dict[str, Array]) -> Array:
+        return constrained_dynamics(plant, angles, dq, force, self._pushed(inputs), self._held)[0]
 
     def _passed_on(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
         """Loop-closure state for the next step; :func:`lost` judges it in numbers."""
@@ -129,7 +122,7 @@ class ClosedStep(SimulatedStep):
         return np.array(said, object)
 
 
-def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[tuple[Array, ...]]) -> list[Array]:
+def _along(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequence[Array]]) -> list[Array]:
     """x + h Σ w_i k_i of each part of the state."""
     return [
         x + h * sum(float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w)
@@ -220,12 +213,12 @@ class Loops:
                 "Change the mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
             )
 
-    def step_of(self, plan: Plan, *, works: bool = False) -> ClosedStep:
+    def step_of(self, plan: StepPlan) -> ClosedStep:
         """The step of a plan, on the constraints."""
-        made_of = {each.name: getattr(plan, each.name) for each in fields(Plan)}
+        options = {each.name: getattr(plan, each.name) for each in fields(StepPlan)}
         rows = LoopRows(self.closed.constraints, self.closed.independent)
         usual, allowed = (tuple(x.tolist()) for x in (self._sizes, CLOSED * self._units))
-        return ClosedStep(**made_of, loops=rows, usual=usual, allowed=allowed, works=works)
+        return ClosedStep(**options, loops=rows, usual=usual, allowed=allowed)
 
     def note(self, gap: float, rate: float) -> None:
         """Take note of the largest that a step left to be taken away, gap and rate."""
@@ -276,13 +269,7 @@ class ClosedSystem(System):
         """Multipliers λ (n, k) of states under torques tau and all other forces; wrench functions are called again."""
         if not len(times):
             return np.zeros((0, len(self.loops.closed.sizes)))
-        total = tau if self.friction is None else self.friction.left(dq, tau)
-        for frame, law in self.wrenches.items():
-            total = total + self.robot.wrench_torques(q, law.values(times, q, dq), frame)
-        for contact in self.contacts:
-            touched = contact.torques(q, dq)
-            if touched is not None:
-                total = total + touched
+        total = self.total(times, q, dq, tau)
         _, lam, pivots = self.loops.dynamics(q, dq, total)
         closed = self.loops.closed
         if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():
@@ -346,15 +333,12 @@ class ClosedSteps(CompiledSteps):
     @classmethod
     def build(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
         """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
-        if not isinstance(system, ClosedSystem) or method not in SIMULATED:
+        if not isinstance(system, ClosedSystem) or method not in COMPILED_METHODS:
             return None
         if system.functions or system.contacts or not acts_by_itself(system):
             return None
         loops, robot = system.loops, system.robot
-        acting = Plan(
-            robot.model, GivenTorque(), method, frames=tuple(system.wrenches), friction=system.friction is not None
-        )
-        plan = loops.step_of(acting, works=True)
+        plan = loops.step_of(StepPlan.from_system(system, method))
         if not (effort := loops.effort(plan.stages)) <= LARGEST:
             return None
         doc = f"Steps of {robot.name} on its constraints, compiled: {method}."
@@ -363,8 +347,8 @@ class ClosedSteps(CompiledSteps):
         found.most, found.loops = BLOCK, loops
         return found
 
-    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
-        """Take steps as :meth:`.CompiledSteps.take`; states are NaN from the first step that ends off the constraints."""
+    def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
+        """Advance as :meth:`.CompiledSteps.advance`; states are NaN from the first step that ends off the constraints."""
         s, loops = self.system, self.loops
         lengths = np.full(steps, self.h if h is None else h)
         batch = (*y.shape[:-1], steps)
@@ -378,7 +362,7 @@ class ClosedSteps(CompiledSteps):
         begun = np.zeros((*y.shape[:-1], KEPT))
         begun[..., PIVOT], begun[..., GOOD] = loops.smallest(y), 1.0
         q, dq, work = self.cuts
-        given = [np.broadcast_to(x, (steps, *x.shape)) for x in self.inputs()]
+        given = [np.broadcast_to(x[..., None, :], (*x.shape[:-1], steps, x.shape[-1])) for x in self.inputs()]
         with np.errstate(all="ignore"):
             self.kernel(
                 y[..., q], y[..., dq], begun, y[..., work], lengths, *given,
@@ -391,3 +375,118 @@ class ClosedSteps(CompiledSteps):
             loops.note(last[WIDEST], last[FASTEST])
         s.evaluations += self.stages * steps
         return states, ddq, np.empty((*batch, 0))
+
+
+# ── Simulations and rollouts of closed robots, with constraint forces and constraint drift
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedSimulation(SimulationResult):
+    """A simulated motion of a closed robot. What it has beside :class:`SimulationResult` is read from no file."""
+
+    row_names: tuple[str, ...] = ()
+    """Names of the entries of lam."""
+    lam: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(n, k) N m or N, λ of each state: what the robot applies where it is held."""
+    gap: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) rad or m, by how much the loops are open at most, in each state."""
+    gap_before: float = 0.0
+    """rad or m, the largest gap that a step left; it was closed at the end of the step."""
+    slip_before: float = 0.0
+    """rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
+
+    @classmethod
+    def from_result(cls, found: SimulationResult, closed: ClosedRobot, loops: Loops | None) -> Self:
+        """The result with what its constraints did; ``loops`` is None where no row of them holds anything."""
+        known = {f.name: getattr(found, f.name) for f in fields(SimulationResult) if f.init}
+        known |= {"row_names": closed.row_names, "gap": np.abs(closed.gaps(found.q)).max(axis=-1, initial=0.0)}
+        if loops is None:
+            return cls(**known, lam=np.zeros((len(found), len(closed.sizes))))
+        lam = loops.system.multipliers(found.times, found.q, found.dq, found.tau)
+        return cls(**known, lam=lam, gap_before=loops.widest, slip_before=loops.fastest)
+
+    def __repr__(self) -> str:
+        held = f"gap {residual(self.gap.max(initial=0.0))}, before projection {residual(self.gap_before)}"
+        return f"{super().__repr__()[:-1]}; {held}>"
+
+
+# ── Rollouts of closed robots, each step projected onto the constraints
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedRollout(Rollout):
+    """Rollout of a closed robot: motions of any batch shape, and how well each kept to the constraints."""
+
+    gap: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) rad or m, by how much the loops were open at most, after any step."""
+    gap_before: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) rad or m, the largest gap that a step left; it was closed at the end of the step."""
+    slip_before: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
+    lost_from: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) s, the first kept time at which the constraints had lost rank or could not be kept, inf where they were: the states
+    from there on are NaN, for the motion may go on in several ways."""
+
+    def __repr__(self) -> str:
+        gaps = (float(np.max(x, initial=0.0)) for x in (self.gap, self.gap_before))
+        return f"{super().__repr__()[:-1]}; gap {residual(next(gaps))}, before projection {residual(next(gaps))}>"
+
+
+def rollout_closed(
+    closed: ClosedRobot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **given: Any
+) -> ClosedRollout:
+    """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
+    robot = closed.robot
+    if arguments.flag(gradients, "gradients") or out is not None:
+        raise ValueRangeError(
+            "gradients and out are for rollouts of open robots; leave them out where loops are closed."
+        )
+    if not closed.independent:
+        plain = rolled_out(robot, *start, gradients=False, out=None, **given)
+        none = np.zeros(plain.batch)
+        known = {name: getattr(plain, name) for name in Rollout.__dataclass_fields__}
+        return ClosedRollout(**known, gap=none, gap_before=none, slip_before=none, lost_from=none + np.inf)
+    loops = Loops(closed)
+    inputs = cleaned(robot, *start, **given, step_of=loops.step_of)
+    if moves_joints(robot.model, inputs.plan.parameters):
+        raise ValueRangeError(
+            f"parameters={inputs.plan.parameters!r} move joints, and with them where the loops close. Close a robot of each "
+            "geometry by itself; inertias, payloads and friction may vary."
+        )
+    inputs = _begun(loops, inputs)
+    q, dq, kept, *tau = computed(robot, inputs, room_for(inputs, None))
+    lost = ~(kept[..., GOOD] > 0.5)
+    q[lost], dq[lost] = np.nan, np.nan
+    last = np.maximum((~lost).sum(axis=-1) - 1, 0)  # the last state that is on the constraints
+    end = np.take_along_axis(kept, last[..., None, None], axis=-2)[..., 0, :]
+    lost_from = np.where(lost.any(axis=-1), inputs.times[np.argmax(lost, axis=-1)], np.inf)
+    if lost.any():
+        first = np.unravel_index(int(np.argmin(lost_from)), inputs.batch) if inputs.batch else ()
+        where = f", first {tuple(map(int, first))}" if inputs.batch else ""
+        remark = (
+            f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{where} before "
+            f"{printed(float(lost_from[first]))} s; their states after that are NaN"
+        )
+        inputs = replace(inputs, remarks=(*inputs.remarks, remark))
+    gaps = {"gap": end[..., OPEN], "gap_before": end[..., WIDEST], "slip_before": end[..., FASTEST]}
+    return build_rollout(ClosedRollout, robot, inputs, q, dq, tau, **gaps, lost_from=lost_from)
+
+
+def _begun(loops: Loops, given: Inputs) -> Inputs:
+    """The inputs with their first states on the constraints, and what is passed on from step to step beside them."""
+    closed = loops.closed
+    # Loops close to 1e-12, and float32 knows no such number.
+    q, dq, *rest = (x.astype(float, copy=False) for x in given.arrays)
+    checks.require_met(closed, q, dq)
+    with np.errstate(all="ignore"):
+        q, dq, pivot = loops.projected(q, dq)
+    if not (pivot >= SAFE).all():
+        row = int(np.argmin(pivot))
+        where = f" (motion {row} of the batch)" if pivot.ndim else ""
+        raise ValueRangeError(
+            f"q0 is a singular configuration{where}: the constraints lose rank there, and no motion goes on from it in one "
+            "way only. Start elsewhere."
+        )
+    passed = np.zeros((*pivot.shape, KEPT))
+    passed[..., PIVOT], passed[..., GOOD] = pivot, 1.0
+    return replace(given, arrays=[q, dq, passed, *rest], ranks=[1, *given.ranks], dtype=np.float64)
