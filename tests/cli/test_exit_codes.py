@@ -21,8 +21,7 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.cli.main import main
-from twistwrench.cli.usage import TRACEBACK, Commands
+from twistwrench.cli.main import TRACEBACK, Commands, main
 from twistwrench.core.verdict import ExitCode
 from twistwrench.robots import path_of
 from twistwrench.simulation.forces import System
@@ -45,7 +44,7 @@ TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     "a command that is none": ("dance", {}, ExitCode.BAD_INPUT, r"error: No such command 'dance'"),
     "an option that is none": ("info ur5 --speed", {}, ExitCode.BAD_INPUT, r"error: No such option"),
     "no robot": ("info", {}, ExitCode.BAD_INPUT, r"error: Missing argument 'ROBOT'"),
-    "a lock that is none": ("info ur5 --lock elbow", {}, ExitCode.BAD_INPUT, r"error: lock 'elbow' is not JOINT=VALUE"),
+    "a lock that is none": ("info ur5 --lock elbow", {}, ExitCode.BAD_INPUT, r"error: --lock 'elbow' is not JOINT=VALUE"),
     "a joint that is not there": ("info ur5 --lock x=1", {}, ExitCode.BAD_INPUT, r"error: .*'x'"),
     # ── robot files ──
     "no file": ("info none.urdf", {}, ExitCode.BAD_INPUT, r"error: no robot file 'none.urdf', and no bundled robot"),
@@ -130,7 +129,7 @@ def failing(monkeypatch):
         def load(*_, **__):
             raise problem
 
-        monkeypatch.setattr("twistwrench.cli.robot_options.RobotOptions.load", load)
+        monkeypatch.setattr("twistwrench.cli.shared.RobotOptions.load", load)
         return run(["verify", "ur5"], env=environment)
 
     return invoke

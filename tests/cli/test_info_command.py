@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 import pytest
+from printed_blocks import printed
 from rich.console import Console
 
 import twistwrench as tw
@@ -145,7 +146,7 @@ def long_names(tmp_path):
 def test_names_fold_and_no_number_is_cut(long_names, width, ur5):
     """Whatever the width, every number of the table of joints is there in full."""
     console = Console(width=width, file=io.StringIO(), highlight=False)
-    console.print(info_view(tw.load(long_names)))
+    console.print(printed(info_view(tw.load(long_names)), console.width))
     said = console.file.getvalue()
     assert "…" not in said
     joints = said[said.index("Joints") : said.index("Links with mass")]

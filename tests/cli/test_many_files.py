@@ -15,7 +15,7 @@ from identification_logs import known_log
 from motions import report_of, write_positions
 
 import twistwrench as tw
-from twistwrench.cli.console import total_bytes
+from twistwrench.cli.identify import total_bytes
 from twistwrench.cli.main import main
 from twistwrench.core.third_party import Failure, Workers, workers_of
 from twistwrench.reports.load_case import Payload

@@ -7,11 +7,11 @@ import io
 import numpy as np
 import pytest
 
-from twistwrench.cli.console import console
-from twistwrench.cli.plain_table import PlainTable, share_bar, verdict_word
+from twistwrench.cli.terminal import console, rendered
 from twistwrench.core.numbers import deviation, estimate, number, torque, without_noise
 from twistwrench.core.verdict import Word
 from twistwrench.joints.units import unit_of
+from twistwrench.reports.blocks import Table, share_bar, verdict, words
 
 
 @pytest.mark.parametrize("digits", [3, 4, 6])
@@ -56,23 +56,20 @@ def test_rates_are_per_second_and_torque_times_rate_is_power(turns):
 
 def test_a_bar_is_off_by_half_a_character_at_most():
     for share in np.linspace(0.0, 1.0, 101):
-        assert abs(share_bar(share).plain.count("━") - 12 * share) <= 0.5 + 1e-12
-    assert share_bar(7.0).plain == 12 * "━"
+        assert abs(len(share_bar(share).pieces[0][0]) - 12 * share) <= 0.5 + 1e-12
+    assert share_bar(7.0).pieces[0][0] == 12 * "━"
 
 
 def test_verdicts_that_differ_have_colours_that_differ_and_only_ok_is_green():
-    green, doubt, bad = (str(verdict_word(word).style) for word in (Word.OK, Word.UNSURE, Word.OVER_LIMIT))
+    green, doubt, bad = (verdict(word).pieces[0][1] for word in (Word.OK, Word.UNSURE, Word.OVER_LIMIT))
     assert len({green, doubt, bad}) == 3
     assert "green" in green and "red" in bad
 
 
 def test_counts_and_names_that_do_not_fold_stand_in_full():
-    table = PlainTable()
-    table.words("name", fold=False)
-    table.words("words")
-    table.row("a_name_that_is_long", " ".join(["word"] * 30))
-    table.row("b", 12345678)
+    names, long = words("name", ["a_name_that_is_long", "b"], fold=False), " ".join(["word"] * 30)
+    table = Table("", names, words("words", [long, 12345678]))
     printer = console()
     printer.width, printer.file = 40, io.StringIO()
-    printer.print(table)
+    printer.print(rendered(table, 40))
     assert "a_name_that_is_long" in printer.file.getvalue() and "12345678" in printer.file.getvalue()

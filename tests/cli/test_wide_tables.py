@@ -6,24 +6,21 @@ import io
 
 import numpy as np
 import pytest
-from rich.console import Group
 
-from twistwrench.cli.console import console
-from twistwrench.cli.plain_table import PlainTable
-from twistwrench.core import numbers
+from twistwrench.cli.terminal import console, rendered
+from twistwrench.core import numbers as printed
+from twistwrench.reports.blocks import Table, numbers, words
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 
 
 @pytest.mark.parametrize("width", [40, 80, 110])
 def test_numbers_names_and_heads_are_never_cut(width, capsys):
-    table = PlainTable("a title")
-    table.words("joint")
-    table.numbers(*(f"peak number {k}" for k in range(len(NUMBERS))))
-    table.row("shoulder_pan_joint", *NUMBERS)
+    peaks = (numbers(f"peak number {k}", [text]) for k, text in enumerate(NUMBERS))
+    table = Table("a title", words("joint", ["shoulder_pan_joint"]), *peaks)
     printer = console()
     printer.width, printer.file = width, io.StringIO()
-    printer.print(Group(table))
+    printer.print(rendered(table, width))
     shown = printer.file.getvalue()
     assert all(number in shown for number in NUMBERS)
     names = "".join(line.split()[0] for line in shown.splitlines() if line.split() and "title" not in line)
@@ -33,21 +30,19 @@ def test_numbers_names_and_heads_are_never_cut(width, capsys):
 @pytest.mark.parametrize("huge", [3e9, -1.5e120, 1e300])
 def test_huge_numbers_have_four_digits_and_their_power_of_ten(huge):
     said = [
-        numbers.torque(huge),
-        numbers.percent(huge),
-        numbers.percent_of_limit(huge),
-        numbers.deviation(abs(huge)),
-        *numbers.estimate(huge, abs(huge) / 7),
+        printed.torque(huge),
+        printed.percent(huge),
+        printed.percent_of_limit(huge),
+        printed.deviation(abs(huge)),
+        *printed.estimate(huge, abs(huge) / 7),
     ]
     assert max(map(len, said)) <= 12, said
     assert all(float(text.removesuffix(" %")) != 0 for text in said)
 
 
 def test_whole_numbers_of_numpy_stand_in_full_as_those_of_python():
-    table = PlainTable()
-    table.numbers("python", "numpy")
-    table.row(12345678, np.int64(12345678))
+    table = Table("", numbers("python", [12345678]), numbers("numpy", [np.int64(12345678)]))
     printer = console()
     printer.width, printer.file = 80, io.StringIO()
-    printer.print(table)
+    printer.print(rendered(table, 80))
     assert printer.file.getvalue().count("12345678") == 2

@@ -15,7 +15,7 @@ from places import SHARED
 
 import twistwrench as tw
 from twistwrench import load, robots
-from twistwrench.cli.robot_options import RobotOptions
+from twistwrench.cli.shared import RobotOptions
 from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_reader as csv_module

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from printed_blocks import printed
 from rich.console import Console
 from robot_files import FILES, NONE
 
@@ -186,7 +187,7 @@ def test_the_table_says_what_agrees_what_does_not_and_what_was_skipped():
     report = verify(tw.robots.planar_2r(), states=1)
     checks = (*report.checks, Check("odd", "this, that", 0.5, 1e-10), Check("late", "a, b", skipped="[no] reason"))
     console = Console(width=120, record=True, file=__import__("io").StringIO())
-    console.print(verification_view(replace(report, checks=checks)))
+    console.print(printed(verification_view(replace(report, checks=checks)), console.width))
     text = console.export_text()
     for words in ("DISAGREES: odd.", "closed form", "agrees", "DISAGREES", "5.0e-01", "skipped: [no] reason"):
         assert words in text

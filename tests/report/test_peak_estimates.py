@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from motions import report_of, write_motion, write_positions
 from places import SHARED
+from printed_blocks import printed
 from rich.console import Console
 from robot_files import FILES
 
@@ -166,13 +167,13 @@ def test_the_report_of_a_noisy_log_fits_the_console(tmp_path, width):
     robot, t, q = noisy_log(tmp_path, white=1e-4)
     report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=False, friction=False)
     console = Console(width=width, file=io.StringIO(), color_system=None)
-    console.print(report_view(report))
-    printed = console.file.getvalue()
-    assert "…" not in printed
-    assert "What the peak is made of [N m]" in printed
+    console.print(printed(report_view(report), console.width))
+    text = console.file.getvalue()
+    assert "…" not in text
+    assert "What the peak is made of [N m]" in text
     for j in report.joints:
         for value in (j.peak, j.raw, j.rms, j.chance, *j.terms.values()):
-            assert report.label(value) in printed
+            assert report.label(value) in text
 
 
 @pytest.mark.parametrize("errors", ["white", "stamps", "all"])

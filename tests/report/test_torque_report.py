@@ -212,7 +212,7 @@ def test_gaps_are_counted_across_portions():
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])
 def test_the_envelope_holds_every_value_in_few_bins(portion):
     values = np.random.default_rng(1).normal(size=(5000, 2)).cumsum(axis=0)
-    envelope = MinMaxDecimation(bins=50)
+    envelope = MinMaxDecimation(values.shape[1], bins=50)
     for k in range(0, 5000, portion):
         envelope.add(np.arange(k, min(k + portion, 5000)) * 1.0, values[k : k + portion])
     time, least, greatest = envelope.result()

@@ -10,8 +10,7 @@ import pytest
 from motions import report_of, write_motion, write_positions
 
 from twistwrench import load, robots
-from twistwrench.cli.main import main
-from twistwrench.cli.usage import with_option_names
+from twistwrench.cli.main import main, with_option_names
 from twistwrench.model.inertia_checks import massless_links
 from twistwrench.reports.load_case import parse_payload, parse_wrenches
 from twistwrench.reports.torque_report import JointTorque
@@ -42,20 +41,23 @@ BAD_INPUT = {
     "no such robot": (["nobot", "--trajectory", DEMO], "no robot file 'nobot'"),
     "no such motion": (["ur5", "--trajectory", "none.csv"], "no motion file"),
     "no bundled motion": (["panda", "--trajectory", "demo"], "no motion is bundled with 'panda'. With: ur5"),
-    "payload words": (["ur5", "--trajectory", DEMO, "--payload", "heavy"], "'heavy' is no number"),
-    "payload pair": (["ur5", "--trajectory", DEMO, "--payload", "1,2"], "has 2 numbers"),
+    "payload words": (["ur5", "--trajectory", DEMO, "--payload", "heavy"], "payload 'heavy': expected MASS[,x,y,z]"),
+    "payload pair": (["ur5", "--trajectory", DEMO, "--payload", "1,2"], "payload '1,2': expected MASS"),
     "payload below zero": (["ur5", "--trajectory", DEMO, "--payload", "-1"], "negative mass"),
-    "payload infinite": (["ur5", "--trajectory", DEMO, "--payload", "inf"], "not finite"),
+    "payload infinite": (["ur5", "--trajectory", DEMO, "--payload", "inf"], "payload 'inf': expected MASS"),
     "payload nowhere": (["ur5", "--trajectory", DEMO, "--payload", "1@hand"], "no frame named 'hand'"),
     "payload at nothing": (["ur5", "--trajectory", DEMO, "--payload", "1@"], "names no frame"),
     "wrench without frame": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "1,2,3,4,5,6"], "names no frame"),
-    "wrench too short": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0:1,2,3"], "has 3 numbers, not 6"),
+    "wrench too short": (
+        ["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0:1,2,3"],
+        "wrench on tool0 '1,2,3': expected FRAME:m,m,m,f,f,f",
+    ),
     "wrench nowhere": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "hand:0,0,0,0,0,1"], "no frame named 'hand'"),
     "lock nothing": (["ur5", "--trajectory", DEMO, "--lock", "elbow_joint"], "is not JOINT=VALUE"),
     "lock unknown": (["ur5", "--trajectory", DEMO, "--lock", "elbow=1"], "elbow"),
     "locked twice": (["ur5", "--trajectory", DEMO, *("--lock", "elbow_joint=0") * 2], "is given twice"),
     "demo in degrees": (["ur5", "--trajectory", "demo", "--degrees"], "is in radians"),
-    "wrench without numbers": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0"], "lacks the numbers"),
+    "wrench without numbers": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0"], "names no frame"),
     "no such picture folder": (["ur5", "--trajectory", DEMO, "--plot", "no/such/o.png"], "cannot write"),
     "no such option": (["ur5", "--trajectory", DEMO, "--plott", "o.png"], "--plot"),
     "no trajectory": (["ur5"], "Missing option '--trajectory'"),

@@ -193,8 +193,8 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
     ("arguments", "said"),
     [
         (["identify", "nowhere.csv"], "no log 'nowhere.csv'"),
-        (["identify", "demo", "--bias", "1,2"], "--bias '1,2' is not 6 numbers"),
-        (["identify", "demo", "--noise", "x"], "--noise 'x' is not 2 numbers"),
+        (["identify", "demo", "--bias", "1,2"], "--bias '1,2': expected 6 numbers"),
+        (["identify", "demo", "--noise", "x"], "--noise 'x': expected 2 or 6 numbers"),
         (["identify", "demo", "--sign", "by_sensor"], "Use --sign on_sensor: what is left is then noise of"),
         (["identify", "demo", "--gravity", "0"], "--gravity 0.0"),
         (["identify", "demo", "--plot", "x.exe"], "Choose one of .png, .pdf, .svg"),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from motions import SLED
+from printed_blocks import printed
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -541,7 +542,7 @@ def test_tables_fold_names_and_cut_no_number(width):
     rates = -1.23456e-5 * np.arange(1.0, robot.nv + 1)
     found = robot.simulate(None, rates, 0.02, 0.01)
     console = Console(width=width, record=True, file=StringIO())
-    console.print(simulation_view(robot, found))
+    console.print(printed(simulation_view(robot, found), console.width))
     said = console.export_text()
     assert max(map(len, said.splitlines())) <= width
     numbers = set(re.findall(r"(?<![\w.])-?\d[\d.]*(?:e[-+]\d+)?(?![\w.])", said))

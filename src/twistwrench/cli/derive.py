@@ -8,12 +8,12 @@ from textwrap import wrap
 
 import click
 
-from ..core.files import check_outputs, replacing
+from ..core.files import replacing
 from ..core.numbers import number
 from ..errors import ValueRangeError
 from ..symbolic.derivation import Derivation
-from .robot_options import RobotOptions, robot_command
-from .usage import Given, option_group
+from .main import Given, option
+from .shared import RobotOptions, robot_command
 
 _FILES = {
     "latex": "Write LaTeX, a document that compiles.",
@@ -26,38 +26,23 @@ _SHORT = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations
 _PIPED, _NARROWEST = 100, 40
 
 
-derive_options = option_group(
-    *(
-        click.option(f"--{name}", f"{name}_path", metavar="OUT|-", help=f"{text} - is the terminal.")
-        for name, text in reversed(_FILES.items())
-    ),
-    click.option("--steps", metavar="STEP,…|all", help="Which steps to print and write, by name."),
-    click.option(
-        "--form",
-        type=click.Choice(["auto", "expanded", "named"]),
-        default="auto",
-        show_default=True,
-        help="Terms written out, or names for intermediate results.",
-    ),
-    click.option(
-        "--symbols",
-        default="all",
-        show_default=True,
-        metavar="KIND|NAME,…",
-        help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
-        "the rest are numbers.",
-    ),
-)
-"""The options of the command, all but the robot's own."""
-
-
 @robot_command(
     "derive",
-    derive_options,
-    examples=(
-        "derive planar_2r",
-        "derive cart_pole --latex -",
+    *(option(f"--{name} OUT|-", f"{text} - is the terminal.") for name, text in reversed(_FILES.items())),
+    option("--steps STEP,…|all", "Which steps to print and write, by name."),
+    option(
+        "--form",
+        "Terms written out, or names for intermediate results.",
+        choices=("auto", "expanded", "named"),
+        default="auto",
     ),
+    option(
+        "--symbols KIND|NAME,…",
+        "What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
+        "the rest are numbers.",
+        default="all",
+    ),
+    examples=("derive planar_2r", "derive cart_pole --latex -"),
 )
 def derive_command(options: RobotOptions, given: Given) -> None:
     """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
@@ -66,13 +51,13 @@ def derive_command(options: RobotOptions, given: Given) -> None:
 
     robot = options.load()
     require_sympy("twistwrench derive")
-    outputs = {name: path for name in _FILES if (path := getattr(given, f"{name}_path")) is not None}
+    outputs = {name: path for name in _FILES if (path := getattr(given, name)) is not None}
     shown = [name for name, path in outputs.items() if path == "-"]
     if len(shown) > 1:
         raise ValueRangeError(
             f"only one of {', '.join(f'--{n}' for n in shown)} can go to the terminal (-). Name files for the others."
         )
-    check_outputs({f"--{name}": path for name, path in outputs.items() if path != "-"}, options.files)
+    given.check_files(options.files)
     words = [word.strip() for word in given.symbols.split(",") if word.strip()]
     derivation = derive(robot, symbols=words, form=given.form)
     every = (

@@ -1,217 +1,94 @@
-"""The command ``twistwrench identify``: options, logs of any length, files of the result, and its report."""
+"""The commands ``twistwrench identify`` and ``excite``: parameters from logs of any length, and motions that tell them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
-from rich.console import Group, RenderableType
-from rich.text import Text
+import numpy as np
 
-from ..core.files import check_outputs, picture_path, replacing
-from ..core.numbers import estimate, number, percent, plus_minus
-from ..core.tables import CsvWriter
+from .. import identification
+from ..core.files import replacing
+from ..core.numbers import estimate, number, percent, percent_of_limit, plus_minus
 from ..core.text import listed
 from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Word
-from ..errors import ValueRangeError
+from ..errors import UnknownNameError, ValueRangeError
 from ..formats.actuators import actuator_content
-from ..identification import IdentifiedRobot, NormalEquationBlocks, accumulate, identify, without_links
 from ..identification.payload import motor_side, read_motion
-from ..joints.units import heading_unit
+from ..joints.units import heading_unit, units_of
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
+from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..robot import Robot
-from .console import (
-    check_matplotlib,
-    expand_paths,
-    progress_bar,
-    show,
-    show_written,
-    total_bytes,
-    worker_options,
-)
-from .motion_options import (
-    COLUMNS,
-    FRICTION_LAWS,
-    LOCK_MISSING,
-    NO_MOTOR_INERTIA,
-    RATE,
-    check_payload,
-    parse_columns,
-    parse_friction,
-    parse_known,
-    with_torques,
-)
-from .plain_table import PlainTable, verdict_word
-from .robot_options import RobotOptions, bundled, robot_command
-from .usage import Given, option_group
-
-
-class RobotFiles(NamedTuple):
-    """Files of the robot that were written, and notes on them; None: nothing is written after LOOK AGAIN."""
-
-    written: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-def write_robot(
-    found: IdentifiedRobot, given: Given, strength: float | None, actuators: dict[str, Any] | None
-) -> RobotFiles | None:
-    """Write the robot's file and its actuators; ``actuators`` are those to keep. Raises errors of the library."""
-    if found.verdict.word is Word.LOOK_AGAIN and not given.force:
-        return None
-    paths = tuple(filter(None, (given.out_path, given.actuators_out)))
-    if not paths:
-        return RobotFiles()
-    if strength is not None:
-        found.__dict__["consistent"] = found.consistent_at(strength)
-    names = ["+".join(Path(part).name for part in x.split("+")) for x in given.logs]
-    notes = found.write(given.out_path, given.actuators_out, given=actuators, logs=names, force=given.force)
-    return RobotFiles(paths, tuple(notes))
-
-
-def write_results(found: IdentifiedRobot, given: Given, robot: RobotFiles | None) -> None:
-    """Write all other files, and print what was written; after LOOK AGAIN only JSON and pictures."""
-    if given.json_path is not None:
-        with replacing(given.json_path) as scratch:
-            scratch.write_text(found.to_json(essential=given.essential), encoding="utf-8")
-        show_written(given.json_path)
-    if given.plot_path is not None:
-        show_written(found.plot(given.plot_path))
-    if given.report_path is not None:
-        show_written(found.report(given.report_path))
-    if robot is None:
-        if any((given.out_path, given.actuators_out, given.csv_path)):
-            click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
-        return
-    for note in robot.notes:
-        click.echo(f"note: {note}", err=True)
-    show_written(*robot.written)
-    if given.csv_path is not None:
-        _write_table(found, given.csv_path)
-        show_written(given.csv_path)
-
-
-def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
-    with replacing(path) as scratch, scratch.open("wb") as file:
-        writer = CsvWriter(file)
-        writer.row(["group", "value", "deviation", "low", "high", "file"])
-        for name, value, deviation, (low, high), before in zip(
-            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
-        ):
-            writer.row([name, *map(float, (value, deviation, low, high, before))])
-
-
-# ── Logs of any length: information in portions, added to what was saved
-
-LARGE = 1 << 26
-"""Bytes of all logs, from which they are read in portions."""
-
-
-def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> IdentifiedRobot:
-    """Robot identified from all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
-    with workers_of(given.workers, given.scheduler) as team:
-        settings = {**options, "client": team.client}
-        information = _accumulated(robot, given.logs, given.old_path, settings)
-        tested = accumulate(robot, given.tests, like=information, **settings) if given.tests else None
-    found = information.identified(tested)
-    if given.information_path is not None:
-        information.save(given.information_path)
-    return found
-
-
-def _accumulated(robot: Robot, logs: tuple[str, ...], old: str | None, options: dict[str, Any]) -> NormalEquationBlocks:
-
-    if old is None:
-        return accumulate(robot, logs, **options)
-    before = NormalEquationBlocks.load(old, robot)
-    if twice := sorted(set(before.logs) & set(logs)):
-        raise ValueRangeError(f"{old} has the rows of {twice[0]!r} already. Leave that log out.")
-    return before + accumulate(robot, logs, like=before, **options)
-
-
-# ── The command
+from ..typing import Array
+from . import shared
+from .main import Given, check_matplotlib, option
+from .shared import RobotOptions, robot_command
+from .terminal import progress_bar, show
 
 _AUTO = "auto"
-
-
-identify_options = option_group(
-    click.option(
-        "--keep-close",
-        metavar="STRENGTH",
-        default=_AUTO,
-        show_default=True,
-        help="How strongly bodies are held near the file's, 0.01 to 100000.",
-    ),
-    click.option("--actuators-out", metavar="OUT.yaml", help="Write friction and motor inertias as an actuator file."),
-    click.option("--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."),
-    click.option(
-        "--information", "information_path", metavar="OUT.npz", help="Save what all rows say, to be added to later."
-    ),
-    click.option("--add", "old_path", metavar="OLD.npz", help="Add the logs to what was saved with --information."),
-    worker_options,
-    click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
-    click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
-    click.option("--plot", "plot_path", metavar="OUT.png", help="Draw measured and predicted torques, groups, and γ."),
-    click.option("--report", "report_path", metavar="OUT.html", help="Write all of it as one page."),
-    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
-    FRICTION_LAWS,
-    click.option(
-        "--stribeck-speed",
-        type=float,
-        metavar="SPEED",
-        default=0.1,
-        show_default=True,
-        help="At which static friction has faded, where stribeck is asked for [rad/s, m/s].",
-    ),
-    click.option(
-        "--payload-only",
-        metavar="FRAME",
-        help="Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
-    ),
-    click.option(
-        "--known",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
-    ),
-    click.option("--essential", is_flag=True, help="Print the fewest groups that predict as well as all of them."),
-    NO_MOTOR_INERTIA,
-    click.option(
-        "--method",
-        type=click.Choice(["irls", "wls", "ols"]),
-        default="irls",
-        show_default=True,
-        help="Least squares: robust, weighted, or plain.",
-    ),
-    click.option("--shift", metavar="SECONDS", default=_AUTO, show_default=True, help="Torques later than positions."),
-    click.option("--cutoff", metavar="HZ", default=_AUTO, show_default=True, help="Of the low-pass, without delay."),
-    LOCK_MISSING,
-    RATE,
-    COLUMNS,
-    click.option(
-        "--without",
-        "left_out",
-        metavar="LINK",
-        multiple=True,
-        help="The robot of the logs lacks this link; may be repeated.",
-    ),
-    click.option(
-        "--test", "tests", metavar="LOG", multiple=True, help="A log that is only predicted; may be repeated."
-    ),
-    click.argument("logs", metavar="LOG...", nargs=-1, required=True),
+FRICTION_LAWS = option(
+    "--friction LAWS",
+    "What each joint has besides its bodies: viscous, coulomb, stribeck, offset; 'none' for nothing.",
+    default="viscous,coulomb,offset",
 )
-"""The options of the command and its LOGs."""
+NO_MOTOR_INERTIA = option("--no-motor-inertia", "Joints have no motor's inertia besides their bodies.")
+
+
+def parse_friction(text: str) -> tuple[str, ...]:
+    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
+
+    >>> parse_friction("viscous, offset"), parse_friction("none")
+    (('viscous', 'offset'), ())
+    """
+    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))
 
 
 @robot_command(
     "identify",
-    identify_options,
+    option("--keep-close STRENGTH", "How strongly bodies are held near the file's, 0.01 to 100000.", default=_AUTO),
+    option("--actuators-out OUT.yaml", "Write friction and motor inertias as an actuator file."),
+    option("--out OUT.urdf", "Write the robot's file with the identified numbers."),
+    option("--information OUT.npz", "Save what all rows say, to be added to later."),
+    option("--add OLD.npz", "Add the logs to what was saved with --information."),
+    shared.worker_options,
+    option("--force", "Write the files in spite of the verdict LOOK AGAIN."),
+    option("--json OUT.json", "Write everything found as JSON, in SI units."),
+    option("--plot OUT.png", "Draw measured and predicted torques, groups, and γ."),
+    option("--report OUT.html", "Write all of it as one page."),
+    option("--csv OUT.csv", "Write the groups with their intervals as a table."),
+    FRICTION_LAWS,
+    option(
+        "--stribeck-speed SPEED",
+        "At which static friction has faded, where stribeck is asked for [rad/s, m/s].",
+        default=0.1,
+    ),
+    option(
+        "--payload-only FRAME",
+        "Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
+    ),
+    option(
+        "--known NAME=VALUE",
+        "Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
+        multiple=True,
+    ),
+    option("--essential", "Print the fewest groups that predict as well as all of them."),
+    NO_MOTOR_INERTIA,
+    option("--method", "Least squares: robust, weighted, or plain.", choices=("irls", "wls", "ols"), default="irls"),
+    option("--shift SECONDS", "Torques later than positions.", default=_AUTO),
+    option("--cutoff HZ", "Of the low-pass, without delay.", default=_AUTO),
+    shared.LOCK_MISSING,
+    shared.RATE,
+    shared.COLUMNS,
+    option("--without LINK", "The robot of the logs lacks this link; may be repeated.", multiple=True),
+    option("--test LOG", "A log that is only predicted; may be repeated.", "tests", multiple=True),
+    click.argument("logs", metavar="LOG...", nargs=-1, required=True),
     examples=("identify my_arm.urdf log.csv --test other_log.csv --report report.html",),
     robot_first=True,
 )
@@ -223,30 +100,21 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
     inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
-    check_matplotlib(given.plot_path or given.report_path)
-    given.plot_path = None if given.plot_path is None else picture_path(given.plot_path)
-    outputs: dict[str, str | Path | None] = {
-        "--plot": given.plot_path,
-        "--report": given.report_path,
-        "--out": given.out_path,
-        "--actuators-out": given.actuators_out,
-        "--csv": given.csv_path,
-        "--json": given.json_path,
-        "--information": given.information_path,
-    }
+    if given.report is not None:
+        check_matplotlib()
     # The one output that may be an input: it is replaced when it is whole.
-    updated = given.old_path == given.information_path
-    check_outputs(outputs, {**inputs, **options.files, "--add": None if updated else given.old_path})
+    added = None if given.add == given.information else given.add
+    outputs = given.check_files({**inputs, **options.files, "--add": added})
     fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
-    check_payload(given.payload_only, [name for name, path in outputs.items() if path is not None])
+    check_payload(given.payload_only, outputs)
     robot, side = _robot(options, given.logs[0], given.columns, lock_missing=given.lock_missing)
-    robot = without_links(robot, given.left_out)
+    robot = identification.without_links(robot, given.without)
     with progress_bar("identifying") as progress:
         found = _identified(robot, options, given, {**fitting, "motor_side": side, "progress": progress})
-    files = write_robot(found, given, strength, _actuators(options))
-    show(identification_view(found, essential=given.essential))
-    show_written(given.information_path)
-    write_results(found, given, files)
+    notes = write_robot(found, given, strength, options)
+    show(*identification_view(found, essential=given.essential))
+    shared.show_written(given.information)
+    write_results(found, given, notes)
     return found.verdict.exit_code
 
 
@@ -258,57 +126,48 @@ def _fitting(given: Given) -> dict[str, Any]:
         "motor_inertia": not given.no_motor_inertia,
         "cutoff": _number(given.cutoff, "--cutoff"),
         "shift": _number(given.shift, "--shift"),
-        "method": given.method,
-        "payload_only": given.payload_only,
-        "stribeck_speed": given.stribeck_speed,
+        **given.pick("method", "payload_only", "stribeck_speed"),
     }
 
 
-def _identified(robot: Robot, options: RobotOptions, given: Given, fitting: dict[str, Any]) -> IdentifiedRobot:
+def _identified(
+    robot: Robot, options: RobotOptions, given: Given, fitting: dict[str, Any]
+) -> identification.IdentifiedRobot:
     """The fit to the logs: in memory, or by portions if they are long or are to be added up."""
     reading: dict[str, Any] = {
-        "columns": parse_columns(given.columns),
+        "columns": shared.parse_columns(given.columns),
         "rate": given.rate,
         "degrees": options.degrees,
     }
     paths = (*given.logs, *given.tests)
-    portions = any(x is not None for x in (given.information_path, given.old_path, given.workers, given.scheduler))
+    portions = any(x is not None for x in (given.information, given.add, given.workers, given.scheduler))
     if portions or total_bytes(paths) > LARGE:
         return robot_from_portions(robot, given, {**fitting, **reading})
-    side = fitting["motor_side"]
-    motions = {
-        path: with_torques(path, read_motion(path, robot, side=side, **reading)) for path in dict.fromkeys(paths)
-    }
+    motions = {path: read_motion(path, robot, side=fitting["motor_side"], **reading) for path in dict.fromkeys(paths)}
+    if lacking := [path for path, motion in motions.items() if motion.tau is None]:
+        raise ValueRangeError(
+            f"{lacking[0]}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+            f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
+        )
     train, test = [motions[path] for path in given.logs], [motions[path] for path in given.tests]
-    return identify(robot, train, test=test, **fitting)
+    return identification.identify(robot, train, test=test, **fitting)
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Expand folders and patterns to files, sorted by name, and ``demo`` to the bundled log."""
     found: list[str] = []
     for text in paths:
-        found += expand_paths(bundled(text, options.source, "_log.csv", "log"), text)
+        found += shared.expand_paths(shared.bundled(text, options.source, "_log.csv", "log"), text)
     return tuple(found)
 
 
 def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:
     """Robot without its actuators, and the side of the gears that logs are measured on."""
-    held = (
-        partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
-    )
-    bare = replace(options, actuators=None)
-    robot, _ = bare.load_and_locked(held=held)
-    if options.actuators is None:
-        return robot, None
-    return robot, motor_side(robot.model, bundled(options.actuators, options.source, ".yaml", "actuator file"))
-
-
-def _actuators(options: RobotOptions) -> dict[str, Any] | None:
-    """Content of the actuator file given; None without one."""
-    if options.actuators is None:
-        return None
-
-    return actuator_content(bundled(options.actuators, options.source, ".yaml", "actuator file"))
+    held = None
+    if lock_missing:
+        held = partial(joints_without_column, open_motion_file(log), columns=shared.parse_columns(columns))
+    robot, _ = replace(options, actuators=None).load_and_locked(held=held)
+    return robot, options.actuator_file and motor_side(robot.model, options.actuator_file)
 
 
 def _number(text: str, option: str) -> float | None:
@@ -320,6 +179,130 @@ def _number(text: str, option: str) -> float | None:
         raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
 
 
+# ── Logs of any length: information in portions, added to what was saved
+
+LARGE = 1 << 26
+"""Bytes of all logs, from which they are read in portions."""
+
+
+def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> identification.IdentifiedRobot:
+    """Robot identified from all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
+    accumulate = partial(identification.accumulate, robot, **options)
+    with workers_of(given.workers, given.scheduler) as team:
+        before = None if given.add is None else identification.NormalEquationBlocks.load(given.add, robot)
+        if before is not None and (twice := sorted(set(before.logs) & set(given.logs))):
+            raise ValueRangeError(f"{given.add} has the rows of {twice[0]!r} already. Leave that log out.")
+        information = accumulate(given.logs, like=before, client=team.client)
+        information = information if before is None else before + information
+        tested = accumulate(given.tests, like=information, client=team.client) if given.tests else None
+    found = information.identified(tested)
+    if given.information is not None:
+        information.save(given.information)
+    return found
+
+
+def total_bytes(paths: Sequence[str]) -> int:
+    """Sum of the sizes of files, ``a.csv+b.csv`` among them; unreadable files count as zero."""
+    total = 0
+    for path in paths:
+        for part in [path] if Path(path).exists() else path.split("+"):
+            try:
+                total += Path(part.strip()).stat().st_size * (10 if part.endswith(".gz") else 1)
+            except OSError:
+                continue
+    return total
+
+
+# ── Known values of parameters, ``--known``
+
+_UNITS = {
+    "m": ("kg",),
+    **dict.fromkeys(("mcx", "mcy", "mcz"), ("kg m",)),
+    **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"), ("kg m^2",)),
+    "motor_inertia": ("kg m^2", "kg"),
+    "viscous": ("N m s/rad", "N s/m"),
+    **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
+}
+"""SI units of each kind of parameter: that of turning joints first."""
+
+
+def parse_known(texts: Sequence[str]) -> dict[str, float]:
+    """Values by the names of parameters; ``.mass`` is ``.m``. Raises ValueRangeError.
+
+    >>> parse_known(["link_3.mass=0.73 kg", "joint_2.viscous=1.2"])
+    {'link_3.m': 0.73, 'joint_2.viscous': 1.2}
+    """
+    found = dict[str, float]()
+    for text in texts:
+        name, equal, value = (part.strip() for part in text.rpartition("="))
+        owner, _, kind = name.rpartition(".")
+        kind = {"mass": "m"}.get(kind, kind)
+        number, _, unit = value.partition(" ")
+        allowed = _UNITS.get(kind)
+        if equal and owner and allowed is None:
+            raise UnknownNameError(f"--known {text!r}: {UnknownNameError.from_choices('parameter', kind, _UNITS)}")
+        try:
+            if not equal or not owner or allowed is None:
+                raise ValueError  # noqa: TRY301  the same sentence answers all of it
+            found[f"{owner}.{kind}"] = float(number)
+        except ValueError:
+            raise ValueRangeError(
+                f"--known {text!r} is not NAME=VALUE, for example link_3.m=0.73. Links and joints have: "
+                f"{', '.join(_UNITS)}."
+            ) from None
+        if unit and unit.strip() not in allowed:
+            raise ValueRangeError(f"--known {text!r}: the unit {unit.strip()!r} is not {' or '.join(allowed)}.")
+    return found
+
+
+def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
+    """Raise ValueRangeError if an output is requested that a payload alone does not have."""
+    refused = [name for name in outputs if name not in ("--json", "--csv")]
+    if frame is not None and refused:
+        raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is no robot. --json writes it.")
+
+
+# ── Files
+
+
+def write_robot(
+    found: identification.IdentifiedRobot, given: Given, strength: float | None, options: RobotOptions
+) -> list[str] | None:
+    """Write the robot's file and its actuators; notes on them, None where nothing is written after LOOK AGAIN."""
+    if found.verdict.word is Word.LOOK_AGAIN and not given.force:
+        return None
+    if given.out is None and given.actuators_out is None:
+        return []
+    if strength is not None:
+        found.__dict__["consistent"] = found.consistent_at(strength)
+    before = options.actuator_file and actuator_content(options.actuator_file)
+    names = ["+".join(Path(part).name for part in log.split("+")) for log in given.logs]
+    return list(found.write(given.out, given.actuators_out, given=before, logs=names, force=given.force))
+
+
+def write_results(found: identification.IdentifiedRobot, given: Given, notes: list[str] | None) -> None:
+    """Write all other files, and print what was written; after LOOK AGAIN only JSON and pictures."""
+    if given.json is not None:
+        with replacing(given.json) as scratch:
+            scratch.write_text(found.to_json(essential=given.essential), encoding="utf-8")
+        shared.show_written(given.json)
+    if given.plot is not None:
+        shared.show_written(found.plot(given.plot))
+    if given.report is not None:
+        shared.show_written(found.report(given.report))
+    if notes is None:
+        if any((given.out, given.actuators_out, given.csv)):
+            click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
+        return
+    for note in notes:
+        click.echo(f"note: {note}", err=True)
+    shared.show_written(given.out, given.actuators_out)
+    low, high = found.interval().T
+    columns = {"group": found.groups, "value": found.values, "deviation": found.standard_deviations}
+    shared.write_csv(given.csv, columns | {"low": low, "high": high, "file": found.prior.mean})
+    shared.show_written(given.csv)
+
+
 # ── The report
 
 
@@ -327,76 +310,166 @@ _KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, 
 _VAGUE = 5
 
 
-def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> RenderableType:
+def identification_view(found: identification.IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
     """Verdict and its basis; with the essential groups if ``essential``."""
-    return Group(*_parts(found), *(_essential(found) if essential else ()))
-
-
-def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
-    verdict = found.verdict
-    yield Text.assemble(
-        verdict_word(verdict.word),
-        f"  {found.original.name}: {percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}",
+    left = f"{percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}"
+    yield verdict(found.verdict.word, f"  {found.original.name}: {left}")
+    yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
+    yield from found.notes
+    yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
+    yield Table(
+        "Residuals of rows held out",
+        words("joint", found.held_out.joints),
+        numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
+        numbers(
+            "size", found.sigma, unit=heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
+        ),
     )
-    for doubt in found.doubts:
-        yield Text(f"• {doubt.sentence}", "" if not doubt.refuses else "red")
-    for note in found.notes:
-        yield Text(note)
-    yield Text(
-        f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
-    )
-    yield _residuals(found)
-    yield from _payload(found)
+    if (payload := found.payload) is not None:
+        com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
+        mass = plus_minus(payload.mass, payload.mass_deviation)
+        yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
+        if payload.unidentifiable:
+            yield f"no torque of this robot tells {', '.join(payload.unidentifiable)}: taken as the file has it"
     yield _groups(found)
     if found.base.held.any():
-        yield Text(f"{int(found.base.held.sum())} parameters were held at known values")
+        yield f"{int(found.base.held.sum())} parameters were held at known values"
     if vague := found.vague:
         names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
-        yield Text(f"vague, deviation beyond 30 %: {names}")
+        yield f"vague, deviation beyond 30 %: {names}"
+    if essential:
+        yield _essential(found)
 
 
-def _payload(found: IdentifiedRobot) -> Iterator[Text]:
-    payload = found.payload
-    if payload is None:
-        return
-    com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
-    yield Text(
-        f"payload at {payload.frame}: {plus_minus(payload.mass, payload.mass_deviation)} kg, centre of mass "
-        f"({com}) m in its frame"
+def _groups(found: identification.IdentifiedRobot) -> Table:
+    free = ~found.base.held
+    pairs = [estimate(x, d) for x, d in zip(found.values[free], found.standard_deviations[free], strict=True)]
+    low, high = found.interval()[free].T
+    return Table(
+        f"{int(free.sum())} groups of parameters",
+        words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
+        numbers("value", [value for value, _ in pairs]),
+        numbers("deviation", [deviation for _, deviation in pairs]),
+        numbers("95 % from", low),
+        numbers("to", high),
+        numbers("file", found.prior.mean[free]),
     )
-    if payload.unidentifiable:
-        yield Text(f"no torque of this robot tells {', '.join(payload.unidentifiable)}: taken as the file has it")
 
 
-def _essential(found: IdentifiedRobot) -> Iterator[Text]:
+def _essential(found: identification.IdentifiedRobot) -> str:
     one = found.essential
     names = "; ".join(
         f"{name.split(' ')[0]} {number(value)}" for name, value in zip(one.names, one.values, strict=True)
     )
-    yield Text(
+    return (
         f"{len(one.names)} essential groups of {int((~found.base.held).sum())} predict rows held out to "
         f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): {names}"
     )
 
 
-def _residuals(found: IdentifiedRobot) -> PlainTable:
-    table = PlainTable("Residuals of rows held out")
-    table.words("joint")
-    table.numbers(
-        "held out", f"size [{heading_unit('tau', Coordinates.from_model(found.original.model).angular_velocity)}]"
+# ── ``excite``: a motion whose log tells most
+
+
+@robot_command(
+    "excite",
+    option("--out OUT.csv", "Write the motion, as 'torques', 'view' and 'plot' read it."),
+    option("--step SECONDS", "Between rows of --out.", default=0.01),
+    option("--noise NM", "Of the torques [N m, N]; a hundredth of each limit if not given.", type=float),
+    option("--restarts", "How often the search begins anew.", default=3),
+    option("--seed", "Of the motions it begins with.", default=0),
+    option("--ignore-self", "Do not keep links clear of each other; the answer is then UNSURE."),
+    option("--floor Z", "Height that no link goes below [m].", type=float),
+    option(
+        "--criterion",
+        "What is sought: the largest log det of the information, or the least median of the deviations.",
+        choices=("log_det", "deviations"),
+        default="log_det",
+    ),
+    option("--acceleration A", "Limit every joint to it, used wholly [rad/s², m/s²].", type=float),
+    option("--share", "Of the robot's limits that the motion uses.", default=0.9),
+    FRICTION_LAWS,
+    NO_MOTOR_INERTIA,
+    option("--harmonics", "Of the Fourier series.", default=5),
+    option("--seconds", "How long, the first harmonic.", "duration", default=20.0),
+    examples=("excite panda --seconds 20 --harmonics 5 --out motion.csv",),
+    robot_first=True,
+)
+def excite_command(options: RobotOptions, given: Given) -> ExitCode:
+    """A motion whose log tells the robot's masses, inertias and friction best, at rest at both ends and within all limits.
+
+    The limits are those of positions, velocities, accelerations and torques, and the floor if one is given. Links stay 20 mm
+    away from it and from each other, by capsules around the shapes of the robot's file; of links without shapes capsules are
+    assumed. The first word is the verdict: OK ends with exit code 0; UNSURE with 1 where capsules are assumed or something was
+    not looked at. The motion is written in either case.
+    """
+    given.check_files(options.files)
+    robot = options.load()
+    with progress_bar("looking for a motion") as progress:
+        found = identification.exciting_trajectory(
+            robot,
+            given.duration,
+            given.harmonics,
+            clear_of_itself=not given.ignore_self,
+            motor_inertia=not given.no_motor_inertia,
+            friction=parse_friction(given.friction),
+            progress=progress,
+            **given.pick("share", "acceleration", "floor", "criterion", "noise", "seed", "restarts", "step"),
+        )
+    show(*excitation_view(found, degrees=options.degrees))
+    if given.out is not None:
+        click.echo(f"wrote {found.to_csv(given.out, degrees=options.degrees)}")
+    return found.verdict.exit_code
+
+
+def excitation_view(found: identification.ExcitingMotion, *, degrees: bool) -> Iterator[Block]:
+    """The verdict, heading, a row per joint, and a row per group."""
+    yield from _excitation_verdict(found)
+    yield ""
+    yield Line(
+        (found.robot.name, "bold"),
+        f"  ·  {number(found.duration)} s, {found.series.harmonics} harmonics, at rest at both ends  ·  condition "
+        f"{number(found.condition)}  ·  log det {number(found.log_det)}  ·  median deviation "
+        f"{number(np.median(found.predicted_deviations), 2)}",
     )
-    for (name, share), sigma in zip(found.held_out.joints.items(), found.sigma, strict=True):
-        table.row(name, percent(share, 3), sigma)
-    return table
+    yield _excited_joints(found, degrees=degrees)
+    base = found.information.base
+    yield Table(
+        f"{base.count} groups of parameters, and how sure a log of the motion makes them",
+        words("group", found.groups),
+        numbers("file", base.project(base.unknown.file_values)),
+        numbers("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
+    )
 
 
-def _groups(found: IdentifiedRobot) -> PlainTable:
-    table = PlainTable(f"{int((~found.base.held).sum())} groups of parameters")
-    table.words("group")
-    table.numbers("value", "deviation", "95 % from", "to", "file")
-    rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
-    for held, (name, value, deviation, (low, high), before) in zip(found.base.held, rows, strict=True):
-        if held:
-            continue
-        table.row(name, *estimate(value, deviation), low, high, before)
-    return table
+def _excitation_verdict(found: identification.ExcitingMotion) -> Iterator[Block]:
+    """Verdict with the least distances or its reasons, a line each."""
+    what = {"itself": "of capsules around links from each other", "floor": "from the floor"}
+    least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
+    distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
+    first, *others = found.verdict.reasons or (distances,)
+    yield verdict(found.verdict.word, f": {first}.")
+    yield from (f"  - {reason}." for reason in others)
+    if found.verdict.reasons and least:
+        yield f"{distances[0].upper()}{distances[1:]}."
+
+
+def _excited_joints(found: identification.ExcitingMotion, *, degrees: bool) -> Table:
+    robot, peaks = found.robot, found.peaks
+    turning = Coordinates.from_model(robot.model).angular_velocity
+    factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
+    place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
+
+    def shares(part: str, limits: Array) -> list[float | None]:
+        return [v / m if math.isfinite(m) and m > 0 else None for v, m in zip(peaks[part], limits, strict=True)]
+
+    return Table(
+        "",
+        words("joint", robot.model.velocity_names, fold=False),
+        numbers("from", peaks["lower"] * factor, unit=place),
+        numbers("to", peaks["upper"] * factor),
+        numbers("peak", peaks["velocity"] * factor, unit=speed),
+        numbers("share", shares("velocity", robot.limits.velocity), percent_of_limit),
+        numbers(f"[{rate}]", peaks["acceleration"] * factor),
+        numbers(f"[{torque}]", peaks["torque"]),
+        numbers("share", shares("torque", robot.limits.effort), percent_of_limit),
+    )

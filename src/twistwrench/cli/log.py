@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from ..core.numbers import number, percent
 from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
+from ..reports.blocks import Block, Line, Table, numbers, words
 from ..reports.log_quality import LogColumn, LogQuality
-from .console import expand_paths, progress_bar, show, worker_options
-from .plain_table import PlainTable
-from .usage import Given, command
+from .main import Given, command, option
+from .shared import expand_paths, worker_options
+from .terminal import progress_bar, show
 
 
 @click.group(name="log", cls=click.Group)
@@ -30,7 +30,7 @@ def log_command() -> None:
     "info",
     click.argument("files", metavar="FILE...", nargs=-1, required=True),
     worker_options,
-    click.option("--json", "as_json", is_flag=True, help="Print everything as JSON."),
+    option("--json", "Print everything as JSON."),
     examples_=("log info log.csv",),
     short_help="Rates, gaps, and the range and noise of each column.",
 )
@@ -48,10 +48,10 @@ def info(given: Given) -> ExitCode:
                 failed.append((path, result.reason))
             else:
                 found.append(result)
-    if given.as_json:
+    if given.json:
         click.echo(json.dumps([_plain({**asdict(q), "path": str(q.path)}) for q in found], indent=2))
     else:
-        show(*map(log_view, found))
+        show(*(block for quality in found for block in log_view(quality)))
     for path, reason in failed:
         click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE
@@ -73,24 +73,28 @@ _MANY_ZEROS, _FEW_STEPS = 0.1, 50
 """Share of rows that are exactly zero, and grid steps over the whole range, from which a column is remarked."""
 
 
-def log_view(quality: LogQuality) -> RenderableType:
+def log_view(quality: LogQuality) -> Iterator[Block]:
     """A line on the clock, and a table of the columns."""
-    table = PlainTable()
-    table.words("column")
-    table.numbers("least", "most", "grid", "noise")
-    table.words("", style="yellow")
-    for column in quality.columns:
-        table.row(column.name, column.least, column.most, column.grid or None, column.noise or None, _said(column))
-    notes = [Text(f"note: {note}") for note in quality.notes]
-    return Group(Text.assemble((quality.path.name, "bold"), f"  {_clock(quality)}"), table, *notes)
+    columns = quality.columns
+    yield Line((quality.path.name, "bold"), f"  {_clock(quality)}")
+    yield Table(
+        "",
+        words("column", [column.name for column in columns]),
+        numbers("least", [column.least for column in columns]),
+        numbers("most", [column.most for column in columns]),
+        numbers("grid", [column.grid or None for column in columns]),
+        numbers("noise", [column.noise or None for column in columns]),
+        words("", map(_doubts, columns), style="yellow"),
+    )
+    yield from (f"note: {note}" for note in quality.notes)
 
 
 def _clock(quality: LogQuality) -> str:
     if not quality.time:
         return f"{quality.rows} rows, no column of time"
-    said = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
+    parts = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
     if math.isfinite(quality.jitter) and quality.jitter * quality.rate > 1e-3:
-        said.append(f"steps vary by {percent(quality.jitter * quality.rate, 2)}")
+        parts.append(f"steps vary by {percent(quality.jitter * quality.rate, 2)}")
     longest = f", the longest {number(quality.longest)} s"
     for count, one, several in (
         (quality.gaps, f"gap{longest}", f"gaps{longest}"),
@@ -98,16 +102,16 @@ def _clock(quality: LogQuality) -> str:
         (quality.backward, "stamp runs back", "stamps run back"),
     ):
         if count:
-            said.append(f"{count} {one if count == 1 else several}")
-    return "; ".join(said)
+            parts.append(f"{count} {one if count == 1 else several}")
+    return "; ".join(parts)
 
 
-def _said(column: LogColumn) -> str:
+def _doubts(column: LogColumn) -> str:
     if column.dead:
         return "one number throughout"
-    said = [f"cut off: {percent(column.cut, 2)} of the rows at an extreme"] if column.cut else []
+    parts = [f"cut off: {percent(column.cut, 2)} of the rows at an extreme"] if column.cut else []
     if column.zeros > _MANY_ZEROS:
-        said.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
+        parts.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
     if column.grid and column.most - column.least < _FEW_STEPS * column.grid:
-        said.append(f"no more than {round((column.most - column.least) / column.grid)} steps of its grid in all")
-    return "; ".join(said)
+        parts.append(f"no more than {round((column.most - column.least) / column.grid)} steps of its grid in all")
+    return "; ".join(parts)

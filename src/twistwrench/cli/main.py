@@ -1,4 +1,4 @@
-"""The shell: its commands, each loaded from its file when it is called.
+"""The shell: its commands, each loaded from its file when it is called, their help, streams, errors and exit codes.
 
 Commands read options, call one function of the library, and turn errors into one line and an exit code, those of
 :mod:`twistwrench.core.verdict`.
@@ -6,12 +6,361 @@ Commands read options, call one function of the library, and turn errors into on
 
 from __future__ import annotations
 
+import errno
+import logging
+import os
+import re
+import shlex
+import signal
+import sys
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from functools import wraps
 from importlib import import_module
-from typing import NamedTuple
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple, TypeAlias
 
 import click
 
-from .usage import Commands, examples
+from ..core.arguments import visible
+from ..core.files import check_outputs, picture_path
+from ..core.verdict import ExitCode, end_at_once
+from ..errors import ModelWarning, TwistWrenchError
+
+
+class RobotOption(click.Option):
+    """Option for reading the robot, shared by all commands."""
+
+
+class OwnOptionsFirst(click.Command):
+    """A command whose help lists its own options before those of the robot."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write them in two sections."""
+        records = [(p, p.get_help_record(ctx)) for p in self.get_params(ctx) if isinstance(p, click.Option)]
+        own = [record for param, record in records if record and not isinstance(param, RobotOption)]
+        shared = [record for param, record in records if record and isinstance(param, RobotOption)]
+        for title, rows in (("Options", own), ("How the robot is read", shared)):
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+# ── Standard output and error, whatever the system's code page
+
+
+class VisibleStream:
+    """Standard output or error that escapes control characters, so that text of files cannot steer the terminal."""
+
+    def __init__(self, stream: Any) -> None:
+        # Rich writes past this one: its colours are ours, and its text is escaped before.
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        """Write with escapes."""
+        self.rich_proxied_file.write(visible(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
+def use_utf8() -> None:
+    """Write files and pipes in UTF-8, as Python does from 3.15 on; a terminal keeps its encoding.
+
+    A sign that a terminal, or the encoding named by ``PYTHONIOENCODING``, does not have becomes a question mark.
+    """
+    streams: tuple[Any, ...] = (sys.stdout, sys.stderr)
+    for stream in streams:
+        if stream not in (sys.__stdout__, sys.__stderr__):  # a caller's own
+            continue
+        change = getattr(stream, "reconfigure", None)
+        if stream is None or change is None or str(stream.encoding).lower() in ("utf-8", "utf8"):
+            continue
+        if os.environ.get("PYTHONIOENCODING") or stream.isatty():
+            change(errors="replace")
+        else:
+            change(encoding="utf-8")
+
+
+# ── Endings: one line and an exit code for each error, in words of options
+
+_KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
+"""A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
+
+_REFUSED = tuple(
+    getattr(errno, name)
+    for name in ["ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "ENAMETOOLONG", "ENOMEM", "EMFILE", "ENFILE"]
+)
+"""Error numbers of the system that are not faults of the program: full disks, names too long, and the like."""
+
+_LONGEST = 80
+_HEARD: list[bool] = []
+"""Not empty after Ctrl-C."""
+
+TRACEBACK = "TWISTWRENCH_TRACEBACK"
+"""The environment variable that shows where a fault of the program arose."""
+
+
+class Commands(click.Group):
+    """Commands with errors of one line each and the exit codes of :class:`~twistwrench.core.verdict.ExitCode`."""
+
+    command_class = OwnOptionsFirst
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run as a program that cleans up behind itself when it is told to end."""
+        use_utf8()
+        _HEARD.clear()
+        streams: Any = (VisibleStream(stream) if stream is not None else None for stream in (sys.stdout, sys.stderr))
+        with (
+            _handling(signal.SIGTERM, _end, (signal.SIG_DFL,)),
+            _handling(signal.SIGINT, _interrupt, (signal.default_int_handler, end_at_once)),
+            redirect_stdout(next(streams)),
+            redirect_stderr(next(streams)),
+        ):
+            return super().main(*args, **options)
+
+    def make_context(self, *args: Any, **options: Any) -> click.Context:
+        """Parse, with usage errors in one line."""
+        with _own_endings():
+            return super().make_context(*args, **options)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run, with errors in one line."""
+        with _own_endings():
+            answer = super().invoke(ctx)
+            sys.stdout.flush()  # while a full disk can still be said
+            return answer
+
+
+class _UsageLine(click.ClickException):
+    exit_code = ExitCode.BAD_INPUT
+
+    def show(self, file: Any = None) -> None:
+        click.echo(f"error: {self.message}", file=file, err=True)
+
+
+@contextmanager
+def _own_endings() -> Iterator[None]:
+    """Errors of usage are one line; interrupts, closed pipes and faults of the program end with codes of their own."""
+    try:
+        yield
+    except click.exceptions.NoArgsIsHelpError:
+        raise
+    except click.UsageError as error:
+        where = f" See {error.ctx.command_path} --help." if error.ctx else ""
+        raise _UsageLine(" ".join(error.format_message().split()) + where) from None
+    except (click.ClickException, click.exceptions.Exit, click.Abort):
+        raise
+    except KeyboardInterrupt:
+        _say("interrupted")
+        sys.exit(ExitCode.INTERRUPTED)
+    except BrokenPipeError:
+        _drop_output()
+        sys.exit(ExitCode.PIPE_CLOSED)
+    except Exception as fault:
+        if _HEARD:  # by a library that made an error of its own of it
+            _say("interrupted")
+            sys.exit(ExitCode.INTERRUPTED)
+        if isinstance(fault, MemoryError) or (isinstance(fault, OSError) and fault.errno in _REFUSED):
+            place = getattr(fault, "filename", None)
+            what = getattr(fault, "strerror", None) or "more memory is needed than there is"
+            _say(f"error: {what}{'' if place is None else f': {str(place)[:_LONGEST]}'}.")
+            if isinstance(fault, OSError):
+                _drop_output()
+            sys.exit(ExitCode.BAD_INPUT)
+        traced = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
+        if traced:
+            _say("".join(traceback.format_exception(fault)).rstrip())
+        text = " ".join(str(fault).split())
+        what = f"{type(fault).__name__}: {text[:300]}" if text else type(fault).__name__
+        hint = "" if traced else f"; {TRACEBACK}=1 shows where it arose"
+        _say(
+            f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}."
+        )
+        sys.exit(ExitCode.FAULT)
+
+
+def _say(text: str) -> None:
+    """Write on standard error, if it is open."""
+    with suppress(OSError, ValueError):
+        click.echo(text, err=True)
+
+
+def _drop_output() -> None:
+    """Discard the buffer of standard output, so that it does not fail again at exit."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _interrupt(*_: Any) -> None:
+    """Raise KeyboardInterrupt and remember it, in case a library swallows it."""
+    _HEARD.append(True)
+    raise KeyboardInterrupt
+
+
+def _end(*_: Any) -> None:
+    """End the program as an error does, so that scratch files are removed."""
+    sys.exit(ExitCode.TERMINATED)
+
+
+@contextmanager
+def _handling(number: signal.Signals, handler: Callable[..., None], defaults: Sequence[Any]) -> Iterator[None]:
+    """Handle a signal meanwhile; a handler of the caller, which is none of the ``defaults``, stays."""
+    before = signal.getsignal(number)
+    if threading.current_thread() is not threading.main_thread() or before not in defaults:
+        yield
+        return
+    signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def with_option_names(text: str, command: click.Command | None = None) -> str:
+    """Replace keyword arguments in a sentence of the library by options of the running command.
+
+    An option stands for the keyword argument of its own name, or of the name its parameter has. Commands of one group, such
+    as ``sensor``, advise each other's.
+    """
+    context = click.get_current_context(silent=True)
+    command = command or (context.command if context else None)
+    group = context.parent.command if context and context.parent and context.parent.parent else None
+    siblings = list(group.commands.values()) if isinstance(group, click.Group) else []
+    known: dict[str, click.Option] = {}
+    for option in (option for each in (*siblings, command) if each for option in each.params):
+        if isinstance(option, click.Option):
+            known |= {option.opts[0].removeprefix("--").replace("-", "_"): option, str(option.name): option}
+
+    def replacement(found: re.Match[str]) -> str:
+        name, word, truth = found["name"], found["word"], found["truth"]
+        if truth == "False":
+            name = f"no_{name}"
+        option = known.get(name)
+        if option is None:
+            return found[0]
+        if option.is_flag and word is not None:
+            return option.opts[0] if option.flag_value == word else f"no {option.opts[0]}"
+        return option.opts[0] if word is None else f"{option.opts[0]} {shlex.quote(word)}"
+
+    return _KEYWORD.sub(replacement, text)
+
+
+# ── Errors and warnings of the library
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
+            f"note: {with_option_names(str(message))}", err=True
+        )
+        try:
+            yield
+        except TwistWrenchError as error:
+            click.echo(f"error: {' '.join(with_option_names(str(error)).split())}", err=True)
+            sys.exit(ExitCode.BAD_INPUT)
+
+
+# ── Declarations of commands
+
+Decorator: TypeAlias = Callable[[Any], Any]
+
+
+class Given(SimpleNamespace):
+    """Options of a command by the names of their parameters."""
+
+    wrenches: tuple[str, ...] = ()
+    no_friction = False
+
+    def pick(self, *names: str) -> dict[str, Any]:
+        """Options as keyword arguments of a function that calls them the same."""
+        return {name: getattr(self, name) for name in names}
+
+    def check_files(self, inputs: Mapping[str, str | Path | None], **outputs: str | Path | None) -> list[str]:
+        """Refuse outputs in the place of an input or of each other, and pictures that cannot be drawn.
+
+        Outputs are all options and arguments whose form begins with OUT, and those given; the answer is the options that
+        are used. A picture gets its suffix.
+        """
+        files = {f"--{name}": path for name, path in outputs.items()}
+        for param in click.get_current_context().command.params:
+            form, name = param.metavar or "", str(param.name)
+            path = getattr(self, name, None)
+            if form.startswith("OUT") and path not in (None, "-"):
+                if form == "OUT.png":
+                    check_matplotlib()
+                    path = picture_path(path)
+                    setattr(self, name, path)
+                files[param.opts[0] if isinstance(param, click.Option) else form] = path
+        check_outputs(files, inputs)
+        return list(files)
+
+
+def check_matplotlib() -> None:
+    """Raise before a long run if a picture cannot be drawn."""
+    from ..plotting.style import require_matplotlib
+
+    require_matplotlib("Drawing the report (--plot)")
+
+
+def examples(*lines: str) -> str:
+    """End of a command's help: lines without the word `twistwrench`."""
+    text = "\n".join(f"  twistwrench {line}" for line in lines)
+    return f"\b\nExamples:\n{text}"
+
+
+def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **settings: Any) -> Decorator:
+    """An option from its form, ``--csv OUT.csv``, and its help; a flag if it has no value, choices, type or default.
+
+    The parameter has the option's name, or the one given.
+    """
+    flag, _, metavar = form.partition(" ")
+    if choices:
+        settings["type"] = click.Choice(choices)
+    if metavar:
+        settings["metavar"] = metavar
+    elif not {"default", "type"} & settings.keys():
+        settings["is_flag"] = True
+    return click.option(flag, *names, help=text, **{"show_default": "default" in settings, **settings})
+
+
+def option_group(*options: Decorator) -> Decorator:
+    """Options as one decorator; a command's help lists them from the last to the first."""
+
+    def decorate(function: Any) -> Any:
+        for option in options:
+            function = option(function)
+        return function
+
+    return decorate
+
+
+def command(name: str, *options: Decorator, examples_: Sequence[str], **settings: Any) -> Decorator:
+    """A command from a function of :class:`Given` that returns an exit code; errors of the library are a line each."""
+
+    def decorate(function: Callable[[Given], int | None]) -> click.Command:
+        @wraps(function)
+        def run(**given: Any) -> None:
+            with plain_errors():
+                if code := function(Given(**given)):
+                    sys.exit(code)
+
+        declare = click.command(name, cls=OwnOptionsFirst, epilog=examples(*examples_), **settings)
+        return declare(option_group(*options)(run))
+
+    return decorate
+
+
+# ── The commands
 
 
 class _Entry(NamedTuple):
@@ -23,7 +372,7 @@ _COMMANDS = {
     "convert": _Entry("export", "Write the robot as URDF, MJCF or SDF."),
     "derive": _Entry("derive", "Equations of motion in symbols: text, LaTeX, C or NumPy."),
     "doctor": _Entry("doctor", "What is wrong with a robot file, and the repair."),
-    "excite": _Entry("excite", "A motion whose log identifies the robot best."),
+    "excite": _Entry("identify", "A motion whose log identifies the robot best."),
     "export": _Entry("export", "The robot's dynamics as C99 source."),
     "identify": _Entry("identify", "Masses, inertias and friction from logs."),
     "info": _Entry("info", "Joints, limits, masses, inertias, frames and the tree."),

@@ -4,63 +4,52 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
-from rich.console import Group, RenderableType
-from rich.text import Text
 
-from ..core.files import check_outputs
 from ..core.gravity import STRENGTH
 from ..core.numbers import estimate, number, percent, quantity, seconds
 from ..core.tables import csv_table
-from ..core.verdict import ExitCode
+from ..core.verdict import ExitCode, Word
 from ..errors import ModelWarning, ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..lie import quaternion, so3
 from ..lie.labelled import WRENCH
+from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
+from ..reports.robot_summary import parse_numbers
+from ..sensing import Identification, PoseProposal, ReadingLog, identify, propose_poses, read_log, write_sensor
 from ..sensing.contact_detection import Compensation, compensation, left_over
-from ..sensing.files import read_log, read_sensor_file, write_sensor
-from ..sensing.log import ReadingLog
+from ..sensing.files import read_sensor_file
 from ..sensing.outliers import runs
-from ..sensing.poses import PoseProposal, propose_poses
-from ..sensing.result import Identification
-from .console import picture, show, show_written
-from .plain_table import PlainTable, remarks, verdict_word
-from .usage import Given, command, with_option_names
+from ..typing import Array
+from .main import Given, command, option, with_option_names
+from .shared import show_written, write_csv
+from .terminal import show
 
-_DEMOS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
-
+_LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
+_SENSORS = {"demo": "demo_sensor.json"}
 _HERE = Path(__file__).parents[1] / "sensing"
-
-SIGN = click.option(
+SIGN = option(
     "--sign",
-    type=click.Choice(["on_sensor", "by_sensor"]),
+    "Readings are what the load does to the sensor (at rest its weight), or what the sensor does to it.",
+    choices=("on_sensor", "by_sensor"),
     default="on_sensor",
-    show_default=True,
-    help="Readings are what the load does to the sensor (at rest its weight), or what the sensor does to it.",
 )
 
-GRAVITY_OPTION = click.option(
-    "--gravity", type=float, default=STRENGTH, show_default=True, help="Its size [m/s²]; -z of the world."
-)
+GRAVITY_OPTION = option("--gravity", "Its size [m/s²]; -z of the world.", default=STRENGTH)
 
-CSV = click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the readings without bias and load.")
+CSV = option("--csv OUT.csv", "Write the readings without bias and load.")
 
-PLOT = click.option("--plot", "plot_path", metavar="OUT.png", help="Draw the readings before and after.")
+PLOT = option("--plot OUT.png", "Draw the readings before and after.")
 
 
-def log_path(name: str) -> Path:
-    """The file of a log; demos are bundled."""
-    return _HERE / _DEMOS[name] if name in _DEMOS and not Path(name).is_file() else Path(name)
-
-
-def sensor_file(name: str) -> Path:
-    """The file of a sensor; ``demo`` is bundled."""
-    return _HERE / "demo_sensor.json" if name == "demo" and not Path(name).is_file() else Path(name)
+def _path(name: str, demos: dict[str, str]) -> Path:
+    """The file of a log or a sensor; demos are bundled."""
+    return _HERE / demos[name] if name in demos and not Path(name).is_file() else Path(name)
 
 
 def read_readings(name: str, gravity: float) -> ReadingLog:
@@ -69,46 +58,27 @@ def read_readings(name: str, gravity: float) -> ReadingLog:
         raise ValueRangeError(f"--gravity {gravity!r} is no size of gravity. Give it in m/s², such as {STRENGTH}.")
     with warnings.catch_warnings():  # the report says what is doubtful, in its place
         warnings.simplefilter("ignore", ModelWarning)
-        return read_log(log_path(name), gravity=(0.0, 0.0, -gravity))
+        return read_log(_path(name, _LOGS), gravity=(0.0, 0.0, -gravity))
 
 
-def write_readings(log: ReadingLog, compensated: Any, path: str) -> None:
+def write_readings(log: ReadingLog, compensated: Array, path: str | None) -> None:
     """Write readings without bias and load (n, 6), with the times where the log has them."""
-    import numpy as np
-
     head = [] if log.time is None else ["time"]
     rows = compensated if log.time is None else np.column_stack([log.time, compensated])
-    with csv_table(path, [*head, *WRENCH]) as table:
-        table.numbers(rows)
+    if path is not None:
+        with csv_table(path, [*head, *WRENCH]) as table:
+            table.numbers(rows)
 
 
-def parse_noise(text: str) -> tuple[float, float]:
-    """Two numbers: noise of moments [N m] and of forces [N]."""
-    moment, force = parse_count(text, "--noise", 2)
-    return moment, force
-
-
-def parse_count(text: str, option: str, count: int) -> list[float]:
+def parse_count(text: str, option: str, *counts: int) -> list[float]:
     """Numbers between commas. Raises ValueRangeError, which names the option."""
-    try:
-        numbers = [float(x) for x in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ValueRangeError(f"{option} {text!r} is not {count} numbers separated by commas.")
-    return numbers
+    return parse_numbers(text, option, f"{' or '.join(map(str, counts))} numbers separated by commas", *counts)
 
 
 def _check_files(given: Given) -> None:
-    """Raise unless each output has a place of its own; a picture gets its suffix."""
-    if hasattr(given, "plot_path"):
-        given.plot_path = picture(given.plot_path)
-    log, sensor = given.log, getattr(given, "sensor_path", None)
-    outputs = {f"--{name}": getattr(given, f"{name}_path", None) for name in ("save", "csv", "plot")}
-    check_outputs(
-        outputs,
-        {"LOG": None if log is None else log_path(log), "--sensor": None if sensor is None else sensor_file(sensor)},
-    )
+    log, sensor = given.log, getattr(given, "sensor", None)
+    inputs = {"LOG": log and _path(log, _LOGS), "--sensor": sensor and _path(sensor, _SENSORS)}
+    given.check_files(inputs, **({"save": given.save} if hasattr(given, "save") else {}))
 
 
 # ── ``sensor compensate``
@@ -118,17 +88,14 @@ def _check_files(given: Given) -> None:
     "compensate",
     PLOT,
     CSV,
-    click.option(
-        "--contacts",
+    option(
+        "--contacts RATE",
+        "Look for contacts, with at most this share of readings called one by noise (1e-6).",
         "false_alarms",
-        metavar="RATE",
         type=float,
-        help="Look for contacts, with at most this share of readings called one by noise (1e-6).",
     ),
     GRAVITY_OPTION,
-    click.option(
-        "--sensor", "sensor_path", metavar="SENSOR.json", required=True, help="From `identify --save`; or 'demo'."
-    ),
+    option("--sensor SENSOR.json", "From `identify --save`; or 'demo'.", required=True),
     click.argument("log", metavar="LOG"),
     examples_=("sensor compensate demo --sensor demo",),
     short_help="Take weight, inertia and bias off a log; find contacts.",
@@ -140,17 +107,16 @@ def compensate_command(given: Given) -> ExitCode:
     sign or orientation, or a log in motion whose moments hold an inertia that was not identified.
     """
     _check_files(given)
-    file = read_sensor_file(sensor_file(given.sensor_path))
+    file = read_sensor_file(_path(given.sensor, _SENSORS))
     readings = read_readings(given.log, given.gravity)
     found = compensation(readings, file.sensor, file.noise, given.false_alarms, file.uncertainty)
-    show(compensation_view(found))
-    if given.csv_path is not None:
-        write_readings(readings, found.rest, given.csv_path)
-    if given.plot_path is not None:
+    show(*compensation_view(found))
+    write_readings(readings, found.rest, given.csv)
+    if given.plot is not None:
         from ..plotting.explanation import plot_compensation
 
-        plot_compensation(readings, file.sensor, file.noise, given.plot_path, marked=found.hits, mark="contact")
-    show_written(given.csv_path, given.plot_path)
+        plot_compensation(readings, file.sensor, file.noise, given.plot, marked=found.hits, mark="contact")
+    show_written(given.csv, given.plot)
     return found.verdict.exit_code
 
 
@@ -161,32 +127,19 @@ def compensate_command(given: Given) -> ExitCode:
     "identify",
     PLOT,
     CSV,
-    click.option("--save", "save_path", metavar="SENSOR.json", help="Write the sensor for `compensate`."),
-    click.option("--keep-outliers", is_flag=True, help="Use readings that the others contradict, too."),
-    click.option(
-        "--noise",
-        metavar="M,F",
-        help="Known noise of moments [N m] and forces [N], or of all six; estimated if not given.",
-    ),
-    click.option("--bias", metavar="m,m,m,f,f,f", help="A known bias, which is then not looked for."),
-    click.option(
-        "--tilt", is_flag=True, help="Also a tilt of the base, which turns gravity; the log needs orientations."
-    ),
-    click.option(
-        "--delay", is_flag=True, help="Also the time by which readings are late; the log needs time and motion."
-    ),
-    click.option("--drift", is_flag=True, help="Also a bias that changes linearly with time."),
-    click.option(
-        "--orientation", is_flag=True, help="Also how the sensor's axes are turned against the frame of the poses."
-    ),
-    click.option("--inertia", is_flag=True, help="Also the six inertia numbers; the log needs wx … vz and dwx … dvz."),
+    option("--save SENSOR.json", "Write the sensor for `compensate`."),
+    option("--keep-outliers", "Use readings that the others contradict, too."),
+    option("--noise M,F", "Known noise of moments [N m] and forces [N], or of all six; estimated if not given."),
+    option("--bias m,m,m,f,f,f", "A known bias, which is then not looked for."),
+    option("--tilt", "Also a tilt of the base, which turns gravity; the log needs orientations."),
+    option("--delay", "Also the time by which readings are late; the log needs time and motion."),
+    option("--drift", "Also a bias that changes linearly with time."),
+    option("--orientation", "Also how the sensor's axes are turned against the frame of the poses."),
+    option("--inertia", "Also the six inertia numbers; the log needs wx … vz and dwx … dvz."),
     GRAVITY_OPTION,
     SIGN,
     click.argument("log", metavar="LOG"),
-    examples_=(
-        "sensor identify demo",
-        "sensor identify demo --save hand.json",
-    ),
+    examples_=("sensor identify demo", "sensor identify demo --save hand.json"),
     short_help="Find mass, centre of mass and bias from a log.",
 )
 def identify_command(given: Given) -> ExitCode:
@@ -197,33 +150,23 @@ def identify_command(given: Given) -> ExitCode:
     explain it.
     """
     _check_files(given)
-    from ..sensing.identification import identify
-
     readings = read_readings(given.log, given.gravity)
     found = identify(
         readings,
-        sign=given.sign,
-        inertia=given.inertia,
-        orientation=given.orientation,
-        drift=given.drift,
-        delay=given.delay,
-        tilt=given.tilt,
         bias=None if given.bias is None else parse_count(given.bias, "--bias", 6),
-        noise=None
-        if given.noise is None
-        else parse_count(given.noise, "--noise", 6 if given.noise.count(",") > 1 else 2),
+        noise=None if given.noise is None else parse_count(given.noise, "--noise", 2, 6),
         outliers="keep" if given.keep_outliers else "trim",
+        **given.pick("sign", "inertia", "orientation", "drift", "delay", "tilt"),
     )
-    show(sensor_identification_view(found, readings))
-    if given.save_path is not None:
-        write_sensor(found.sensor, given.save_path, found.noise, found.uncertainty)
-    if given.csv_path is not None:
-        write_readings(readings, found.rest(readings), given.csv_path)
-    if given.plot_path is not None:
+    show(*sensor_identification_view(found, readings))
+    if given.save is not None:
+        write_sensor(found.sensor, given.save, found.noise, found.uncertainty)
+    write_readings(readings, found.rest(readings), given.csv)
+    if given.plot is not None:
         from ..plotting.explanation import plot_compensation
 
-        plot_compensation(readings, found.sensor, found.noise, given.plot_path, marked=~found.kept, mark="left out")
-    show_written(given.save_path, given.csv_path, given.plot_path)
+        plot_compensation(readings, found.sensor, found.noise, given.plot, marked=~found.kept, mark="left out")
+    show_written(given.save, given.csv, given.plot)
     return found.verdict.exit_code
 
 
@@ -232,19 +175,14 @@ def identify_command(given: Given) -> ExitCode:
 
 @command(
     "poses",
-    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the poses."),
+    option("--csv OUT.csv", "Write the poses."),
     GRAVITY_OPTION,
-    click.option("--mass", type=float, default=1.0, show_default=True, help="About how heavy the load is [kg]."),
-    click.option(
-        "--noise", metavar="M,F", default="0.01,0.3", show_default=True, help="Of moments [N m] and forces [N]."
-    ),
-    click.option("--within", type=float, default=180.0, show_default=True, metavar="DEGREES", help="The largest tilt."),
-    click.option("--count", type=int, default=6, show_default=True, help="How many."),
+    option("--mass", "About how heavy the load is [kg].", default=1.0),
+    option("--noise M,F", "Of moments [N m] and forces [N].", default="0.01,0.3"),
+    option("--within DEGREES", "The largest tilt.", default=180.0),
+    option("--count", "How many.", default=6),
     click.argument("log", metavar="[LOG]", required=False),
-    examples_=(
-        "sensor poses",
-        "sensor poses demo --count 3",
-    ),
+    examples_=("sensor poses", "sensor poses demo --count 3"),
     short_help="Propose the orientations to read next.",
 )
 def poses_command(given: Given) -> ExitCode:
@@ -253,23 +191,21 @@ def poses_command(given: Given) -> ExitCode:
     Exit code 1, LOOK AGAIN, if these cannot tell the mass or the centre of mass.
     """
     _check_files(given)
-    import numpy as np
-
     if not (given.mass > 0 and math.isfinite(given.mass)):
         raise ValueRangeError(f"--mass {given.mass!r} is no mass. Give about how many kilograms the load has.")
     past = None if given.log is None else read_readings(given.log, given.gravity)
+    moment, force = parse_count(given.noise, "--noise", 2)
     proposal = propose_poses(
-        given.count, log=past, within=math.radians(given.within), noise=parse_noise(given.noise), gravity=given.gravity
+        given.count, log=past, within=math.radians(given.within), noise=(moment, force), gravity=given.gravity
     )
     quat = quaternion.from_matrix(proposal.rotations)
-    untold = cannot_show_written(proposal, given.mass, None if given.within >= 90 else given.within)
-    show(proposal_view(proposal, quat, given.mass, untold))
+    doubt = undetermined(proposal, given.mass, None if given.within >= 90 else given.within)
     unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
-    if given.csv_path is not None:
-        with csv_table(given.csv_path, ["qw", "qx", "qy", "qz", "gx", "gy", "gz"]) as table:
-            table.numbers(np.concatenate([quat, unit], axis=1))
-    show_written(given.csv_path)
-    return ExitCode.NO if untold else ExitCode.FINE
+    poses = np.concatenate([quat, unit], axis=1)
+    show(*proposal_view(proposal, poses, given.mass, doubt))
+    write_csv(given.csv, dict(zip(_POSE, poses.T, strict=True)))
+    show_written(given.csv)
+    return ExitCode.NO if doubt else ExitCode.FINE
 
 
 # ── The group; heavy modules are imported inside the command that needs them
@@ -292,140 +228,139 @@ sensor_command.add_command(poses_command)
 # ── The report
 
 
-_WIDE = 0.1  # m; a centre of mass known no better is not told
+_WIDE = 0.1  # m; a centre of mass known no better is not stated
 
 
-def sensor_identification_view(found: Identification, log: ReadingLog) -> RenderableType:
+def sensor_identification_view(found: Identification, log: ReadingLog) -> Iterator[Block]:
     """Identified parameters with their intervals, and the compensated readings."""
-    load = found.sensor.load
-    table = PlainTable("Load and sensor")
-    table.words("quantity", "unit", fold=False)
-    table.numbers("value", f"± ({percent(found.confidence, 3)})")
+    reasons, others = _sentences(found, log.notes, found.remarks, found.doubts)
+    place = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
+    doubt = f" at ({place}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
+    yield verdict(found.verdict.word, f": {found.mass_text}{doubt}")
+    yield from reasons
+    yield ""
+    yield _heading(log, found.sensor.sign)
+    names, units, values, halves = zip(*_parameters(found, log), strict=True)
+    yield Table(
+        "Load and sensor",
+        words("quantity", names, fold=False),
+        words("unit", units, fold=False),
+        numbers("value", values),
+        numbers(f"± ({percent(found.confidence, 3)})", halves),
+    )
+    yield _before_and_after(log, found.rest(log), found.kept)
+    yield f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."
+    yield from others
+
+
+def _parameters(found: Identification, log: ReadingLog) -> Iterator[tuple[Any, ...]]:
+    """Name, unit, value and half of the interval of each parameter."""
+    load, unknowns, state = found.sensor.load, found.fit.unknowns, found.fit.state
+
+    def half(name: str) -> float:
+        return float(np.ptp(found.interval(name))) / 2
+
     low, high = found.mass_interval
-    table.row("mass", "kg", *estimate((high + low) / 2, (high - low) / 2))
+    yield "mass", "kg", *estimate((high + low) / 2, (high - low) / 2)
     for axis, place, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
-        table.row(f"centre of mass {axis}", "mm", *estimate(1e3 * place, 5e2 * (high - low)))
-    names = found.fit.unknowns.names
-    if found.fit.unknowns.inertia:
-        about = load.moment_about_origin
-        for name in [n for n in names if n.startswith("I")]:
-            i, j = ("xyz".index(a) for a in name[1:])
-            low, high = found.interval(name)
-            table.row(f"{name} about the origin", "kg m²", *estimate(about[i, j], (high - low) / 2))
+        yield f"centre of mass {axis}", "mm", *estimate(1e3 * place, 5e2 * (high - low))
+    for name in [n for n in unknowns.names if unknowns.inertia and n.startswith("I")]:
+        i, j = ("xyz".index(a) for a in name[1:])
+        yield f"{name} about the origin", "kg m²", *estimate(load.moment_about_origin[i, j], half(name))
     for axis, value in zip(WRENCH, np.asarray(found.sensor.bias), strict=True):
         name = f"bias {axis}"
-        cells = estimate(value, np.ptp(found.interval(name)) / 2) if name in names else (value, "given")
-        table.row(name, _unit(axis), *cells)
-    if found.fit.unknowns.turn:
-        for k, axis in enumerate("xyz"):
-            half = math.degrees(np.ptp(found.interval(f"turn {axis}")) / 2)
-            table.row(f"mounting turned about {axis}", "°", *estimate(math.degrees(found.turn[k]), half))
-    per, state = "s" if log.time is not None else "reading", found.fit.state
-    for name in [n for n in names if n.startswith("drift")]:
+        yield name, _unit(axis), *(estimate(value, half(name)) if name in unknowns.names else (value, "given"))
+    for k, axis in enumerate("xyz" if unknowns.turn else ""):
+        turn = estimate(math.degrees(found.turn[k]), math.degrees(half(f"turn {axis}")))
+        yield f"mounting turned about {axis}", "°", *turn
+    per = "s" if log.time is not None else "reading"
+    for name in [n for n in unknowns.names if n.startswith("drift")]:
         low, high = found.interval(name)
-        table.row(name, f"{_unit(name[6])}/{per}", *estimate((low + high) / 2, (high - low) / 2))
-    if found.fit.unknowns.tilt:
-        half = max(np.ptp(found.interval(name)) / 2 for name in names if name.startswith("tilt"))
+        yield name, f"{_unit(name[6])}/{per}", *estimate((low + high) / 2, (high - low) / 2)
+    if unknowns.tilt:
+        most = max(half(name) for name in unknowns.names if name.startswith("tilt"))
         tilt = math.degrees(np.linalg.norm(so3.log(state.tilt)))
-        table.row("base tilted by", "°", *estimate(tilt, math.degrees(half)))
-    if found.fit.unknowns.delay:
-        half = np.ptp(found.interval("delay")) / 2
-        table.row("readings are late by", "ms", *estimate(1e3 * state.delay, 1e3 * half))
-    reasons, others = _told(found, log.notes, found.remarks, found.doubts)
-    parts: list[RenderableType] = [_verdict_of_sensor(found), *reasons, Text()]
-    parts += [_heading(log, found.sensor.sign), table, _before_and_after(log, found.rest(log), found.kept)]
-    parts.append(Text(f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."))
-    return Group(*parts, *others)
+        yield "base tilted by", "°", *estimate(tilt, math.degrees(most))
+    if unknowns.delay:
+        yield "readings are late by", "ms", *estimate(1e3 * state.delay, 1e3 * half("delay"))
 
 
-def _told(found: Identification | Compensation, *sentences: tuple[str, ...]) -> tuple[list[Text], list[Text]]:
+def _sentences(found: Identification | Compensation, *groups: tuple[str, ...]) -> tuple[list[Line], list[Line]]:
     """Split sentences into reasons of the verdict and remarks at the end of the report."""
-    said = [sentence for group in sentences for sentence in group]
-    reasons = [sentence for sentence in said if sentence in found.verdict.reasons]
-    others = [sentence for sentence in said if sentence not in reasons]
+    every = [sentence for group in groups for sentence in group]
+    reasons = [sentence for sentence in every if sentence in found.verdict.reasons]
+    others = [sentence for sentence in every if sentence not in reasons]
     return remarks(map(with_option_names, reasons)), remarks(map(with_option_names, others))
 
 
-def _verdict_of_sensor(found: Identification) -> Text:
-    place = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
-    mass = found.mass_text
-    text = f": {mass} at ({place}) mm." if found.mass_interval[0] > 0 else f": {mass}, which may be nothing."
-    return Text.assemble(verdict_word(found.verdict.word), text)
-
-
-def compensation_view(found: Compensation) -> RenderableType:
+def compensation_view(found: Compensation) -> Iterator[Block]:
     """Readings before and after compensation, and contacts."""
     log = found.log
     missing = (found.missing_signals,) if found.missing_signals else ()
-    reasons, others = _told(found, log.notes, missing, found.remarks, found.doubts)
-    parts: list[RenderableType] = [_outcome(found), *reasons, Text()]
-    parts += [_heading(log, found.sensor.sign), _before_and_after(log, found.rest, np.ones(len(log), bool))]
+    reasons, others = _sentences(found, log.notes, missing, found.remarks, found.doubts)
+    yield verdict(found.verdict.word, f": {_outcome(found)}")
+    yield from reasons
+    yield ""
+    yield _heading(log, found.sensor.sign)
+    yield _before_and_after(log, found.rest, np.ones(len(log), bool))
     if found.threshold is not None:
-        floor = found.threshold.per_axis
-        least = [
-            quantity(x.min(), unit)
-            for x, unit in ((floor[:3], _unit("m")), (floor[3:], _unit("f")))
-            if np.isfinite(x).all()
-        ]
-        parts.append(
-            Text(
-                f"Contact is what noise alone reaches once in {number(1 / found.threshold.false_alarms)} readings: from "
-                f"{' or '.join(least)} on{'; moments are not looked at' if found.missing_signals else ''}."
-            )
+        moment, force = found.threshold.per_axis[:3], found.threshold.per_axis[3:]
+        least = [quantity(x.min(), _unit(axis)) for axis, x in (("m", moment), ("f", force)) if np.isfinite(x).all()]
+        yield (
+            f"Contact is what noise alone reaches once in {number(1 / found.threshold.false_alarms)} readings: from "
+            f"{' or '.join(least)} on{'; moments are not looked at' if found.missing_signals else ''}."
         )
-    return Group(*parts, *others)
+    yield from others
 
 
-def _outcome(found: Compensation) -> Text:
+def _outcome(found: Compensation) -> str:
     log, hits = found.log, found.hits
-    word = verdict_word(found.verdict.word)
     if found.doubts:
-        return Text.assemble(word, ": this sensor file does not explain this log.")
+        return "this sensor file does not explain this log."
     moment, force = left_over(found.rest[~found.off])
     noise = f"beside noise of {number(found.noise[1], 2)} N and {number(found.noise[0], 2)} N m"
     if hits.any():
         spans = [_span(log, a, b) for a, b in runs(hits)]
         peak = np.linalg.norm(found.rest[hits][:, 3:], axis=1).max()
         shown = "; ".join(spans[:5]) + ("; …" if len(spans) > 5 else "")
-        return Text.assemble(word, f": {hits.sum()} of {len(log)} readings, {shown}; up to {number(peak)} N.")
+        return f"{hits.sum()} of {len(log)} readings, {shown}; up to {number(peak)} N."
     if found.threshold is not None:
-        what = "no contact force; moments were not looked at" if found.missing_signals else "no contact"
-        return Text.assemble(word, f": {what}.")
+        return "no contact force; moments were not looked at." if found.missing_signals else "no contact."
     if found.missing_signals_show:
-        return Text.assemble(word, f": the load's inertia is left in the moments, {number(moment, 2)} N m {noise}.")
+        return f"the load's inertia is left in the moments, {number(moment, 2)} N m {noise}."
     good = int((~found.off).sum())
-    said = f": {good} of {len(log)} readings are explained, with {number(force, 2)} N and {number(moment, 2)} N m left {noise}."
     rest = "" if good == len(log) else " In the others something else acts; --contacts 1e-6 says when."
-    return Text.assemble(word, said + rest)
+    left = f"{number(force, 2)} N and {number(moment, 2)} N m left {noise}"
+    return f"{good} of {len(log)} readings are explained, with {left}.{rest}"
 
 
-def proposal_view(
-    proposal: PoseProposal, quaternions: NDArray[np.float64], mass: float, untold: str | None
-) -> RenderableType:
-    """Proposed orientations in measuring order; the verdict alone if they do not determine the load."""
-    verdict = Text.assemble(("LOOK AGAIN", "bold red"), f": {untold}") if untold else None
-    table = PlainTable("Next poses")
-    table.words("no.", fold=False)
-    table.numbers("qw", "qx", "qy", "qz", "gx", "gy", "gz", "mass ± [kg]", "centre ± [mm]")
-    unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
+_POSE = ("qw", "qx", "qy", "qz", "gx", "gy", "gz")
+"""Columns of a pose: the orientation, and the direction of gravity in it."""
+
+
+def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubt: str | None) -> Iterator[Block]:
+    """Proposed orientations (n, 7) in measuring order; the verdict alone if they do not determine the load."""
     known = _known(proposal, mass)
-    for k in range(len(unit)):
-        cells = [number(x, decimals=3) for x in (*quaternions[k], *unit[k])]
-        table.row(k + 1, *cells, number(known[k, 0], 2), number(1e3 * known[k, 1], 2))
-    if verdict is not None and not known[-1, 0] < mass:
-        return verdict
-    return Group(
-        *([verdict, Text()] if verdict else []),
-        table,
-        Text(
-            "Orientations R_wf of the sensor's frame and gravity's direction in it; turns about the vertical are free.\n"
-            f"± is what will be known (95 %) with all poses up to there, for a load of {number(mass)} kg; that of the centre\n"
-            "is across the line to the sensor, along it add the share of the mass."
-        ),
+    if doubt:
+        yield verdict(Word.LOOK_AGAIN, f": {doubt}")
+        if not known[-1, 0] < mass:
+            return
+        yield ""
+    yield Table(
+        "Next poses",
+        words("no.", range(1, len(poses) + 1), fold=False),
+        *(numbers(head, x, lambda value: number(value, decimals=3)) for head, x in zip(_POSE, poses.T, strict=True)),
+        numbers("mass ±", known[:, 0], lambda value: number(value, 2), "kg"),
+        numbers("centre ±", 1e3 * known[:, 1], lambda value: number(value, 2), "mm"),
+    )
+    yield (
+        "Orientations R_wf of the sensor's frame and gravity's direction in it; turns about the vertical are free.\n"
+        f"± is what will be known (95 %) with all poses up to there, for a load of {number(mass)} kg; that of the centre\n"
+        "is across the line to the sensor, along it add the share of the mass."
     )
 
 
-def cannot_show_written(proposal: PoseProposal, mass: float, within: float | None) -> str | None:
+def undetermined(proposal: PoseProposal, mass: float, within: float | None) -> str | None:
     """Reason why the poses do not determine a load of about that mass [kg]; None if they do. ``within`` [°] is a tilt limit."""
     heavy, out = _known(proposal, mass)[-1]
     if heavy < mass and out < _WIDE:
@@ -439,7 +374,7 @@ def cannot_show_written(proposal: PoseProposal, mass: float, within: float | Non
     return f"{those} cannot tell {what} of a load of {number(mass)} kg. {way}."
 
 
-def _known(proposal: PoseProposal, mass: float) -> NDArray[np.float64]:
+def _known(proposal: PoseProposal, mass: float) -> Array:
     """Half of the 95 % intervals (count, 2) of mass [kg] and centre of mass [m]."""
     return 1.96 * np.stack([proposal.mass_deviation, proposal.first_moment_deviation / mass], axis=1)
 
@@ -450,19 +385,22 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
     return f"reading {first}" if first == last else f"readings {first} to {last}"
 
 
-def _heading(log: ReadingLog, sign: str) -> Text:
+def _heading(log: ReadingLog, sign: str) -> Line:
     motion = "at rest" if log.V is None else "in motion"
     lasting = "" if log.time is None or len(log) < 2 else f" over {number(np.ptp(log.time))} s"
-    return Text.assemble((Path(log.name).name, "bold"), f"  {len(log)} readings{lasting}, {motion}, sign {sign}")
+    return Line((Path(log.name).name, "bold"), f"  {len(log)} readings{lasting}, {motion}, sign {sign}")
 
 
-def _before_and_after(log: ReadingLog, compensated: NDArray[np.float64], kept: NDArray[np.bool_]) -> PlainTable:
-    table = PlainTable(f"Readings, root mean square [{heading_unit('tau', (True, False))}]")
-    table.words("", fold=False)
-    table.numbers(*WRENCH)
-    for name, values in (("before", log.readings[kept]), ("after", compensated[kept])):
-        table.row(name, *(number(x, decimals=4) for x in np.sqrt(np.mean(values**2, axis=0))))
-    return table
+def _before_and_after(log: ReadingLog, compensated: Array, kept: Array) -> Table:
+    rms = [np.sqrt(np.mean(values**2, axis=0)) for values in (log.readings[kept], compensated[kept])]
+    return Table(
+        f"Readings, root mean square [{heading_unit('tau', (True, False))}]",
+        words("", ["before", "after"], fold=False),
+        *(
+            numbers(axis, x, lambda value: number(value, decimals=4))
+            for axis, x in zip(WRENCH, np.transpose(rms), strict=True)
+        ),
+    )
 
 
 def _unit(axis: str) -> str:

@@ -11,55 +11,25 @@ from typing import Any
 
 import click
 
-from ..core.files import check_outputs, picture_path
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
-from ..reports.load_case import LoadCase, parse_payload, parse_wrenches
 from ..robot import Robot
 from ..viz.drawn_motion import DrawnMotion
-from .console import frame_progress
-from .motion_options import loaded_motion_options, open_motion
-from .robot_options import RobotOptions, motion_path, robot_command
-from .usage import Given, option_group
+from .main import Given, option
+from .shared import RobotOptions, load_case, loaded_motion_options, motion_path, open_motion, robot_command
 
 _KINDS = ("split", "power", "phase")
 
 
-view_options = option_group(
-    click.option("--no-browser", is_flag=True, help="Write the page, print its path, and open no browser."),
-    click.option(
-        "--speed", type=float, default=1.0, show_default=True, help="Of the film: seconds of motion a second."
-    ),
-    click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of opening a page."),
-    click.option("--html", "html", metavar="OUT.html", help="Write the page to this file, and open no browser."),
-    click.option(
-        "--section",
-        metavar="N",
-        help="With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3.",
-    ),
-    click.option("--no-meshes", is_flag=True, help="Draw the robot from its numbers, whatever its file looks like."),
-    loaded_motion_options(required=False),
-)
-"""The options of ``view``, all but the robot's own."""
-
-
-plot_options = option_group(
-    click.option("--joint", "joints", metavar="JOINT", multiple=True, help="Of this joint alone; may be repeated."),
-    click.option("--out", "out", metavar="OUT.png", required=True, help="The picture: .png, .pdf or .svg."),
-    click.option(
-        "--what",
-        type=click.Choice(_KINDS),
-        required=True,
-        help="Causes of torques, power and energy, or phase planes.",
-    ),
-    loaded_motion_options(required=True),
-)
-"""The options of ``plot``, all but the robot's own."""
-
-
 @robot_command(
     "view",
-    view_options,
+    option("--no-browser", "Write the page, print its path, and open no browser."),
+    option("--speed", "Of the film: seconds of motion a second.", default=1.0),
+    option("--movie OUT.gif|OUT.mp4", "Film the motion instead of opening a page."),
+    option("--html OUT.html", "Write the page to this file, and open no browser."),
+    option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
+    option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
+    loaded_motion_options(required=False),
     examples=(
         "view ur5 --trajectory demo --payload 5 --html ur5.html",
         "view panda --section 8.1.3 --html mass_matrix.html",
@@ -79,7 +49,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
         if path is None:
             raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
         given.movie = movie_path(given.movie)
-    check_outputs({"--html": given.html, "--movie": given.movie}, {"--trajectory": path, **options.files})
+    given.check_files({"--trajectory": path, **options.files})
     if given.section is not None:
         _require_page(given.section, given.html, path)
     robot, wrenches, motion = _loaded(options, path, given)
@@ -88,6 +58,8 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.html is not None:
         click.echo(f"wrote {write_page(robot, given.html, section=given.section, **about)}")
     if given.movie is not None and motion is not None:
+        from .terminal import frame_progress
+
         with frame_progress("filming") as progress:
             film(motion, given.movie, scene=scene, speed=given.speed, progress=progress)
         click.echo(f"wrote {given.movie}")
@@ -100,7 +72,14 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
-@robot_command("plot", plot_options, examples=("plot ur5 --trajectory demo --payload 5 --what power --out power.png",))
+@robot_command(
+    "plot",
+    option("--joint JOINT", "Of this joint alone; may be repeated.", "joints", multiple=True),
+    option("--out OUT.png", "The picture: .png, .pdf or .svg.", required=True),
+    option("--what", "Causes of torques, power and energy, or phase planes.", choices=_KINDS, required=True),
+    loaded_motion_options(required=True),
+    examples=("plot ur5 --trajectory demo --payload 5 --what power --out power.png",),
+)
 def plot_command(options: RobotOptions, given: Given) -> ExitCode:
     """Draw a motion: what each torque is made of, power and energy, or the phase plane of each joint.
 
@@ -111,10 +90,9 @@ def plot_command(options: RobotOptions, given: Given) -> ExitCode:
 
     path = motion_path(options, given.trajectory)
     require_matplotlib("Drawing (plot)")
-    given.out = picture_path(given.out)
     if given.joints and given.what == "power":
         raise ValueRangeError("--joint chooses panels, and the picture of power has none. Leave it out.")
-    check_outputs({"--out": given.out}, {"--trajectory": path, **options.files})
+    given.check_files({"--trajectory": path, **options.files})
     _, _, motion = _loaded(options, path, given)
     if motion is not None:
         PICTURES[given.what](motion, given.out, *([given.joints] if given.joints else []))
@@ -126,24 +104,18 @@ def _loaded(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
     """Load the robot with its payloads, wrenches and motion; exceeded limits are printed on stderr."""
     from ..viz.drawn_motion import read_motion
 
-    if path is None and (given.columns or given.rate is not None or given.lock_missing or given.smooth):
-        raise ValueRangeError(
-            "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
-        )
-    trajectory = None
     if path is None:
-        robot, _ = options.load_and_locked()
-    else:
-        reading: dict[str, Any] = {"columns": given.columns, "rate": given.rate, "lock_missing": given.lock_missing}
-        robot, trajectory = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
-    loaded = LoadCase(
-        robot, tuple(map(parse_payload, given.payloads)), parse_wrenches(given.wrenches), friction=not given.no_friction
-    )
-    motion = None
-    if trajectory is not None:
-        motion = read_motion(loaded, trajectory, smoothing=given.smooth)
-        for sentence in (*trajectory.notes, *motion.warnings):
-            click.echo(f"note: {sentence}", err=True)
+        if given.columns or given.rate is not None or given.lock_missing or given.smooth:
+            raise ValueRangeError(
+                "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
+            )
+        loaded = load_case(options.load(), options, given)
+        return loaded.with_load, loaded.wrenches, None
+    robot, trajectory = open_motion(options, given, path)
+    loaded = load_case(robot, options, given)
+    motion = read_motion(loaded, trajectory, smoothing=given.smooth)
+    for sentence in (*trajectory.notes, *motion.warnings):
+        click.echo(f"note: {sentence}", err=True)
     return loaded.with_load, loaded.wrenches, motion
 
 

@@ -194,19 +194,26 @@ class Violation:
 
 
 class RunningExtrema:
-    """The greatest value of each column so far, when it occurred, and which row of the last portion that was."""
+    """The greatest value of each column so far, when it occurred, and what it is of."""
 
     def __init__(self, columns: int) -> None:
         self.value = np.full(columns, -np.inf)
         self.time = np.full(columns, np.nan)
+        self.signed = np.zeros(columns)
+        """The number whose magnitude, or excess over a limit, is greatest."""
 
-    def add(self, time: Array, values: Array) -> list[tuple[int, int]]:
-        """Take in times (n,) and values (n, columns); the (column, row) pairs of columns with a new greatest value."""
+    def add(self, time: Array, values: Array, signed: Array | None = None) -> list[tuple[int, int]]:
+        """Take in times (n,) and values (n, columns); the (column, row) pairs of columns with a new greatest value.
+
+        ``signed`` (n, columns) are the numbers of which these are the magnitudes or excesses.
+        """
         rows = np.argmax(values, axis=0)
         greatest = values[rows, np.arange(values.shape[1])]
         fresh = np.flatnonzero(greatest > self.value)
         self.value[fresh] = greatest[fresh]
         self.time[fresh] = time[rows[fresh]]
+        if signed is not None:
+            self.signed[fresh] = signed[rows[fresh], fresh]
         return [(int(k), int(rows[k])) for k in fresh]
 
 
@@ -220,17 +227,15 @@ class LimitCheck:
     def __init__(self, model: Model, bounds: Bounds) -> None:
         self.model, self.bounds = model, bounds
         self._worst = {kind: RunningExtrema(model.nv) for kind in KINDS}
-        self._values = {kind: np.zeros(model.nv) for kind in KINDS}
         self._followers = [model.bodies[i] for i in model.limited_followers]
-        self._borne, self._borne_signed = RunningExtrema(len(self._followers)), np.zeros(len(self._followers))
+        self._borne = RunningExtrema(len(self._followers))
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """States at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
         for kind, values in zip(KINDS, (self.model.positions(q), dq, ddq, tau), strict=True):
             if values is None:
                 continue
-            for joint, row in self._worst[kind].add(time, self.bounds.excess(kind, values)):
-                self._values[kind][joint] = values[row, joint]
+            self._worst[kind].add(time, self.bounds.excess(kind, values), values)
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
         """Take in what mimic joints with a limit of effort bear in these states, friction left out."""
@@ -239,8 +244,7 @@ class LimitCheck:
 
     def add_borne(self, time: Array, borne: Array) -> None:
         """Take in what those joints bear (n, k) at times (n,)."""
-        for k, row in self._borne.add(time, np.abs(borne)):
-            self._borne_signed[k] = borne[row, k]
+        self._borne.add(time, np.abs(borne), borne)
 
     def violations(self) -> tuple[Violation, ...]:
         """The limits passed, worst first by their share of the limit."""
@@ -248,13 +252,13 @@ class LimitCheck:
         for kind, worst in self._worst.items():
             allowed = self.bounds.tolerance(kind)
             for k in np.flatnonzero(worst.value > allowed):
-                value = float(self._values[kind][k])
+                value = float(worst.signed[k])
                 share = float(worst.value[k] / allowed[k]) if allowed[k] > 0 else np.inf
                 limit = self._limit(kind, int(k), value)
                 name = self.model.velocity_names[k]
                 found.append((share, Violation(name, kind, value, limit, float(worst.time[k]))))
         for i, body in enumerate(self._followers):
-            value, beyond = float(self._borne_signed[i]), float(self._borne.value[i] - body.effort)
+            value, beyond = float(self._borne.signed[i]), float(self._borne.value[i] - body.effort)
             slack = float(margin(body.effort))
             if beyond > slack:
                 limit, time = float(np.copysign(body.effort, value)), float(self._borne.time[i])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ from ..model.limits import Limits
 from ..model.model import BASE, Model
 from ..motion.differentiation import MotionSamples
 from ..typing import Array
-from .robot_summary import StatedLimits
+from .robot_summary import StatedLimits, parse_numbers
 
 if TYPE_CHECKING:
     from ..model.model import Body, Model
@@ -85,18 +85,18 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
 
     ``peaks`` (nv,) are the largest torques of a motion or pose. Limits that the user gave are not doubted.
     """
-    said, model = [], robot.model
+    sentences, model = [], robot.model
     if missing := unlimited(model, limits.effort, peaks):
-        asked = int(loaded_entries(model, peaks).sum())
-        named = "" if len(missing) == asked else f" ({listed(missing, _LISTED)})"
-        said.append(
-            f"no torque limit for {f'{len(missing)} of {asked} joints{named}' if asked > 1 else f'the joint {missing[0]}'}, "
+        count = int(loaded_entries(model, peaks).sum())
+        named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
+        sentences.append(
+            f"no torque limit for {f'{len(missing)} of {count} joints{named}' if count > 1 else f'the joint {missing[0]}'}, "
             f"which cannot be judged; {TEMPLATE}"
         )
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
-        said.append(f"{placeholders}; give the real limits with --limits")
-    return said
+        sentences.append(f"{placeholders}; give the real limits with --limits")
+    return sentences
 
 
 def placeholder_limits(robot: Robot) -> str:
@@ -333,17 +333,15 @@ def parse_payload(text: str, tip: str | None = None) -> Payload:
 
     Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
     """
-    numbers, _, frame = text.partition("@")
     form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
-    values = _numbers(numbers, f"payload {text!r}", form)
-    if len(values) not in (1, 4):
-        raise ValueRangeError(f"payload {text!r} has {len(values)} numbers. Write {form}.")
-    if values[0] < 0:
+    numbers, at, frame = text.partition("@")
+    mass, *place = parse_numbers(numbers, "payload", form, 1, 4)
+    if mass < 0:
         raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
-    if "@" in text and not frame.strip():
+    if at and not frame.strip():
         raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
-    x, y, z = values[1:] or (0.0, 0.0, 0.0)
-    return Payload(values[0], (x, y, z), frame.strip() or tip)
+    x, y, z = place or (0.0, 0.0, 0.0)
+    return Payload(mass, (x, y, z), frame.strip() or tip)
 
 
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
@@ -351,36 +349,13 @@ def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
 
     Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
     """
+    form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
     found: dict[str, Array] = {}
     for text in texts:
-        frame, values = _parse_wrench(text)
-        found[frame] = found.get(frame, 0.0) + values
-    return found
-
-
-def _parse_wrench(text: str) -> tuple[str, Array]:
-    frame, colon, numbers = text.rpartition(":")
-    form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
-    if not colon and text.strip() and "," not in text:
-        raise ValueRangeError(f"wrench {text!r} lacks the numbers after the frame. Write {form}.")
-    if not colon or not frame.strip():
-        raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
-    values = _numbers(numbers, f"wrench {text!r}", form)
-    if len(values) != 6:
-        raise ValueRangeError(f"wrench {text!r} has {len(values)} numbers, not 6. Write {form}.")
-    return frame.strip(), np.array(values)
-
-
-def _numbers(text: str, what: str, form: str) -> Sequence[float]:
-    found = []
-    for field_ in text.split(","):
-        try:
-            value = float(field_)
-        except ValueError:
-            raise ValueRangeError(f"{what}: {field_.strip()!r} is no number. Write {form}.") from None
-        if not np.isfinite(value):
-            raise ValueRangeError(f"{what}: {field_.strip()!r} is not finite. Write {form}.")
-        found.append(value)
+        frame, _, numbers = (part.strip() for part in text.rpartition(":"))
+        if not frame:
+            raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
+        found[frame] = found.get(frame, 0.0) + np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
     return found
 
 
@@ -413,14 +388,16 @@ class PayloadMarginTally:
 
     def __init__(self, load: LoadCase, effort: Array) -> None:
         laws = load.robot.model.friction
-        self.asked = len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+        self.determined = (
+            len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+        )
         followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
         self._names = (*load.robot.model.velocity_names, *(body.joint.name for body in followers))
         self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
         self._share, self._joint, self._time = math.inf, 0, math.nan
         self._alone = True
         self._carried = np.zeros(len(self._names))
-        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.asked else 0.0
+        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.determined else 0.0
 
     def add(self, time: Array, torques: Array, carried: Array) -> None:
         """Add torques (n, nv + k) at times (n,) of joints and limited mimic joints, with the payload's contribution."""
@@ -438,7 +415,7 @@ class PayloadMarginTally:
 
     def result(self) -> PayloadMargin | None:
         """Margin found; None if a loaded joint has no limit, or if the robot alone exceeds one."""
-        if not self.asked or not self._alone or not math.isfinite(self._share):
+        if not self.determined or not self._alone or not math.isfinite(self._share):
             return None
         nv = self._load.robot.nv
         if unlimited(self._load.robot.model, self._effort[:nv], self._carried[:nv]):
@@ -457,7 +434,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
     """
     bodies = {b.joint.name: b for b in model.bodies}
     found: dict[str, float] = {}
-    said: dict[str, str] = {}
+    origin: dict[str, str] = {}
     for name in sorted(lock, key=lambda n: not _is_pattern(n, bodies)):
         if not _is_pattern(name, bodies):
             matches = [name]
@@ -473,18 +450,13 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
                 value = math.radians(value) if degrees and turns else value
             if _is_pattern(name, bodies) and joint in found and found[joint] != value:
                 raise ValueRangeError(
-                    f"--lock {said[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them."
+                    f"--lock {origin[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them."
                 )
-            found[joint], said[joint] = value, name
+            found[joint], origin[joint] = value, name
     for b in model.leaders:
         if b.joint.name in found and b.joint.nv == 1:
-            _check(
-                model,
-                b,
-                found[b.joint.name],
-                f"--lock {said[b.joint.name]}={printed(lock[said[b.joint.name]])}",
-                degrees=degrees,
-            )
+            name = origin[b.joint.name]
+            _check(model, b, found[b.joint.name], f"--lock {name}={printed(lock[name])}", degrees=degrees)
     return found
 
 
@@ -514,18 +486,18 @@ def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
     return name not in joints and any(c in name for c in "*?[")
 
 
-def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) -> None:
+def _check(model: Model, body: Body, value: float, option: str, *, degrees: bool) -> None:
     low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
     most = float(model.limits.tolerance[body.v_index])
     if low - most <= value <= high + most:
         return
     turns = body.joint.turning[0]
     unit, shown = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
-    joint = "" if body.joint.name in told else f" {body.joint.name}"
+    joint = "" if body.joint.name in option else f" {body.joint.name}"
     hint = ""
     if turns and not degrees and low <= math.radians(value) <= high:
         hint = f" If {printed(value)} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
+    least, greatest = (quantity(unit * x, shown, 6) for x in (low, high))
     raise ValueRangeError(
-        f"{told} is outside the joint's limits,{joint} {quantity(unit * low, shown, 6)} to {quantity(unit * high, shown, 6)}. "
-        f"Hold it within them.{hint}"
+        f"{option} is outside the joint's limits,{joint} {least} to {greatest}. Hold it within them.{hint}"
     )

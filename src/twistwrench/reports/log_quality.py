@@ -31,61 +31,48 @@ _CUT, _CUT_ROWS = 0.01, 20
 
 @dataclass(frozen=True)
 class LogColumn:
-    """One column.
-
-    Attributes
-    ----------
-    name : str
-    least, most : float, in the file's unit
-    grid : float, step of the grid that the numbers lie on; 0 where none shows
-    noise : float, standard deviation of what is not smooth; 0 where none shows
-    cut : float, share of the rows at the extreme that has most of them, where it is cut off there; 0 where it is not
-    dead : bool, whether it is one number throughout
-    zeros : float, share of the rows that are exactly 0
-    """
+    """One column, in the file's unit."""
 
     name: str
     least: float
     most: float
     grid: float
+    """Step of the grid that the numbers lie on; 0 where none shows."""
     noise: float
+    """Standard deviation of what is not smooth; 0 where none shows."""
     cut: float
+    """Share of the rows at the extreme that has most of them, where it is cut off there; 0 where it is not."""
     dead: bool
+    """True if it is one number throughout."""
     zeros: float = 0.0
+    """Share of the rows that are exactly 0."""
 
 
 @dataclass(frozen=True)
 class LogQuality:
-    """Quality of a log.
-
-    Attributes
-    ----------
-    path : Path
-    rows : int
-    time : str, the column of time; empty where there is none
-    seconds : float, from the first stamp to the last; not a number without a column of time
-    rate : float, rows a second by the usual step [Hz]
-    gaps : int, steps of three usual ones and more
-    longest : float, step [s]
-    repeated : int, rows with the stamp of the row before
-    backward : int, rows whose stamp is before that of the row above
-    jitter : float, standard deviation of the steps that are no gaps [s]
-    columns : tuple of LogColumn
-    notes : tuple of str, a sentence for each thing in the file that is not read
-    """
+    """Quality of a log; times are in seconds, not a number without a column of time."""
 
     path: Path
     rows: int
     time: str
+    """The column of time; empty where there is none."""
     seconds: float
+    """From the first stamp to the last."""
     rate: float
+    """Rows a second by the usual step [Hz]."""
     gaps: int
+    """Steps of three usual ones and more."""
     longest: float
+    """The longest step."""
     repeated: int
+    """Rows with the stamp of the row before."""
     backward: int
+    """Rows whose stamp is before that of the row above."""
     jitter: float
+    """Standard deviation of the steps that are no gaps."""
     columns: tuple[LogColumn, ...]
     notes: tuple[str, ...] = ()
+    """A sentence for each thing in the file that is not read."""
 
     @classmethod
     def from_file(cls, path: str | Path) -> LogQuality:
@@ -95,7 +82,9 @@ class LogQuality:
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
         place = _time_of(file)
-        clock = _clock(table[:, place[0]] * place[1]) if place is not None else _no_clock()
+        clock = (np.nan, np.nan, 0, np.nan, 0, 0, np.nan)
+        if place is not None:
+            clock = _clock(table[:, place[0]] * place[1])
         runs = excerpts(table, *_RUNS) if 8 * table.size > LARGE else [table]
         return cls(
             file.path,
@@ -150,10 +139,6 @@ def _clock(t: Array) -> tuple[float, float, int, float, int, int, float]:
         int((steps < 0).sum()),
         float(regular.std()) if regular.size else np.nan,
     )
-
-
-def _no_clock() -> tuple[float, float, int, float, int, int, float]:
-    return np.nan, np.nan, 0, np.nan, 0, 0, np.nan
 
 
 def _column(name: str, x: Array, runs: list[Array]) -> LogColumn:
@@ -300,7 +285,7 @@ class MeasuredTally:
     def __init__(self, columns: int) -> None:
         self._rows = 0
         self._sums, self._noise = np.zeros((5, columns)), np.zeros(columns)
-        self._peak, self._sign = RunningExtrema(columns), np.ones(columns)
+        self._peak = RunningExtrema(columns)
         self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
 
     def add(self, time: Array, computed: Array, measured: Array, sigma: Array) -> None:
@@ -309,8 +294,7 @@ class MeasuredTally:
         self._noise += (sigma**2).sum(axis=0)
         self._rows += len(time)
         self._sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
-        for joint, row in self._peak.add(time, np.abs(m)):
-            self._sign[joint] = np.sign(m[row, joint]) or 1.0
+        self._peak.add(time, np.abs(m), m)
         self._above.add(c, m)
         self._below.add(c, -m)
 
@@ -351,7 +335,7 @@ class MeasuredTally:
                 noise=float(noise[k]),
                 gain=float(gain[k]),
                 correlation=float(correlation[k]),
-                peak=float(self._sign[k] * self._peak.value[k]),
+                peak=float(self._peak.signed[k]),
                 time=float(self._peak.time[k]),
                 dead=bool(dead[k]),
                 matters=bool(size[k] > _MATTERS * largest[k]),

@@ -140,31 +140,28 @@ class Steps:
 
     def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
         self._progress = progress
-        self._left = [w / sum(weights) for w in weights]
-        self._begin = self._end = 0.0
+        self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]
 
     def next(self, size: int | None = None) -> Callable[[float], None] | None:
         """Begin the next step; returns a callback for its finished share, or, given ``size``, for each finished portion."""
-        self.skip(1)
-        if self._progress is None:
+        begin, end, progress = self._bounds.pop(0), self._bounds[0], self._progress
+        if progress is None:
             return None
-        begin, end, progress = self._begin, self._end, self._progress
         done = 0.0
 
-        def tell(share: float) -> None:
+        def report(share: float) -> None:
             progress(begin + (end - begin) * min(share, 1.0))
 
         def add(portion: float) -> None:
             nonlocal done
             done += portion
-            tell(done / size if size else 1.0)
+            report(done / size if size else 1.0)
 
-        return tell if size is None else add
+        return report if size is None else add
 
     def skip(self, count: int) -> None:
         """Pass over steps."""
-        for _ in range(count):
-            self._begin, self._end = self._end, self._end + self._left.pop(0)
+        del self._bounds[:count]
 
     def done(self) -> None:
         """Report completion."""

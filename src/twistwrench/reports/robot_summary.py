@@ -81,7 +81,9 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
                 "child_link": link_of(model, i),
                 "unit": unit_of("q", angular),
                 **{name: float(x) if math.isfinite(x) else None for name, x in known.items()},
-                **(_coupling(b, c.velocity_names[k]) if b.follows else {}),
+                "leader": c.velocity_names[k] if b.follows else None,
+                "ratio": float(b.ratio) if b.follows else None,
+                "offset": float(b.offset) if b.follows else None,
             }
             rows.append({name: row.get(name) for name in COLUMNS})
     return rows
@@ -102,10 +104,6 @@ def as_text(robot: Robot, kind: Literal["json", "csv"]) -> str:
 def _root(model: Model) -> str:
     """The first link of the base, which is the root of the file's tree."""
     return next((name for name, f in model.frames.items() if f.body == BASE), "base")
-
-
-def _coupling(follower: Body, leader: str) -> dict[str, Any]:
-    return {"leader": leader, "ratio": float(follower.ratio), "offset": float(follower.offset)}
 
 
 def _links(model: Model) -> list[dict[str, Any]]:
@@ -158,8 +156,8 @@ def parse_configuration(
     wholes = [("--configuration", whole)] if whole is not None else []
     wholes += [(option, text) for text in at if "=" not in text]
     if len(wholes) > 1:
-        said = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
-        raise ValueRangeError(f"{said} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
+        both = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
+        raise ValueRangeError(f"{both} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     for name, text in wholes:
         q = _all_coordinates(robot, text, name, unit)
@@ -207,34 +205,41 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
     return found
 
 
-def parse_numbers(text: str, what: str, form: str, count: int) -> list[float]:
-    """Parse ``count`` finite numbers separated by commas; ValueRangeError shows the form."""
+def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
+    """Parse one of these counts of finite numbers separated by commas; ValueRangeError shows the form."""
     try:
         numbers = [float(x) for x in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
         raise ValueRangeError(f"{what} {text!r}: expected {form}.")
     return numbers
 
 
-def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
-    known = {b.joint.name: b for b in robot.model.leaders}
-    found: dict[str, tuple[Body, list[float]]] = {}
+def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
+    """Values by name from ``NAME=VALUE`` each; ValueRangeError shows the form."""
+    found: dict[str, str] = {}
     for text in texts:
-        joint, equals, value = (part.strip() for part in text.partition("="))
-        if not equals:
-            raise ValueRangeError(
-                f"{option} {text!r} is not JOINT=VALUE, for example {next(iter(known), 'joint1')}=0.5."
-            )
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise ValueRangeError(f"{option} {text!r} is not {form}.")
+        if name in found:
+            raise ValueRangeError(f"{option} {name} is given twice. Keep one of them.")
+        found[name] = value
+    return found
+
+
+def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
+    known, found = {b.joint.name: b for b in robot.model.leaders}, []
+    for joint, value in assignments(
+        texts, option, f"JOINT=VALUE, for example {next(iter(known), 'joint1')}=0.5"
+    ).items():
         if joint not in known:
             raise UnknownNameError.from_choices("joint", joint, known)
-        if joint in found:
-            raise ValueRangeError(f"{option} {joint} is given twice. Keep one of them.")
         count = known[joint].joint.nv if velocities else known[joint].joint.nq
         form = f"{count} number{'s' if count > 1 else ''}"
-        found[joint] = known[joint], parse_numbers(value, f"{option} {joint}", form, count)
-    return list(found.values())
+        found.append((known[joint], parse_numbers(value, f"{option} {joint}", form, count)))
+    return found
 
 
 # ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``
@@ -258,12 +263,14 @@ class StatedLimits(Limits):
     """(nv,) of bool: joints whose effort the user gave."""
 
 
-def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> StatedLimits:
-    """The model's limits with those of the file in their places; angles of the file are in degrees if ``degrees``.
+def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
+    """The model's limits with those of a file in their places; angles of the file are in degrees if ``degrees``.
 
     Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
     :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
+    if path is None:
+        return model.limits
     path = as_path(path)
     with table_errors(path, "limits file", f"joint,{','.join(_KINDS)}, then a line per joint"):
         file = CsvFile.open(path)
@@ -274,18 +281,18 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Sta
     seen: set[str] = set()
     sizes, stated = np.zeros(model.nv), np.zeros(model.nv, bool)
     for line, cells in rows:
-        if "leader" in header and cells[header.index("leader")]:
+        row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
+        if row.get("leader"):
             continue
-        where = f"{path}: line {line}"
-        joint, values = _joint_of(header, cells, where, file.dialect)
+        joint = row.get("velocity_name") or row["joint"]
+        values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in _KINDS if row.get(kind)}
         k = _check(joint, values, joints, seen, where)
         seen.add(joint)
         stated[k] = "effort" in values
         for kind, value in values.items():
             found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
-        sizes[k] = max(
-            (abs(x) for kind, x in values.items() if kind in ("lower", "upper") and math.isfinite(x)), default=0
-        )
+        positions = (values.get(kind, math.inf) for kind in ("lower", "upper"))
+        sizes[k] = max((abs(x) for x in positions if math.isfinite(x)), default=0)
         if found["lower"][k] > found["upper"][k]:
             raise ValueRangeError(
                 f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
@@ -310,13 +317,6 @@ def _check_radians(path: Path, sizes: Array, model: Model) -> None:
         f"{path}: the limits of position look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
         f"{printed(sizes[k] / math.tau, 3)} turns in radians. Add --degrees, or write radians; inf stands for no limit."
     )
-
-
-def _joint_of(header: list[str], cells: list[str], where: str, dialect: Dialect) -> tuple[str, dict[str, float]]:
-    """The joint of a line and the limits it gives, as they stand there."""
-    row = dict(zip(header, cells, strict=True))
-    values = {kind: _limit(row[kind], kind, where, dialect) for kind in _KINDS if row.get(kind)}
-    return row.get("velocity_name") or row["joint"], values
 
 
 def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:

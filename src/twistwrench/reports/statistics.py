@@ -94,35 +94,28 @@ _BINS = 2048
 
 
 class MinMaxDecimation:
-    """Least and greatest values of (n, k) rows in bins of equally many rows, doubled whenever they become too many."""
+    """Least and greatest values of (n, columns) rows in bins of equally many rows, doubled when they become too many."""
 
-    def __init__(self, bins: int = _BINS) -> None:
+    def __init__(self, columns: int, bins: int = _BINS) -> None:
         self._most = 2 * bins
         self._rows_per_bin = 1
         self._rows = 0
         self._time = np.zeros(0)
-        self._least: Array | None = None
-        self._greatest: Array | None = None
+        self._least, self._greatest = np.zeros((2, 0, columns))
 
     def add(self, time: Array, values: Array, upper: Array | None = None) -> None:
-        """Take in consecutive rows, times (n,) and values (n, k), or bands from those to ``upper`` (n, k)."""
+        """Take in consecutive rows, times (n,) and values (n, columns), or bands from those to ``upper``."""
         offset = self._rows % self._rows_per_bin  # rows already in the last bin
         starts = np.arange(-offset, len(time), self._rows_per_bin).clip(min=0)
-        least, greatest = (
-            np.minimum.reduceat(values, starts),
-            np.maximum.reduceat(values if upper is None else upper, starts),
-        )
-        begins = time[starts]
-        if self._least is None or self._greatest is None:
-            self._time, self._least, self._greatest = begins, least, greatest
-        else:
-            if offset:
-                self._least[-1] = np.minimum(self._least[-1], least[0])
-                self._greatest[-1] = np.maximum(self._greatest[-1], greatest[0])
-                begins, least, greatest = begins[1:], least[1:], greatest[1:]
-            self._time = np.concatenate([self._time, begins])
-            self._least = np.concatenate([self._least, least])
-            self._greatest = np.concatenate([self._greatest, greatest])
+        begins, least = time[starts], np.minimum.reduceat(values, starts)
+        greatest = np.maximum.reduceat(values if upper is None else upper, starts)
+        if offset:
+            self._least[-1] = np.minimum(self._least[-1], least[0])
+            self._greatest[-1] = np.maximum(self._greatest[-1], greatest[0])
+            begins, least, greatest = begins[1:], least[1:], greatest[1:]
+        self._time = np.concatenate([self._time, begins])
+        self._least = np.concatenate([self._least, least])
+        self._greatest = np.concatenate([self._greatest, greatest])
         self._rows += len(time)
         while len(self._time) > self._most:
             pairs = np.arange(0, len(self._time), 2)
@@ -132,13 +125,8 @@ class MinMaxDecimation:
             self._rows_per_bin *= 2
 
     def result(self) -> tuple[Array, Array, Array]:
-        """Times at which bins begin (b,), least and greatest values (b, k)."""
-        empty = np.zeros((0, 0))
-        return (
-            self._time,
-            empty if self._least is None else self._least,
-            empty if self._greatest is None else self._greatest,
-        )
+        """Times at which bins begin (b,), least and greatest values (b, columns)."""
+        return self._time, self._least, self._greatest
 
 
 # ── The largest true value behind many noisy ones
@@ -277,21 +265,18 @@ class PeakSearch:
         self.cell = max(1, round(_CELL * narrow))
         self.reach = math.ceil(_REACH * wide) + _SPLINE_REACH + self.cell
         self.peak, self.speed = RunningExtrema(nv), RunningExtrema(nv)
-        self.sign, self.way = np.ones(nv), np.ones(nv)
         self.contenders = Contenders(nv, self.cell)
         self.around: list[tuple[LogRows, int] | None] = [None] * nv
 
     def add(self, core: MotionSamples, torques: Array, motion: LogRows, inner: slice) -> None:
         """Add an overlapping run: its new rows with their torques, and the log around them."""
         self.contenders.add(np.abs(torques))
-        for joint, row in self.peak.add(core.time, np.abs(torques)):
-            self.sign[joint] = np.sign(torques[row, joint]) or 1.0
+        for joint, row in self.peak.add(core.time, np.abs(torques), torques):
             place = inner.start + row
             first = max(0, place - self.reach)
             rows = slice(first, place + self.reach + 1)
             self.around[joint] = _part(motion, rows), place - first
-        for joint, row in self.speed.add(core.time, np.abs(core.dq)):
-            self.way[joint] = np.sign(core.dq[row, joint]) or 1.0
+        self.speed.add(core.time, np.abs(core.dq), core.dq)
 
     def estimate(self, joint: int, steady: float) -> PeakEstimate:
         """The joint's peak; ``steady`` is its part there that does not depend on accelerations.
@@ -302,22 +287,23 @@ class PeakSearch:
         assert found is not None
         motion, row = found
         near = slice(max(0, row - self.cell), row + self.cell + 1)
-        bias, sigma, speed_sigma = self._drawn(motion, near, joint)
+        sign = -1.0 if self.peak.signed[joint] < 0 else 1.0
+        bias, sigma, speed_sigma = self._drawn(motion, near, joint, sign)
         values = self.contenders.result()[:, joint]
         excess, spread = excess_of_largest(values, sigma, self.contenders.runs)
         largest, sigma = float(self.peak.value[joint]), math.hypot(spread, _BIAS * bias)
         # Noise cannot take away more than accelerations make. Where it could, nothing is known between that and the peak.
-        least = min(max(0.0, float(self.sign[joint]) * steady), largest)
+        least = min(max(0.0, sign * steady), largest)
         if largest - excess < least:
             excess, sigma = largest - least, max(sigma, (largest - least) / INTERVAL)
         return PeakEstimate(
-            value=float(self.sign[joint] * (largest - excess)),
+            value=sign * (largest - excess),
             sigma=sigma,
-            speed=float(self.way[joint] * self.speed.value[joint]),
+            speed=float(self.speed.signed[joint]),
             speed_sigma=speed_sigma,
         )
 
-    def _drawn(self, motion: LogRows, near: slice, joint: int) -> tuple[float, float, float]:
+    def _drawn(self, motion: LogRows, near: slice, joint: int, sign: float) -> tuple[float, float, float]:
         """Bias and deviation of the peak near some rows, and deviation of the velocity there."""
         d, t = self.differentiation, motion.time
         curve = d.smooth(t, d.curves(motion))
@@ -330,8 +316,8 @@ class PeakSearch:
         clean = [x[near] for x in (curve, *spline_rates(t, curve))]
         true, _ = self._torques(motion, near, [x[:, :, None] for x in clean])
         drawn, dq = self._torques(motion, near, each)
-        peaks = (self.sign[joint] * drawn[:, :, joint]).max(axis=0)
-        bias = float(peaks.mean() - (self.sign[joint] * true[:, :, joint]).max())
+        peaks = (sign * drawn[:, :, joint]).max(axis=0)
+        bias = float(peaks.mean() - (sign * true[:, :, joint]).max())
         middle = len(dq) // 2
         return bias, float(peaks.std(ddof=1)), float(dq[middle, :, joint].std(ddof=1))
 

@@ -249,12 +249,10 @@ class MotionTally:
         self.rows = 0
         self.begin = self.end = np.nan
         self.peak, self.rms = RunningExtrema(nv), Rms(nv)
-        self.signed = {kind: np.zeros(nv) for kind in ("effort", "lower", "upper", "velocity")}
-        """The values themselves at their worst."""
         self.terms = {name: np.zeros(nv) for name in TERMS}
         self.passed = {kind: RunningExtrema(nv) for kind in ("lower", "upper", "velocity")}
         """Excess over each limit."""
-        self.envelope, self.band = MinMaxDecimation(), MinMaxDecimation()
+        self.envelope, self.band = MinMaxDecimation(nv), MinMaxDecimation(nv)
         """Decimated torques, and their 95 % intervals if known."""
         self.around: dict[int, MotionSamples] = {}
         """States on either side of each joint's peak."""
@@ -265,7 +263,7 @@ class MotionTally:
         """The largest torque that the payloads make, in some of the states."""
         self.payload_margin = PayloadMarginTally(load, limits.effort)
         self.followers = [load.with_load.model.bodies[i] for i in load.with_load.model.limited_followers]
-        self.borne, self.borne_signed = RunningExtrema(len(self.followers)), np.zeros(len(self.followers))
+        self.borne = RunningExtrema(len(self.followers))
         """By mimic joints with a limit of effort."""
         self.largest = np.zeros(load.robot.nq)
         self.outliers = RunningOutliers()
@@ -312,9 +310,8 @@ class MotionTally:
         borne = np.zeros((len(s), 0))
         if self.followers:
             borne = self.load.follower_torques(s)
-            for k, row in self.borne.add(s.time, np.abs(borne)):
-                self.borne_signed[k] = borne[row, k]
-        if self.payload_margin.asked:
+            self.borne.add(s.time, np.abs(borne), borne)
+        if self.payload_margin.determined:
             added = self.load.payload_torques(s)
             if self.followers:
                 torques, added = np.hstack([torques, borne]), np.hstack([added, self.load.follower_payload_torques(s)])
@@ -349,13 +346,12 @@ class MotionTally:
         return found
 
     def _look_at_peaks(self, s: MotionSamples, torques: Array) -> None:
-        fresh = self.peak.add(s.time, np.abs(torques))
+        fresh = self.peak.add(s.time, np.abs(torques), torques)
         if not fresh:
             return
         joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
         for name, values in self.load.terms(s[rows]).items():
             self.terms[name][joints] = values[np.arange(len(joints)), joints]
-        self.signed["effort"][joints] = torques[rows, joints]
         for joint, row in fresh:
             self.around[joint] = deepcopy(s[max(0, row - self._reach) : row + self._reach])  # holds no larger arrays
 
@@ -367,8 +363,7 @@ class MotionTally:
             ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
             ("velocity", s.dq, np.abs(s.dq) - limits.velocity),
         ):
-            for joint, row in self.passed[kind].add(s.time, beyond):
-                self.signed[kind][joint] = values[row, joint]
+            self.passed[kind].add(s.time, beyond, values)
 
     def excesses(self) -> tuple[Excess, ...]:
         """The limits that were passed, worst effort first."""
@@ -381,10 +376,10 @@ class MotionTally:
             for k in np.flatnonzero(over > allowed):
                 angular = bool(c.angular_velocity[k])
                 unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
-                value, limit, time = float(self.signed[kind][k]), float(bound[k]), float(extreme.time[k])
+                value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
                 found.append(Excess(c.velocity_names[k], kind, value, limit, time, unit, angular))
         for i, body in enumerate(self.followers):
-            value, time, angular = float(self.borne_signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
+            value, time, angular = float(self.borne.signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
             if abs(value) > body.effort + margin(body.effort):
                 unit = unit_of("tau", angular)
                 found.append(Excess(body.joint.name, "effort", value, body.effort, time, unit, angular))
@@ -429,7 +424,7 @@ def analyse(
 ) -> TorqueReport:
     """Run the motion through inverse dynamics and judge it.
 
-    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``progress`` is told the share
+    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``progress`` receives the share
     of the work that is done, from 0 to 1. ``chunk`` is the number of rows worked on at a time; results do not depend on
     it, beyond round-off of sums.
     """
@@ -473,11 +468,11 @@ class _Run:
         estimating: bool = False,
     ) -> MotionTally:
         """One pass; with ``write`` it writes the file, with the torques of the plan ``beside`` as well."""
-        told = self.steps.next(len(plan.trajectory.table))
+        progress = self.steps.next(len(plan.trajectory.table))
         tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
         header = _csv_header(tally.coordinates.velocity_names, self.split, derived=beside is not None)
         with nullcontext() if self.csv is None or not write else csv_table(self.csv, header) as table:
-            for states, motion, inner in plan.surrounded_states(self.chunk, told):
+            for states, motion, inner in plan.surrounded_states(self.chunk, progress):
                 s = states[inner]
                 torques = self.load.torques(s)
                 _check_finite(torques, s)
@@ -491,12 +486,12 @@ class _Run:
     def answer(self, plan: Differentiation, derived: MotionTally | None = None) -> TorqueReport:
         """The report of the smoothed motion, with what was ``derived`` from the log as it is beside it."""
         beside = None if derived is None else derived.plan
-        tally, told = self.once(plan, write=True, beside=beside, estimating=True), self.steps.next()
+        tally, progress = self.once(plan, write=True, beside=beside, estimating=True), self.steps.next()
         estimates = []
         for k in range(self.load.robot.nv):
             estimates.append(tally.estimate(k))
-            if told is not None:
-                told((k + 1) / self.load.robot.nv)
+            if progress is not None:
+                progress((k + 1) / self.load.robot.nv)
         return _report(tally, derived, estimates)
 
 
@@ -548,13 +543,13 @@ def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque,
         JointTorque(
             joint=name,
             unit=c.torque_units[k],
-            largest=float(run.signed["effort"][k]),
+            largest=float(run.peak.signed[k]),
             time=float(run.peak.time[k]),
             rms=float(rms[k]),
             limit=float(run.limits.effort[k]),
             terms={term: float(values[k]) for term, values in run.terms.items()},
             noise=float(noisy.noise[k]),
-            raw=None if derived is None else float(derived.signed["effort"][k]),
+            raw=None if derived is None else float(derived.peak.signed[k]),
             raw_time=None if derived is None else float(derived.peak.time[k]),
         )
         for k, name in enumerate(c.velocity_names)

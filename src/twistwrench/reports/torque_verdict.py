@@ -33,16 +33,11 @@ class PeakTorque(Protocol):
     """The largest torque that one velocity needs."""
 
     @property
-    def peak(self) -> float:
-        """N m or N."""
-
+    def peak(self) -> float: ...  # noqa: D102
     @property
-    def uncertainty(self) -> float:
-        """Its standard deviation."""
-
+    def uncertainty(self) -> float: ...  # noqa: D102  its standard deviation
     @property
-    def unit(self) -> str:
-        """``N m`` or ``N``."""
+    def unit(self) -> str: ...  # noqa: D102  N m or N
 
 
 def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
@@ -89,14 +84,14 @@ _APART = 1e-3
 
 def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
     """A sentence for each, without a full stop; ``joints`` are the peaks of all velocities, where the base may float."""
-    said = []
+    clauses = []
     if massless := massless_links(model):
         have, their = ("have", "their") if len(massless) > 1 else ("has", "its")
-        said.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
+        clauses.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
     if joints and (force := missing_force(model, joints)):
         words = force_in_words(model, force)
-        said.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
-    return said
+        clauses.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
+    return clauses
 
 
 def assumptions(
@@ -106,23 +101,23 @@ def assumptions(
 
     ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request.
     """
-    said = []
+    clauses = []
     if held:
         joints = len(model.leaders) + len(held)
-        said.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")
+        clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")
     if any(p.mass and p.frame is None for p in payloads) and model.tip is not None:
         tip = model.frame(model.tip)
         ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
         apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
         if apart:
-            said.append(f"the payload is at {model.tip}, one of {len(ends)} tips")
+            clauses.append(f"the payload is at {model.tip}, one of {len(ends)} tips")
     weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
     if weightless:
         have = "have a shape" if len(weightless) > 1 else "has a shape"
-        said.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
+        clauses.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
     if not friction and model.friction.any:
-        said.append("joint friction is left out")
-    return said
+        clauses.append("joint friction is left out")
+    return clauses
 
 
 def _without_mass(model: Model, link: str) -> bool:
@@ -131,11 +126,20 @@ def _without_mass(model: Model, link: str) -> bool:
     return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
 
 
-def assumed_words(said: Sequence[str]) -> str:
+def assumed_words(clauses: Sequence[str]) -> str:
     """Number of :func:`assumptions`, and the first; empty without any."""
-    if not said:
+    if not clauses:
         return ""
-    return f"; 1 assumption: {said[0]}" if len(said) == 1 else f"; {len(said)} assumptions, first: {said[0]}"
+    return (
+        f"; 1 assumption: {clauses[0]}" if len(clauses) == 1 else f"; {len(clauses)} assumptions, first: {clauses[0]}"
+    )
+
+
+def friction_words(model: Model, *, counted: bool) -> str:
+    """Words of a heading on the friction of torques."""
+    if not counted:
+        return "without friction"
+    return "with friction" if model.friction.any else "no friction, as its file gives none"
 
 
 # ── The verdict
@@ -375,7 +379,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     yield from _friction_notes(report)
     yield from _measured_notes(report)
     yield from _stray_notes(report)
-    yield from _column_notes(report)
+    yield from d.trajectory.notes
 
 
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
@@ -424,10 +428,6 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
             f"WARNING: smoothing flattened samples that noise does not explain: {'; '.join(shown)}{more}, in the file's "
             "unit. If the robot did move so, the torques there are far too low; if the log is wrong, remove the samples."
         )
-
-
-def _column_notes(report: TorqueReport) -> Iterator[str]:
-    yield from report.differentiation.trajectory.notes
 
 
 def _quality_notes(report: TorqueReport) -> Iterator[str]:

@@ -1,0 +1,368 @@
+"""Options that commands share: the robot and how it is read, motions with their columns, loads, files and batches."""
+
+from __future__ import annotations
+
+import difflib
+import glob
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from functools import partial, wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..core.numbers import printed
+from ..core.tables import csv_table
+from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
+from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
+from ..reports.robot_summary import assignments, parse_numbers
+from .main import Decorator, Given, RobotOption, command, option, option_group
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..motion.motion_log import MotionLog
+    from ..robot import Robot
+
+
+def robot_source(source: str) -> str | Path:
+    """Resolve ROBOT: the path of a file, of a robot known by name, or the text of a pipe.
+
+    Raises :class:`~twistwrench.NotFoundError`, with near names.
+    """
+    from ..core.files import is_stream
+    from ..formats.source import read_robot_text, standard_input_text
+    from ..robots.finding import known_robots, plain_name
+
+    if source == "-":  # read once, and perhaps loaded twice
+        return standard_input_text()
+    if is_stream(Path(source)):
+        return read_robot_text(source)[0]
+    with suppress(OSError):  # a name too long for a file
+        if Path(source).exists():
+            return source
+    known, wanted = known_robots(), plain_name(source)
+    if wanted in known:
+        return known[wanted].path
+    near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
+    raise NotFoundError(
+        f"no robot file {source!r}, and no bundled robot of that name, nor one of another package.{hint} "
+        "Give a path, or a name that `twistwrench robots` lists."
+    )
+
+
+# ── Files of bundled robots, called ``demo``
+
+_DEMO = "demo"
+
+
+def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
+    """Path as given, or for ``demo`` the file of that kind bundled with the robot."""
+    if name != _DEMO or Path(name).is_file():
+        return Path(name)
+    folder = Path(__file__).parents[1] / "robots"
+    path = folder / f"{robot}_{_DEMO}{suffix}"
+    if not path.is_file():
+        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise UnknownNameError(
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
+        )
+    return path
+
+
+def motion_path(options: RobotOptions, motion: str) -> Path:
+    """The motion's file; the bundled ones are in radians."""
+    path = bundled(motion, options.source, ".csv", "motion")
+    if options.degrees and path != Path(motion):
+        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
+    return path
+
+
+# ── The options
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """Options for reading the robot."""
+
+    source: str
+    floating_base: bool
+    lock: dict[str, float]
+    tip: str | None
+    mimic: str
+    inertia: str
+    actuators: str | None
+    degrees: bool
+    chain: tuple[str, str] | None = None
+    """Two frames; joints that are not between them are held at neutral."""
+    keep: str | None = None
+    """Body to read from an MJCF scene."""
+    model: str | None = None
+    """Model to read from an SDF world."""
+
+    def load(self) -> Robot:
+        """Load the robot, a bundled one by name or a file by its path."""
+        return self.load_and_locked()[0]
+
+    @property
+    def files(self) -> dict[str, str | None]:
+        """Files read for the robot, by argument; None for bundled files. No output may overwrite them."""
+        given = {"ROBOT": self.source, "--actuators": self.actuators}
+        return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
+
+    @property
+    def actuator_file(self) -> Path | None:
+        """The file of the actuators, for ``demo`` the bundled one."""
+        if self.actuators is None:
+            return None
+        return bundled(self.actuators, self.source, ".yaml", "actuator file")
+
+    def load_and_locked(
+        self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
+    ) -> tuple[Robot, tuple[str, ...]]:
+        """Load the robot, and return it with the names of all locked joints, mimic joints included.
+
+        ``stiff`` treats elastic gears as rigid. ``held`` names further joints to lock at neutral.
+        """
+        make = self._maker()
+        options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
+        if self.floating_base:  # some bundled robots float of themselves
+            options["floating_base"] = True
+        options |= {name: value for name, value in (("keep", self.keep), ("model", self.model)) if value is not None}
+        if not self.lock and held is None and self.chain is None:
+            return self._driven(make(lock={}, **options), stiff=stiff), ()
+        # Which locked joints turn and which slide, and their limits, are known only once the robot is.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            whole = make(**{**options, "inertia": "accept"})
+        free = whole.model
+        lock = joints_held(free, self.lock, degrees=self.degrees)
+        if self.chain is not None:
+            single = {b.joint.name: float(whole.neutral[b.q_index]) for b in free.leaders if b.joint.nv == 1}
+            lock = {name: single[name] for name in joints_beside(free, *self.chain) if name in single} | lock
+        if held is not None:
+            lock |= self._missing(whole, [name for name in held(free) if name not in lock])
+        if self.actuators:
+            robot = self._driven(make(lock={}, **options), stiff=stiff).lock(lock)
+        else:
+            robot = make(lock=lock, **options)
+        moving = {b.joint.name for b in robot.model.bodies}
+        return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
+
+    def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
+        """Neutral positions of joints without a column; empty if all lack one, since the file is then misread."""
+        single = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
+        if len(names) == len(robot.model.leaders):
+            return {}
+        found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
+        if found:
+            click.echo(
+                "note: held still, as the motion has no column for them: "
+                f"{', '.join(f'{n}={printed(v)}' for n, v in found.items())}.",
+                err=True,
+            )
+        return found
+
+    def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
+        return robot.with_actuators(self.actuator_file, stiff=stiff) if self.actuator_file else robot
+
+    def _maker(self) -> Callable[..., Robot]:
+        from .. import robots
+        from ..robot import load
+        from ..robots.finding import plain_name
+
+        name = plain_name(self.source)
+        if name in robots.names() and not Path(self.source).is_file():
+            make: Callable[..., Robot] = getattr(robots, name)
+            return make
+        return partial(load, robot_source(self.source))
+
+
+_option = partial(option, cls=RobotOption)
+
+_ROBOT = option_group(
+    _option("--degrees", "Angles in files, options and reports are in degrees."),
+    _option("--actuators FILE.yaml", "Motors, gears, rotors and friction; 'demo' is bundled."),
+    _option(
+        "--inertia", "What becomes of one no body can have.", choices=("error", "accept", "repair"), default="error"
+    ),
+    _option(
+        "--mimic", "Whether mimic joints follow their leader.", choices=("follow", "independent"), default="follow"
+    ),
+    _option("--tip FRAME", "The frame meant where none is named."),
+    _option("--model NAME", "Of an SDF world: this model."),
+    _option("--keep BODY", "Of an MJCF scene: this body and all that it carries."),
+    _option("--chain BASE TIP", "Hold all joints still that are not between these frames.", nargs=2),
+    _option("--lock JOINT=VALUE", "Hold a joint still there, or all of '*wheel*'; may be repeated.", multiple=True),
+    _option("--floating-base", "Let the base move freely."),
+    click.argument("source", metavar="ROBOT"),
+)
+"""The ROBOT argument and the options shared by all commands."""
+
+
+def robot_command(name: str, *options: Decorator, examples: Sequence[str], robot_first: bool = False) -> Decorator:
+    """A command with ROBOT and the options for reading it, from a function of those and of its own options.
+
+    ROBOT stands before the command's own arguments if ``robot_first``.
+    """
+
+    def decorate(function: Callable[[RobotOptions, Given], int | None]) -> click.Command:
+        @wraps(function)
+        def run(given: Given) -> int | None:
+            values = vars(given)
+            own = {field.name: values.pop(field.name) for field in fields(RobotOptions)}
+            return function(RobotOptions(**{**own, "lock": _parse_locks(own["lock"])}), given)
+
+        order = (*options, _ROBOT) if robot_first else (_ROBOT, *options)
+        made: click.Command = command(name, *order, examples_=examples)(run)
+        return made
+
+    return decorate
+
+
+def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
+    given = assignments(texts, "--lock", "JOINT=VALUE, for example gripper=0.02")
+    return {joint: parse_numbers(value, f"--lock {joint}", "a number", 1)[0] for joint, value in given.items()}
+
+
+# ── Options of several commands
+
+LIMITS = option("--limits FILE.csv", "Limits in place of the robot's: joint,lower,upper,velocity,effort.")
+PAYLOADS = option(
+    "--payload MASS[,x,y,z][@FRAME]",
+    "A point mass carried, such as the gripper; may be repeated.",
+    "payloads",
+    multiple=True,
+)
+WRENCHES = option("--wrench-on-robot FRAME:m,m,m,f,f,f", "What the world does to it there.", "wrenches", multiple=True)
+NO_FRICTION = option("--no-friction", "Leave joint friction and damping out.")
+CONFIGURATION = option(
+    "--configuration v,v,…|NAME", "All coordinates at once, or a configuration of the file by its name."
+)
+AT = option(
+    "--at JOINT=VALUE|v,v,…",
+    "A joint's place, others at zero or as --configuration says, or all coordinates; may be repeated.",
+    multiple=True,
+)
+COLUMNS = option(
+    "--columns JOINT=COLUMN",
+    "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; may be repeated.",
+    multiple=True,
+)
+RATE = option("--rate HZ", "Rows a second, where the log has no column of time.", type=float)
+LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the log has no column for.")
+
+
+# ── The motion: its options, its robot and its file
+
+
+def motion_options(*, required: bool) -> Decorator:
+    """Options for the file of a motion and how it is read."""
+    return option_group(
+        option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
+        LOCK_MISSING,
+        RATE,
+        COLUMNS,
+        option("--trajectory FILE.csv", "The motion; 'demo' is the one bundled with a robot.", required=required),
+    )
+
+
+def loaded_motion_options(*, required: bool) -> Decorator:
+    """Options for the motion, its payloads and its wrenches."""
+    return option_group(NO_FRICTION, WRENCHES, PAYLOADS, motion_options(required=required))
+
+
+def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot, MotionLog]:
+    """Load the robot and open its motion; raises the errors of :meth:`MotionLog.open`."""
+    from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
+    from ..motion.motion_log import MotionLog
+
+    columns, file = parse_columns(given.columns), open_motion_file(path)
+    missing: list[str] = []
+
+    def without_column(model: Model) -> list[str]:
+        missing[:] = joints_without_column(file, model, columns=columns)
+        return missing
+
+    held = without_column if given.lock_missing else None
+    robot, locked = options.load_and_locked(stiff=not moves_motors(file), held=held)
+    reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": given.rate}
+    still = [name for name in missing if name in locked]
+    return robot, MotionLog.open(file, robot.model, locked=locked, held=still, **reading)
+
+
+def load_case(robot: Robot, options: RobotOptions, given: Given) -> LoadCase:
+    """The robot with the payloads and wrenches of the options."""
+    payloads = tuple(parse_payload(text, options.tip) for text in given.payloads)
+    return LoadCase(robot, payloads, parse_wrenches(given.wrenches), friction=not given.no_friction)
+
+
+def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:
+    """Raise ValueRangeError if the actuator file declares logs of motor positions; only joint positions are read."""
+    from ..formats.actuators import read_log_side
+
+    source = options.actuator_file
+    if source is not None and read_log_side(robot.model, source).of_motors:
+        raise ValueRangeError(
+            f"{source} says that logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
+            "Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side(robot.model, "
+            "file)).to_csv(path); twistwrench identify reads either."
+        )
+
+
+def parse_columns(texts: Iterable[str]) -> dict[str, str]:
+    """Read ``JOINT=COLUMN`` each; raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+
+    >>> parse_columns(["elbow=pos3", "time=Time [ms]"])
+    {'elbow': 'pos3', 'time': 'Time [ms]'}
+    """
+    return assignments(texts, "--columns", "JOINT=COLUMN, for example elbow=pos3 or elbow.vel=w3")
+
+
+# ── Batches: the files of folders and patterns
+
+worker_options = option_group(
+    option("--scheduler ADDRESS", "Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."),
+    option("--workers N", "Work on N processes of this machine (Dask).", type=int),
+)
+"""``--workers`` and ``--scheduler``."""
+
+
+def expand_paths(path: Path, text: str) -> list[str]:
+    """Expand a folder or a pattern to its files, sorted by name; other paths are returned unchanged."""
+    from ..motion.motion_file import is_recording
+
+    if any(c in text for c in "*?[") and not path.exists():
+        matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
+        if not matches:
+            raise ValueRangeError(f"no file matches {text!r}.")
+        return matches
+    if path.is_dir() and not is_recording(path):
+        inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+        if not inside:
+            raise ValueRangeError(f"{text!r} is a folder without files.")
+        return inside
+    return [str(path)]
+
+
+# ── Files
+
+
+def show_written(*paths: object) -> None:
+    """Print a line for each file that was written, except None."""
+    for path in filter(None, paths):
+        click.echo(f"wrote {path}")
+
+
+def write_csv(path: str | Path | None, columns: Mapping[str, Iterable[str | float | None]]) -> None:
+    """Write columns below their names, if there is a path; None is an empty cell."""
+    if path is not None:
+        with csv_table(path, columns) as table:
+            for row in zip(*columns.values(), strict=True):
+                table.row(str(x) if isinstance(x, int) else x for x in row)

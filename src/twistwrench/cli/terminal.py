@@ -1,0 +1,215 @@
+"""The terminal: blocks of a report printed as wide as it is, and progress bars on standard error."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich import box, table
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.padding import Padding
+from rich.segment import Segment
+from rich.text import Text
+from rich.tree import Tree
+
+from ..core.arguments import visible
+from ..reports.blocks import Block, Branch, Column, Line, Table
+
+_WIDTH = 110
+"""Width of output to files and pipes, in characters."""
+_NARROW = 80
+"""Characters below which columns have their narrow form."""
+
+
+class _Output(Console):
+    """Console that escapes control characters, never cuts a line, and ends the program at a broken pipe."""
+
+    def render(self, renderable: Any, options: Any = None) -> Any:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(visible(segment.text), segment.style)
+
+    def on_broken_pipe(self) -> None:
+        raise
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*objects, **{"crop": False, **options})
+
+
+def console() -> Console:
+    """Console of the terminal's width."""
+    output = _Output(highlight=False)
+    return output if output.is_terminal else _Output(highlight=False, width=_WIDTH)
+
+
+def show(*blocks: Block) -> None:
+    """Print on standard output."""
+    output = console()
+    for block in blocks:
+        output.print(rendered(block, output.width))
+
+
+def rendered(block: Block, width: int) -> RenderableType:
+    """A block as Rich prints it."""
+    if isinstance(block, Table):
+        return TerminalTable(block, narrow=width < _NARROW)
+    if isinstance(block, Branch):
+        return _tree(block)
+    text = _text(block)
+    return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
+
+
+def _text(words: str | Line) -> Text:
+    if isinstance(words, str):
+        return Text(words)
+    if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # a style of the whole cell
+        return Text(*words.pieces[0])
+    return Text.assemble(*words.pieces)
+
+
+def _tree(tree: Branch, above: Tree | None = None) -> Tree:
+    branch = Tree(_text(tree.label)) if above is None else above.add(_text(tree.label))
+    for below in tree.branches:
+        _tree(below, branch)
+    return branch
+
+
+# ── Tables: words at the left, numbers at the right
+
+_ANY = 10_000
+"""Width in characters that no table reaches."""
+_LEAST = 8
+"""Fewest characters of a word that stay together when names are folded."""
+
+
+class TerminalTable(table.Table):
+    """Table with a single rule below its heads; text is not interpreted as markup. The title stays on one line."""
+
+    def __init__(self, content: Table, *, narrow: bool = False) -> None:
+        title = Text(content.title, style=content.style, no_wrap=True, overflow="ignore") if content.title else None
+        super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+        columns = [column.narrow if narrow and column.narrow else column for column in content.columns]
+        cells = [[_text(column.show(value)) for value in column.values] for column in columns]
+        self._folding = [
+            texts for column, texts in zip(columns, cells, strict=True) if column.words and not column.whole
+        ]
+        """Cells of each column that may be folded."""
+        for column, texts in zip(columns, cells, strict=True):
+            self._add(column, texts)
+        for row, style in zip(zip(*cells, strict=True), content.styles, strict=True):
+            self.add_row(*row, style=style)
+
+    def _add(self, column: Column, texts: list[Text]) -> None:
+        # Rich's own option for cells that are never broken takes all width from other columns.
+        for text in texts:
+            text.no_wrap = column.whole or None
+        if column.whole:
+            needs = [cell_len(text.plain) for text in texts]
+        else:
+            needs = [min(cell_len(part), _LEAST) for text in texts for part in text.plain.split()]
+        if not column.words:
+            needs += [
+                max(map(cell_len, column.head.split()), default=0) if column.min_width is None else column.min_width
+            ]
+        self.add_column(
+            Text(column.head),
+            justify="left" if column.words else "right",
+            overflow="fold" if column.words else "ellipsis",
+            style=column.style,
+            min_width=max(needs, default=None),
+        )
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Render the table; in narrow consoles with less padding and with names folded at their separators."""
+        for padding in (self.padding, (0, 0)):
+            self.padding = padding
+            excess = Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
+            if excess <= 0:
+                break
+            for texts in filter(None, self._folding):
+                longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
+                least = max(cell_len(part) for text in texts for part in _parts(text.plain))
+                width = max(least, longest - excess)
+                for text in texts:
+                    text.plain = _folded(text.plain, width)
+                excess -= max(longest - width, 0)
+        yield from super().__rich_console__(console, options)
+
+
+def _parts(name: str) -> list[str]:
+    """Parts of a name that stay together, with the separator that ends each."""
+    return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
+
+
+def _folded(name: str, width: int) -> str:
+    """Break a name between its parts into lines of at most that width."""
+    if cell_len(name) <= width or " " in name:
+        return name
+    lines = [""]
+    for part in _parts(name):
+        if lines[-1] and cell_len(lines[-1] + part) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
+
+
+# ── Progress bars on stderr, on a terminal only
+
+_PATIENCE = 1.0
+"""s of work before a bar is shown."""
+_BETWEEN = 0.1
+"""s between two updates of a bar."""
+
+
+def _bar() -> Any:
+    from rich import progress
+
+    columns = (
+        progress.TextColumn("{task.description}", markup=False),
+        progress.BarColumn(),
+        progress.TextColumn("{task.percentage:3.0f} %"),
+        progress.TimeRemainingColumn(),
+    )
+    return progress.Progress(*columns, console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def frame_progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Progress bar over the frames of a film; None if standard error is not a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with _bar() as bar:
+        task = bar.add_task(visible(what), total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None] | None]:
+    """Progress bar over the finished share, 0 to 1, shown after a second; None if standard error is not a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    bar, due, begun = _bar(), time.monotonic() + _PATIENCE, False
+    task = bar.add_task(visible(what), total=1.0)
+
+    def tick(share: float) -> None:
+        nonlocal due, begun
+        now = time.monotonic()
+        if now >= due:
+            if not begun:
+                bar.start()
+                begun = True
+            bar.update(task, completed=share)
+            due = now + _BETWEEN
+
+    try:
+        yield tick
+    finally:
+        if begun:
+            bar.stop()
