@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.text import listed
 from ..errors import TrajectoryError
 from ..lie.labelled import WRENCH
 from ..typing import Array
@@ -195,7 +193,7 @@ _ANGLES |= {
     long: _ANGLES[short]
     for long, short in (("radian", "rad"), ("radians", "rad"), ("degree", "deg"), ("degrees", "deg"))
 }
-_TIMES_of_column_units = {
+_SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "usec", "microsecond", "microseconds"), 1e-6),
@@ -204,7 +202,7 @@ _TIMES_of_column_units = {
 }
 _DATE_NS, _STEP_NS = 1e17, 1e4
 """1973 in ns, and 10 us: no log is as fast, and none in whole seconds or milliseconds has steps as long."""
-_UNITS_of_column_units: dict[tuple[str, bool], dict[str, float]] = {
+_FACTORS: dict[tuple[str, bool], dict[str, float]] = {
     ("q", True): _ANGLES,
     ("q", False): _LENGTHS,
     ("dq", True): {f"{u}/s": f for u, f in _ANGLES.items()} | {"1/s": 1.0, "rpm": _TURN / 60},
@@ -243,7 +241,7 @@ def split_unit(text: str) -> tuple[str, str | None]:
 
 def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
     """Factor from a unit to SI units; ``part`` is q, dq, ddq or tau. TrajectoryError begins with ``where``."""
-    known = _UNITS_of_column_units[part, angular]
+    known = _FACTORS[part, angular]
     factor = known.get(_plain(unit, products=part == "tau"))
     if factor is None:
         raise TrajectoryError(
@@ -259,7 +257,7 @@ def time_factor(unit: str) -> float | None:
     >>> time_factor("ms"), time_factor("kg")
     (0.001, None)
     """
-    return _TIMES_of_column_units.get(_plain(unit))
+    return _SECONDS.get(_plain(unit))
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
@@ -286,51 +284,3 @@ def _plain(unit: str, *, products: bool = False) -> str:
     text = text.replace("deg.", "deg").replace("sec", "s") if "/" in text else text
     text = re.sub(r"[\s·*.⋅-]" if products else r"\s", "", text)
     return re.sub(r"/s/s$", "/s2", text)
-
-
-# ── The header of a motion file while its columns are assigned
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Column of a file, and its unit if it is given."""
-
-    column: int
-    unit: str | None = None
-
-
-@dataclass
-class Header:
-    """The header's cells while columns are being given away."""
-
-    cells: Sequence[str]
-    where: str
-    joints: Sequence[str] = ()
-    """Names that are taken as they stand, brackets at their ends included."""
-    free: list[int] = field(init=False)
-    split: list[tuple[str, str | None]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.free = [k for k, cell in enumerate(self.cells) if cell]
-        self.split = [(cell, None) if cell in self.joints else split_unit(cell) for cell in self.cells]
-
-    def found(self) -> str:
-        """The names, as they end an error."""
-        return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
-
-    def column(self, name: str, told: str) -> Choice:
-        """Column of that name, with or without its unit; ``told`` names the option in errors."""
-        base, unit = split_unit(name)
-        exact = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
-        alike = exact or [k for k, (text, _) in enumerate(self.split) if text == base]
-        if not alike:
-            near = difflib.get_close_matches(name, [c for c in self.cells if c], n=1, cutoff=0.6)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise TrajectoryError(f"{self.where}: no column {name!r}, which {told} names.{hint} {self.found()}")
-        if len(alike) > 1:
-            raise self.repeated(name.strip(), len(alike))
-        return Choice(alike[0], unit or self.split[alike[0]][1])
-
-    def repeated(self, name: str, count: int) -> TrajectoryError:
-        """The error of a column that is there more than once."""
-        return TrajectoryError(f"{self.where}: column {name!r} is there {count} times. Keep one of them.")

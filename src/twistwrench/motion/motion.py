@@ -93,35 +93,27 @@ class Motion(MotionFiles):
             raise ValueRangeError(
                 f"Motion: time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
             )
-        given = {label: getattr(self, label) for label in ("dq", "ddq", "tau")}
-        rates = {
-            label: None
-            if x is None
-            else np.asarray(arguments.finite(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
-            for label, x in given.items()
-        }
-        for label, x in rates.items():
-            if x is not None and x.shape != (len(t), model.nv):
-                raise ShapeError(f"Motion: {label} has shape {x.shape}; give ({len(t)}, {model.nv}).")
-        doubt = (
-            "" if self.notes or self.in_seconds else time_doubt(self.coordinates, t, q, rates["dq"], self.robot.limits)
-        )
-        if doubt:
-            doubt = f"{doubt}. Give times in seconds, as time=1e-3 * milliseconds"
-            warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
-            object.__setattr__(self, "notes", (f"LOOK AGAIN: {doubt}",))
+        rates: dict[str, Array | None] = {}
+        for label in ("dq", "ddq", "tau"):
+            x = getattr(self, label)
+            if x is not None:
+                x = np.asarray(arguments.finite(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
+                if x.shape != (len(t), model.nv):
+                    raise ShapeError(f"Motion: {label} has shape {x.shape}; give ({len(t)}, {model.nv}).")
+            rates[label] = x
+        believed, doubts = bool(self.notes) or self.in_seconds, list[str]()
+        if not believed and (doubt := time_doubt(self.coordinates, t, q, rates["dq"], self.robot.limits)):
+            doubts = [f"{doubt}. Give times in seconds, as time=1e-3 * milliseconds"]
+        derived = rates["dq"] is None and rates["ddq"] is None
         if rates["dq"] is None or rates["ddq"] is None:
-            derived = _derived(self.robot, t, q, rates["dq"])
-            rates["dq"] = derived[0] if rates["dq"] is None else rates["dq"]
-            rates["ddq"] = derived[1] if rates["ddq"] is None else rates["ddq"]
-        believed = bool(self.notes) or self.in_seconds or (given["dq"] is None and given["ddq"] is None)
+            rates["dq"], ddq = _derived(self.robot, t, q, rates["dq"])
+            rates["ddq"] = ddq if rates["ddq"] is None else rates["ddq"]
         for label, x in {"time": t, "q": q, **rates}.items():
             object.__setattr__(self, label, x)
-        if believed:
-            return
-        tally = Contradictions(self.coordinates, time_stated=False)
-        tally.add_rates(self)  # which takes little time
-        doubts = tally.of_rates()
+        if not (believed or derived or doubts):
+            tally = Contradictions(self.coordinates, time_stated=False)
+            tally.add_rates(self)  # which takes little time
+            doubts = tally.of_rates()
         for doubt in doubts:
             warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
         if doubts:

@@ -124,7 +124,7 @@ class MotionFiles:
         (101, 6)
         """
         try:
-            import pandas  # type: ignore[import-untyped]
+            import pandas
         except ImportError:
             raise MissingExtraError.from_extra("pandas", "tables", "Making a DataFrame") from None
         columns = self.columns()
