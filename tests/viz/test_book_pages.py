@@ -469,12 +469,12 @@ def test_the_command_writes_a_page_with_a_payload(tmp_path):
 
 def test_arrows_are_to_a_scale_that_is_a_round_number(tmp_path):
     """And told: so much for a square of the floor."""
-    page = write_page(arm("panda"), tmp_path / "page.html", section="3.4")
-    assert "<title>3.4 Twists and wrenches at the tip, panda</title>" in page.read_text("utf-8")
+    page = write_page(arm("planar_2r"), tmp_path / "page.html", section="3.4")
+    assert "<title>3.4 Twists and wrenches at the tip, planar_2r</title>" in page.read_text("utf-8")
     amounts = [1e-3, 0.13, 0.15, 1.0, 1.5, 3.1, 3.2, 7.0, 7.2, 900.0]
     found = under_node(page, "(m, x) => x.map(nearRound)", amounts)
     assert found == [1e-3, 0.1, 0.2, 1.0, 2.0, 2.0, 5.0, 5.0, 10.0, 1000.0]
     said = under_node(page, '(m) => saidScales(1.1, [[perSquare(1.5, 0.33, 1.1), "m/s"], [20, "N"], [20, "N"]])')
     assert said == "a square of the floor, 0.1 m, is 0.5 m/s, 20 N"  # 0.33 m for 1.5 m/s
-    sections = {number: read_page(write_page(arm("panda"), page, section=number))[0] for number in ("3.4", "5.2")}
+    sections = {number: read_page(write_page(arm("planar_2r"), page, section=number))[0] for number in ("3.4", "5.2")}
     assert [any(key == "torques" for key, _ in s["switches"]) for s in sections.values()] == [False, True]

@@ -65,7 +65,7 @@ def test_angles_of_sliders_are_roll_pitch_and_yaw(tmp_path):
     np.testing.assert_allclose(np.reshape(found, (5, 3, 3)), [Z @ Y @ X for X, Y, Z in turns], atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["quadruped", "planar and mimic", "ur5"])
+@pytest.mark.parametrize("name", ["quadruped", "planar and mimic"])
 def test_between_two_samples_is_the_middle_of_the_short_way(tmp_path, name):
     """Whatever the sign of a quaternion, and however often an angle of the log has turned."""
     robot = EVERY[name]
@@ -91,7 +91,7 @@ def test_between_two_samples_is_the_middle_of_the_short_way(tmp_path, name):
     np.testing.assert_allclose(robot.link_poses(found), robot.link_poses(middle), atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "rows"), [("ur5", "vx vy vz"), ("panda", "vx vy vz"), ("planar_2r", "vx vz")])
+@pytest.mark.parametrize(("name", "rows"), [("panda", "vx vy vz"), ("planar_2r", "vx vz")])
 def test_the_tip_is_as_heavy_as_the_task_inertia_says(tmp_path, name, rows):
     """Lambda's eigenvalues are the effective masses, its eigenvectors the axes; the page's payload is in it."""
     robot = getattr(tw.robots, name)()
@@ -142,10 +142,9 @@ def test_a_robot_let_go_keeps_its_energy(tmp_path, name):
     assert found["work"] == 0
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_a_robot_falls_as_its_kernels_say(tmp_path, name):
+def test_a_robot_falls_as_its_kernels_say(tmp_path):
     """Against SciPy's adaptive method of order 8 on compiled kernels."""
-    robot = EVERY[name]
+    robot = EVERY["panda"]
     page = write_page(robot, tmp_path / "page.html")
     q0 = far(robot)
     y = under_node(page, FALL, {**given(q0, 2.0, PUSH), "seconds": 0.5})["y"]
@@ -165,7 +164,7 @@ def test_a_robot_falls_as_its_kernels_say(tmp_path, name):
     np.testing.assert_allclose(y[: 2 * n], end, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "planar and mimic"])
+@pytest.mark.parametrize("name", ["panda", "planar and mimic"])
 def test_the_work_of_what_pushes_is_counted(tmp_path, name):
     """Kinetic + potential energy - work stays; the push alone does f (p - p0)."""
     robot = EVERY[name]

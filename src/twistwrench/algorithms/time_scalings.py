@@ -43,10 +43,6 @@ class Polynomial:
     def stretched(self, duration: float) -> Polynomial:
         """The same shape over another duration.
 
-        Returns
-        -------
-        scaling : Polynomial
-
         Examples
         --------
         >>> quintic(2.0).stretched(4.0).duration
@@ -79,15 +75,7 @@ def quintic_share(x: Any) -> Any:
 
 
 def cubic(duration: float) -> Polynomial:
-    """Cubic time scaling s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends.
-
-    Returns
-    -------
-    scaling : Polynomial
-
-    Notes
-    -----
-    MR eq. 9.10.
+    """Cubic time scaling s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends (MR eq. 9.10).
 
     Examples
     --------
@@ -101,12 +89,6 @@ def cubic(duration: float) -> Polynomial:
 def quintic(duration: float) -> Polynomial:
     """Quintic time scaling s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: accelerations are zero at both ends too.
 
-    Returns
-    -------
-    scaling : Polynomial
-
-    Notes
-    -----
     MR section 9.2.2.1.
 
     Examples
@@ -121,12 +103,6 @@ def quintic(duration: float) -> Polynomial:
 def uniform(duration: float) -> Polynomial:
     """Uniform time scaling s = t/T.
 
-    Returns
-    -------
-    scaling : Polynomial
-
-    Notes
-    -----
     For paths whose parameter is time already, such as splines through waypoints at given times.
 
     Examples
@@ -176,10 +152,6 @@ class Trapezoid:
     def stretched(self, duration: float) -> Trapezoid:
         """The same shape over another duration.
 
-        Returns
-        -------
-        scaling : Trapezoid
-
         Examples
         --------
         >>> trapezoid(v=1.0, a=2.0).stretched(3.0).v
@@ -190,22 +162,16 @@ class Trapezoid:
 
 
 def trapezoid(*, v: float | None = None, a: float | None = None, duration: float | None = None) -> Trapezoid:
-    """Trapezoidal time scaling from two of the three: rate, acceleration, duration.
+    """Trapezoidal time scaling from two of the three: rate, acceleration, duration (MR section 9.2.2.2).
+
+    With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T, 1 < v T ≤ 2 is needed;
+    with a and T, a T² ≥ 4.
 
     Parameters
     ----------
     v : float, optional, rate of coasting [1/s]
     a : float, optional, acceleration [1/s²]
     duration : float, optional, T [s]
-
-    Returns
-    -------
-    scaling : Trapezoid
-
-    Notes
-    -----
-    MR section 9.2.2.2. With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T, 1
-    < v T ≤ 2 is needed; with a and T, a T² ≥ 4.
 
     Examples
     --------
@@ -302,20 +268,7 @@ class PosePath:
 
 
 def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
-    """Screw path: the constant screw from one pose to another.
-
-    Parameters
-    ----------
-    start : (4, 4) array_like, pose at s = 0
-    end : (4, 4) array_like, pose at s = 1
-
-    Returns
-    -------
-    path : PosePath
-
-    Notes
-    -----
-    MR eq. 9.23.
+    """Screw path: the constant screw from one pose to another (MR eq. 9.23).
 
     Examples
     --------
@@ -328,20 +281,7 @@ def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 
 
 def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
-    """Straight path: the origin on a line, the rotation by itself about a constant axis.
-
-    Parameters
-    ----------
-    start : (4, 4) array_like, pose at s = 0
-    end : (4, 4) array_like, pose at s = 1
-
-    Returns
-    -------
-    path : PosePath
-
-    Notes
-    -----
-    MR eq. 9.24, 9.25.
+    """Straight path: the origin on a line, the rotation by itself about a constant axis (MR eq. 9.24, 9.25).
 
     Examples
     --------

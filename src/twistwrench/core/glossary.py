@@ -59,6 +59,10 @@ ENTRIES: Mapping[str, str] = {
 """The wording of a parameter by its name."""
 
 ROOMS: Mapping[str, Mapping[str, str]] = {
+    "algorithms": {
+        "end": "(4, 4) array_like, pose at s = 1",
+        "start": "(4, 4) array_like, pose at s = 0",
+    },
     "bodies": {"G": "SpatialInertia"},
     "control": {"t": "float [s]"},
     "convert": {"model": "the other library's model of the same robot"},
@@ -195,14 +199,19 @@ RETURNS: Mapping[str, str] = {
     "NormalEquationBlocks": "information : NormalEquationBlocks",
     "Path": "path : Path of the file written",
     "PoseProposal": "proposal : PoseProposal",
+    "PayloadMap": "found : PayloadMap",
+    "Polynomial": "scaling : Polynomial",
+    "PosePath": "path : PosePath",
     "Poses": "T : (..., 4, 4) array",
     "ReadingLog": "log : ReadingLog",
+    "RegionPayload": "found : RegionPayload",
     "Robot": "robot : Robot",
     "Rotations": "R : (..., 3, 3) array",
     "SimulationResult": "result : SimulationResult",
     "SpatialInertia": "G : SpatialInertia",
     "TaskState": "state : TaskState",
     "Trajectory": "trajectory : Trajectory",
+    "Trapezoid": "scaling : Trapezoid",
     "Twist": "V : Twist",
     "Twists": "V : (..., 6) array, (omega, v)",
     "Wrench": "F : Wrench",
