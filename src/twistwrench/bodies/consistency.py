@@ -14,7 +14,7 @@ from ..core.numbers import number, percent, printed
 from ..errors import InertiaError, ValueRangeError
 from ..lie import so3
 from ..typing import Array
-from .solids import clipped, rotational_inertia, second_moments
+from .solids import clipped, rotational_inertia, second_moments, ten_parameters
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -202,7 +202,7 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
         raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
     h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
     I = 0.5 * (G[:3, :3] + G[:3, :3].T)
-    found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    found = cls.from_parameters(ten_parameters(G[3:, 3:].trace() / 3, h, I))
     # kg m² beside kg m² and kg beside kg: a body of a millimetre has a millionth of the one in the other.
     moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
     root = np.sqrt(np.repeat([moment, mass], 3))
@@ -242,7 +242,7 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
     P = arguments.one(J, "a pseudo-inertia", 4, 4)
     P = 0.5 * (P + P.T)
     I = rotational_inertia(P[:3, :3])
-    return cls.from_parameters([P[3, 3], *P[:3, 3], I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return cls.from_parameters(ten_parameters(P[3, 3], P[:3, 3], I))
 
 
 def log_cholesky(G: SpatialInertia) -> Array:
@@ -269,15 +269,15 @@ def log_cholesky(G: SpatialInertia) -> Array:
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
     """
     m, I = float(G.mass), G.moment_about_com
-    problem = "; ".join(G.defects()) or (None if m > 0 else "it has no mass")
-    if problem is None:
-        S = second_moments(I) / m
-        try:
-            U = np.linalg.cholesky(S[::-1, ::-1])[::-1, ::-1]  # upper triangular: S = U U'
-        except np.linalg.LinAlgError:
-            problem = "it has no extent in some direction"
-    if problem is not None:
-        raise InertiaError(f"this inertia has no log-Cholesky parameters: {problem}. Try nearest_consistent() first.")
+    problem = "; ".join(G.defects()) or ("" if m > 0 else "it has no mass")
+    S = np.zeros((3, 3)) if problem else second_moments(I) / m
+    try:
+        U = np.linalg.cholesky(S[::-1, ::-1])[::-1, ::-1]  # upper triangular: S = U U'
+    except np.linalg.LinAlgError:
+        problem = problem or "it has no extent in some direction"
+        raise InertiaError(
+            f"this inertia has no log-Cholesky parameters: {problem}. Try nearest_consistent() first."
+        ) from None
     return np.array([0.5 * np.log(m), *np.log(U.diagonal()), U[0, 1], U[1, 2], U[0, 2], *G.com])
 
 

@@ -18,7 +18,7 @@ from ..lie import so3
 from ..lie.labelled import Labelled
 from ..typing import Array
 from . import consistency, mesh, solids
-from .solids import moment_matrix, second_moments
+from .solids import moment_matrix, second_moments, ten_parameters
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -306,7 +306,7 @@ class SpatialInertia:
         I[x, y] = I[y, x] = xy
         I[x, z] = I[z, x] = xz
         I[y, z] = I[z, y] = yz
-        return SpatialInertia.from_parameters([self.mass, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        return SpatialInertia.from_parameters(ten_parameters(self.mass, h, I))
 
     def __matmul__(self, V: ArrayLike) -> Array:
         """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w).

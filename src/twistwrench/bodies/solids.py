@@ -6,7 +6,7 @@ S = ∫ r r' dm and I = tr(S) 1 - S, (3, 3) each: a body can have I where S has 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,11 @@ from ..typing import Array
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
+
+
+def ten_parameters(m: Any, h: Any, I: Array) -> list[Any]:
+    """The inertial parameters of a mass, a first moment (3,) and a rotational inertia (3, 3), all about one origin."""
+    return [m, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]]
 
 
 def second_moments(I: Array) -> Array:
@@ -87,7 +92,7 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
         )
     S = (m * r.T) @ r  # second moments; -[r]² = r'r 1 - r r'
     I = rotational_inertia(S)
-    return cls.from_parameters([m.sum(), *(m @ r), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return cls.from_parameters(ten_parameters(m.sum(), m @ r, I))
 
 
 def box(

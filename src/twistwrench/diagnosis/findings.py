@@ -20,7 +20,7 @@ from ..core.numbers import number
 from ..formats.edit import Edit
 from ..lie import se3
 from ..model.assembly import random_configuration
-from ..model.model import BASE, Body, Model
+from ..model.model import BASE, Model
 from ..typing import Array
 
 
@@ -194,7 +194,7 @@ class Effects:
         torque = np.abs(dg).max(axis=0)
         effort = np.where(np.isfinite(limit) & (limit > 0), 100.0 * torque / np.where(limit > 0, limit, 1.0), 0.0)
         j, k, l = int(share.argmax()), int(torque.argmax()), int(effort.argmax())
-        loads = torque[k] > _TINY * self._largest_torque
+        loads = torque[k] > _TINY * np.abs(self.gravity_torques).max(initial=0.0)
         return Effect(
             float(share[j]) if share[j] > 100.0 * _TINY else 0.0,
             names[j] if share[j] > 100.0 * _TINY else "",
@@ -203,10 +203,6 @@ class Effects:
             float(effort[l]) if loads else 0.0,
             names[l] if loads and effort[l] > 0 else "",
         )
-
-    @cached_property
-    def _largest_torque(self) -> float:
-        return float(np.abs(self.gravity_torques).max(initial=0.0))
 
     @cached_property
     def diagonal(self) -> Array:
@@ -256,15 +252,14 @@ class Effects:
     @cached_property
     def poses(self) -> list[Array]:
         """Poses (count, 4, 4) of the bodies in the base frame."""
+        coordinates = [body.ratio * self.q[:, body.places[0]] + body.offset for body in self.model.bodies]
+        poses = [
+            se3.exp(q * body.joint.axes[0]) if body.joint.nq == 1 else np.stack([body.joint.pose(one) for one in q])
+            for body, q in zip(self.model.bodies, coordinates, strict=True)
+        ]
         return base_poses(
-            self.model, [np.asarray(body.placement @ self._joint_poses(body)) for body in self.model.bodies]
+            self.model, [np.asarray(b.placement @ T) for b, T in zip(self.model.bodies, poses, strict=True)]
         )
-
-    def _joint_poses(self, body: Body) -> Array:
-        q = body.ratio * self.q[:, body.places[0]] + body.offset
-        if body.joint.nq == 1:
-            return np.asarray(se3.exp(q * body.joint.axes[0]))
-        return np.stack([body.joint.pose(one) for one in q])
 
 
 complete(globals())

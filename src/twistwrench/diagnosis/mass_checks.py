@@ -33,37 +33,36 @@ _DENSITIES = 50.0, 8000.0
 
 def _stand_ins(
     robot: ParsedFile, is_one: Callable[[WrittenInertia], bool], least: float
-) -> Iterator[tuple[ParsedLink, WrittenInertia, FileRepair, Effect, Severity]]:
-    """Links with a mass and a placeholder tensor, with repair, effect, and severity by the threshold ``least``."""
+) -> Iterator[tuple[ParsedLink, WrittenInertia, bool, Effect, FileRepair]]:
+    """Links with a mass and a placeholder tensor, with their repair, its effect, and True if that reaches ``least``."""
     for link in robot.links.values():
         written = link.written
         if written is None or written.mass <= 0 or not is_one(written):
             continue
         repair = shape_repair(link, "it is the tensor of its shapes as uniform solids")
         effect = robot.effects.evaluate(repair.inertias)
-        matters = robot.heavy(link) and effect.reaches(least)
-        yield link, written, repair, effect, Severity.WARNING if matters else Severity.NOTE
+        yield link, written, robot.heavy(link) and effect.reaches(least), effect, repair
 
 
 def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Moments that are one power of ten: a stand-in that was never replaced."""
-    for link, written, repair, effect, severity in _stand_ins(robot, placeholder, MATTERS):
-        yield Finding(
-            "placeholder", severity, f"link {link.name!r}", written.line,
-            f"its moments are {printed(written.tensor[0, 0])} kg m² about every axis at {number(written.mass)} kg, which "
-            "looks like a placeholder",
-            {"moment": float(written.tensor[0, 0]), "mass": written.mass}, effect, repair, written.file,
-        )  # fmt: skip
+    for link, written, matters, effect, repair in _stand_ins(robot, placeholder, MATTERS):
+        moment = float(written.tensor[0, 0])
+        said = (
+            f"its moments are {printed(moment)} kg m² about every axis at {number(written.mass)} kg, which looks like a "
+            "placeholder"
+        )
+        yield link.finding("placeholder", matters, said, {"moment": moment, "mass": written.mass}, effect, repair)
 
 
 def check_no_inertia(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Mass with a tensor that is zero or rounding."""
-    for link, written, repair, effect, severity in _stand_ins(robot, no_tensor, _POINT):
+    for link, written, matters, effect, repair in _stand_ins(robot, no_tensor, _POINT):
         largest = float(np.abs(written.tensor).max())
-        yield Finding(
-            "no-inertia", severity, f"link {link.name!r}", written.line,
+        yield link.finding(
+            "no-inertia", matters,
             f"it has {number(written.mass)} kg and no rotational inertia ({number(largest, 1)} kg m²), as a point mass has",
-            {"mass": written.mass, "largest": largest}, effect, repair, written.file,
+            {"mass": written.mass, "largest": largest}, effect, repair,
         )  # fmt: skip
 
 
@@ -75,11 +74,9 @@ def check_no_mass(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             continue
         repair = FileRepair("advice", "give it its mass, or no inertia", {link.name: SpatialInertia.zero()})
         effect = robot.effects.evaluate(repair.inertias)
-        yield Finding(
-            "no-mass", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"it has rotational inertia, {number(float(written.tensor.diagonal().max()), 3)} kg m², and no mass",
-            {"largest": float(written.tensor.diagonal().max())}, effect, repair, written.file,
-        )  # fmt: skip
+        largest = float(written.tensor.diagonal().max())
+        said = f"it has rotational inertia, {number(largest, 3)} kg m², and no mass"
+        yield link.finding("no-mass", effect.reaches(MATTERS), said, {"largest": largest}, effect, repair)
 
 
 def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -145,12 +142,11 @@ def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         density = written.mass / volume if volume > 0 else 0.0
         if volume <= 0 or least <= density <= most:
             continue
-        yield Finding(
-            "density", Severity.NOTE, f"link {link.name!r}", written.line,
+        said = (
             f"{number(written.mass)} kg in a hull of {number(1e3 * volume, 3)} litres is {number(density, 3)} kg/m³; parts of "
-            "robots have "
-            f"{printed(least)} to {printed(most)}", {"density": density, "volume": volume}, file=written.file,
-        )  # fmt: skip
+            f"robots have {printed(least)} to {printed(most)}"
+        )
+        yield link.finding("density", False, said, {"density": density, "volume": volume})
 
 
 # ── Symmetry of left and right
@@ -291,12 +287,11 @@ def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         listed = " ".join(number(x) for x in written.com)
         fitting = _fitting(robot, link, written.com, low, high)
         hint = f"; read in the frame of {fitting!r} it would be inside" if fitting else ""
-        yield Finding(
-            "com-outside", Severity.WARNING if matters else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"its centre of mass, {listed} m, is {number(away, 3)} m outside its shapes{hint}; the effect is that of moving "
-            "it to "
-            "their edge", {"distance": away, "diagonal": link.shapes.diagonal}, effect,
-            FileRepair("advice", "measure the centre of mass in the frame of the link"), written.file,
+        yield link.finding(
+            "com-outside", matters,
+            f"its centre of mass, {listed} m, is {number(away, 3)} m outside its shapes{hint}; the effect is that of moving it "
+            "to their edge", {"distance": away, "diagonal": link.shapes.diagonal}, effect,
+            FileRepair("advice", "measure the centre of mass in the frame of the link"),
         )  # fmt: skip
 
 
@@ -352,9 +347,6 @@ def _giant(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: f
     else:
         repair = FileRepair("advice", "give it the tensor of its shape at its mass, in kg m²", wanted)
     effect = robot.effects.evaluate(repair.inertias)
-    yield Finding(
-        "units", Severity.WARNING if effect.reaches(MATTERS) and robot.heavy(link) else Severity.NOTE,
-        f"link {link.name!r}", written.line,
-        f"its gyration radius is {number(radius, 3)} m, more than the whole robot's span of {number(span, 3)} m",
-        {"gyration_radius": radius, "span": span}, effect, repair, written.file,
-    )  # fmt: skip
+    said = f"its gyration radius is {number(radius, 3)} m, more than the whole robot's span of {number(span, 3)} m"
+    matters = effect.reaches(MATTERS) and robot.heavy(link)
+    yield link.finding("units", matters, said, {"gyration_radius": radius, "span": span}, effect, repair)

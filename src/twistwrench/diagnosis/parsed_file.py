@@ -27,7 +27,7 @@ from ..model.builder import ModelBuilder
 from ..model.model import BASE, Model
 from ..robot import Robot
 from ..typing import Array
-from .findings import Effects
+from .findings import Effect, Effects, FileRepair, Finding, Severity
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
 
 # ── Load errors of a URDF, all of them
@@ -121,6 +121,15 @@ class ParsedLink:
     def shapes(self) -> LinkShapes:
         """Shapes of the link; meshes are opened at the first access."""
         return self.read_shapes()
+
+    def finding(
+        self, check: str, matters: bool, sentence: str, numbers: Mapping[str, float], effect: Effect | None = None,
+        repair: FileRepair | None = None,
+    ) -> Finding:  # fmt: skip
+        """Finding on the link's inertia, a warning if it matters."""
+        place, severity = self.written or self, Severity.WARNING if matters else Severity.NOTE
+        where, effect = f"link {self.name!r}", effect or Effect()
+        return Finding(check, severity, where, place.line, sentence, numbers, effect, repair, place.file)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -109,27 +109,25 @@ class ShapeReader:
         return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
 
     def _solid(self, spec: ShapeSpec) -> Solid | None:
-        if spec.kind == "mesh":
-            corners = self._corners(spec.file)
-            if corners is None:
-                return None
-            corners = corners * np.asarray(spec.sizes)
-            inertia = hull_solid(corners)
-        else:
-            made = _simple(spec.kind, spec.sizes)
-            if made is None:
-                return None
-            corners, inertia = made
+        known = self._mesh(spec) if spec.kind == "mesh" else _simple(spec.kind, spec.sizes)
+        if known is None:
+            return None
+        corners, inertia = known
         points = corners @ spec.pose[:3, :3].T + spec.pose[:3, 3]
         return Solid(spec, points, None if inertia is None else inertia.in_frame(spec.pose))
 
-    def _corners(self, name: str) -> Array | None:
-        """The corners (n, 3) of a mesh's hull in its own units; None where it is not there or cannot be read."""
-        if name not in self._known:
-            self._known[name] = self._read(name) if self.meshes else None
-        return self._known[name]
+    def _mesh(self, spec: ShapeSpec) -> tuple[Array, SpatialInertia | None] | None:
+        """Corners (n, 3) and hull of a mesh; None where it is not there or cannot be read."""
+        if spec.file not in self._known:
+            self._known[spec.file] = self._read(spec.file) if self.meshes else None
+        corners = self._known[spec.file]
+        if corners is None:
+            return None
+        corners = corners * np.asarray(spec.sizes)
+        return corners, hull_solid(corners)
 
     def _read(self, name: str) -> Array | None:
+        """The corners of a mesh's hull in its own units."""
         path = self._find(name)
         try:
             if path is None or path.stat().st_size > _LARGEST:
@@ -159,17 +157,21 @@ def _simple(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia]
     """Corners and the uniform solid at 1 kg/m³; None for what is not read, or has no volume."""
     if not sizes or min(sizes) <= 0 or max(sizes) > 1e6:
         return None
-    if kind == "box":
-        return surface.box(sizes).vertices, SpatialInertia.box(sizes, density=1.0)
-    if kind == "sphere":
-        return surface.sphere(sizes[0]).vertices, SpatialInertia.sphere(sizes[0], density=1.0)
-    if kind == "ellipsoid":
-        return surface.ellipsoid(sizes).vertices, SpatialInertia.ellipsoid(sizes, density=1.0)
-    if kind == "cylinder":
-        return surface.cylinder(*sizes).vertices, SpatialInertia.cylinder(*sizes, density=1.0)
-    if kind == "capsule":
-        return surface.cylinder(*sizes, round_ends=True).vertices, SpatialInertia.capsule(*sizes, density=1.0)
-    return None
+    if kind not in _SOLIDS:
+        return None
+    skin, solid = _SOLIDS[kind]
+    numbers = (sizes,) if kind in ("box", "ellipsoid") else sizes
+    return skin(*numbers).vertices, solid(*numbers, density=1.0)
+
+
+_SOLIDS: Mapping[str, tuple[Callable[..., surface.Surface], Callable[..., SpatialInertia]]] = {
+    "box": (surface.box, SpatialInertia.box),
+    "sphere": (surface.sphere, SpatialInertia.sphere),
+    "ellipsoid": (surface.ellipsoid, SpatialInertia.ellipsoid),
+    "cylinder": (surface.cylinder, SpatialInertia.cylinder),
+    "capsule": (partial(surface.cylinder, round_ends=True), SpatialInertia.capsule),
+}
+"""Skin and uniform solid of each kind of shape."""
 
 
 def hull_solid(corners: Array) -> SpatialInertia | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,20 +125,12 @@ def _entries(tensor: Array) -> Iterator[EntryError]:
 
 
 def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[EntryError]:
-    steiner = _steiner(written)
-    if np.linalg.norm(steiner) > 0.05 * np.linalg.norm(tensor):
-        yield EntryError(
-            "origin",
-            "it is about the link's origin, where the centre of mass is meant",
-            tensor - steiner,
-            family="origin",
-        )
-
-
-def _steiner(written: WrittenInertia) -> Array:
-    """m (c.c 1 - c c') along the written axes."""
+    """Off by m (c.c 1 - c c') along the written axes."""
     c = written.R.T @ written.com
-    return np.asarray(written.mass * (c @ c * np.eye(3) - np.outer(c, c)))
+    steiner = written.mass * (c @ c * np.eye(3) - np.outer(c, c))
+    if np.linalg.norm(steiner) > 0.05 * np.linalg.norm(tensor):
+        said = "it is about the link's origin, where the centre of mass is meant"
+        yield EntryError("origin", said, tensor - steiner, family="origin")
 
 
 def _units(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
@@ -158,42 +150,33 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[EntryError]:
     if mass <= 0 or np.abs(tensor - np.diag(moments)).max() > 1e-6 * np.abs(moments).max():
         return
     for axis in range(3):
-        others = [k for k in range(3) if k != axis]
-        if abs(moments[others[0]] - moments[others[1]]) > _ROUND * moments[others[0]]:
+        across = np.delete(moments, axis)
+        if abs(across[0] - across[1]) > _ROUND * across[0]:
             continue
         r2 = 2.0 * moments[axis] / mass
-        h2 = 12.0 * moments[others[0]] / mass - 3.0 * r2
-        if r2 > 0 and h2 > 1e-6 * r2 and (r := _round(r2**0.5)) and (h := _round(h2**0.5)):
-            for name, radius, length, k in (
-                *(("radius", r / 10**k, h, k) for k in (1, 2, 3)),
-                *(("length", r, h / 10**k, k) for k in (1, 2, 3)),
-            ):
-                meant = np.empty(3)
-                meant[axis] = mass * radius**2 / 2.0
-                meant[others] = mass * (3.0 * radius**2 + length**2) / 12.0
-                wrong, right = (r, radius) if name == "radius" else (h, length)
-                yield EntryError(
-                    "dimension",
-                    f"it is that of a solid cylinder of radius {printed(r)} m and length {printed(h)} m, whose {name} is "
-                    f"{10**k} times too large: {printed(wrong)} m for {printed(right)} m",
-                    np.diag(meant),
-                    certain=k == 1,
-                    family=name,
-                )
+        h2 = 12.0 * across[0] / mass - 3.0 * r2
+        if not (r2 > 0 and h2 > 1e-6 * r2 and (r := _round(r2**0.5)) and (h := _round(h2**0.5))):
+            continue
+        said = f"it is that of a solid cylinder of radius {printed(r)} m and length {printed(h)} m, whose"
+        for name, k in itertools.product(("radius", "length"), (1, 2, 3)):
+            radius, length = (r / 10**k, h) if name == "radius" else (r, h / 10**k)
+            meant = np.full(3, mass * (3.0 * radius**2 + length**2) / 12.0)
+            meant[axis] = mass * radius**2 / 2.0
+            wrong, right = (r, radius) if name == "radius" else (h, length)
+            yield _too_large(f"{said} {name}", name, k, wrong, right, meant)
     edges2 = 6.0 * (moments.sum() - 2.0 * moments) / mass
     if (edges2 > 0).all() and all(edges := [_round(float(e) ** 0.5) for e in edges2]):
+        said = f"it is that of a solid box of {' x '.join(map(printed, edges))} m, one edge of which"
         for axis, k in itertools.product(range(3), (1, 2, 3)):
             a = np.array(edges, float)
             a[axis] /= 10**k
-            listed = " x ".join(f"{printed(e)}" for e in edges)
-            yield EntryError(
-                "dimension",
-                f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: "
-                f"{printed(edges[axis])} m for {printed(a[axis])} m",
-                np.diag(mass * (a @ a - a**2) / 12.0),
-                certain=k == 1,
-                family=f"edge {axis}",
-            )
+            yield _too_large(said, f"edge {axis}", k, edges[axis], a[axis], mass * (a @ a - a**2) / 12.0)
+
+
+def _too_large(said: str, family: str, k: int, wrong: float, right: float, moments: Array) -> EntryError:
+    """One dimension 10^k times too large; the least power is certain."""
+    said = f"{said} is {10**k} times too large: {printed(wrong)} m for {printed(right)} m"
+    return EntryError("dimension", said, np.diag(moments), certain=k == 1, family=family)
 
 
 def _round(value: float) -> float:
@@ -238,18 +221,15 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
             else nearest_repair(link, options.metric, reference if options.metric == "entropic" else None)
         )
         effect = robot.effects.evaluate(repair.inertias)
-        if body in refused:
-            severity, fate = Severity.ERROR, "the moving body it belongs to cannot exist, and is refused on loading"
-        elif body == BASE:
-            severity, fate = Severity.NOTE, "it does not move"
-        else:
-            severity = Severity.WARNING if effect.reaches(_ABSORBED) else Severity.NOTE
-            fate = "with what is fixed to it, it makes a body that can exist"
-        yield Finding(
-            "impossible", severity, f"link {link.name!r}", written.line, f"its tensor cannot exist: {'; '.join(why)}; {fate}",
-            dict(zip(("moment_1", "moment_2", "moment_3"), np.linalg.eigvalsh(written.tensor).tolist(), strict=True)),
-            effect, repair, written.file,
+        fate = (
+            "the moving body it belongs to cannot exist, and is refused on loading" if body in refused
+            else "it does not move" if body == BASE
+            else "with what is fixed to it, it makes a body that can exist"
         )  # fmt: skip
+        moments = {f"moment_{k}": float(x) for k, x in enumerate(np.linalg.eigvalsh(written.tensor), start=1)}
+        said = f"its tensor cannot exist: {'; '.join(why)}; {fate}"
+        found = link.finding("impossible", body != BASE and effect.reaches(_ABSORBED), said, moments, effect, repair)
+        yield replace(found, severity=Severity.ERROR) if body in refused else found
 
 
 def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -268,24 +248,17 @@ def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         reference = reference_of(link)
         error = explain(large_tensor_errors(written.tensor, written, fits, reference), reference)
         if error is None and factor <= _IDENTIFIED and identified(written):
-            repair = None
-            severity, more = Severity.NOTE, ", as identified sets have, whose parts are right in their sums only"
+            repair, more = None, ", as identified sets have, whose parts are right in their sums only"
         else:
-            repair, severity, more = (
-                entry_error_repair(link, error) if error is not None else shape_repair(link),
-                None,
-                "",
-            )
-        effect = robot.effects.evaluate(repair.inertias) if repair is not None else robot.effects.evaluate({})
-        if severity is None:
-            severity = Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE
+            repair, more = entry_error_repair(link, error) if error is not None else shape_repair(link), ""
+        effect = robot.effects.evaluate(repair.inertias if repair is not None else {})
         name = ("ixx", "iyy", "izz")[axis]
         radius = float(np.sqrt(written.tensor[axis, axis] / written.mass))
-        yield Finding(
-            "too-large", severity, f"link {link.name!r}", written.line,
+        yield link.finding(
+            "too-large", effect.reaches(MATTERS),
             f"its tensor is too large for its shapes: {name} is {number(written.tensor[axis, axis])} kg m², a gyration radius "
             f"of {number(radius, 3)} m, and {number(written.mass)} kg in their box have {number(most[axis], 3)} at most{more}",
-            {"factor": factor, "gyration_radius": radius, "largest": float(most[axis])}, effect, repair, written.file,
+            {"factor": factor, "gyration_radius": radius, "largest": float(most[axis])}, effect, repair,
         )  # fmt: skip
 
 
@@ -300,12 +273,12 @@ def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         error = explain(small_tensor_errors(written.tensor, reference), reference)
         repair = entry_error_repair(link, error) if error is not None else shape_repair(link)
         effect = robot.effects.evaluate(repair.inertias)
-        yield Finding(
-            "too-small", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
+        said = (
             f"its tensor is too small for its shapes: its gyration radius is {number(radius, 2)} m, their diagonal "
-            f"{number(diagonal, 2)} m",
-            {"gyration_radius": radius, "diagonal": diagonal}, effect, repair, written.file,
-        )  # fmt: skip
+            f"{number(diagonal, 2)} m"
+        )
+        numbers = {"gyration_radius": radius, "diagonal": diagonal}
+        yield link.finding("too-small", effect.reaches(MATTERS), said, numbers, effect, repair)
 
 
 def judged(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:

@@ -13,7 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import MissingExtraError, ModelError
 from ..joints import Joint
 from ..model.builder import ModelBuilder
-from ..model.description import Mimic
+from ..model.description import Mimic, unused
 from ..model.model import BASE, Body, Model
 from ..model.parts import disassemble
 from ..typing import Array
@@ -81,11 +81,7 @@ def _links(model: Any) -> list[str]:
     taken = {str(frame.name) for frame in model.frames if _type(frame) == "BODY"}
     for j, name in enumerate(found):
         if not name:
-            name = UNIVERSE if j == 0 else f"{model.names[j]}.body"
-            while name in taken:
-                name += "_"
-            found[j] = name
-            taken.add(name)
+            found[j] = unused(UNIVERSE if j == 0 else f"{model.names[j]}.body", taken)
     return found
 
 

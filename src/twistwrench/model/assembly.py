@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -117,7 +116,11 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
         carrier, T = carriers[i]
         if model.bodies[i].inertia.parameters.any():
             inertias[carrier] = inertias[carrier] + _seen_from(T, model.bodies[i].inertia)
-    columns = _Columns(model, held)
+    leaders = [body for i, body in enumerate(model.bodies) if i not in held and not body.follows and body.joint.nv]
+    leaders.sort(key=lambda body: body.v_index)
+    q_pick = np.array([k for b in leaders for k in range(b.q_index, b.q_index + b.joint.nq)], int)
+    v_pick = np.array([k for b in leaders for k in range(b.v_index, b.v_index + b.joint.nv)], int)
+    q_new, v_new = ({old: new for new, old in enumerate(pick.tolist())} for pick in (q_pick, v_pick))
     carriers[BASE] = (BASE, IDENTITY)
     bodies = tuple(
         replace(
@@ -125,8 +128,8 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
             parent=carriers[body.parent][0],
             placement=snap_pose(product(carriers[body.parent][1], body.placement), snap),
             inertia=inertias[i],
-            q_index=columns.q[body.v_index] if body.joint.nv else 0,
-            v_index=columns.v[body.v_index] if body.joint.nv else 0,
+            q_index=q_new[body.q_index] if body.joint.nv else 0,
+            v_index=v_new[body.v_index] if body.joint.nv else 0,
         )
         for i, body in enumerate(kept)
     )
@@ -143,7 +146,10 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
         frames=carried(model.frames),
         sites=carried(model.sites),
         base_inertia=inertias[BASE],
-        **columns.fields(model),
+        limits=Limits(*(values[v_pick] for values in vars(model.limits).values())),
+        friction=model.friction.select(v_pick),
+        armature=model.armature[v_pick],
+        configurations={name: q[q_pick] for name, q in model.configurations.items()},
     )
 
 
@@ -165,40 +171,6 @@ def _carriers(model: Model, held: Mapping[int, Array]) -> dict[int, tuple[int, A
 def _seen_from(T: Array, inertia: SpatialInertia) -> SpatialInertia:
     # A body seen from its own frame keeps its numbers to the last bit.
     return inertia if is_identity(T) else inertia.in_frame(T)
-
-
-class _Columns:
-    """Old and new columns of the joints that still move."""
-
-    def __init__(self, model: Model, held: Mapping[int, Array]) -> None:
-        self.q: dict[int, int] = {}  # new q_index by old v_index
-        self.v: dict[int, int] = {}
-        self._order: list[int] = []
-        self._q_order: list[int] = []
-        moving = [b for i, b in enumerate(model.bodies) if i not in held and not b.follows and b.joint.nv]
-        nq = 0
-        for body in sorted(moving, key=_v_index):
-            self.q[body.v_index], self.v[body.v_index] = nq, len(self._order)
-            self._order.extend(range(body.v_index, body.v_index + body.joint.nv))
-            self._q_order.extend(range(body.q_index, body.q_index + body.joint.nq))
-            nq += body.joint.nq
-
-    def fields(self, model: Model) -> dict[str, Any]:
-        """Data per velocity, without the removed columns."""
-        pick, old = np.array(self._order, int), model.limits
-        limits = Limits(old.lower[pick], old.upper[pick], old.velocity[pick], old.effort[pick])
-        q_pick = np.array(self._q_order, int)
-        configurations = {name: q[q_pick] for name, q in model.configurations.items()}
-        return {
-            "limits": limits,
-            "friction": model.friction.select(pick),
-            "armature": model.armature[pick],
-            "configurations": configurations,
-        }
-
-
-def _v_index(body: Body) -> int:
-    return body.v_index
 
 
 # ── Configurations of a robot: by names, and at random
@@ -223,7 +195,7 @@ def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
             raise ShapeError(
                 f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}."
             )
-        _coordinates(q, body)[...] = given
+        q[body.places[0]] = given
     return q
 
 
@@ -246,10 +218,6 @@ def _random(model: Model, body: Body, rng: np.random.Generator, shape: tuple[int
     free_upper = np.maximum(reach, np.where(np.isfinite(lower), lower + reach, reach))
     lower, upper = np.where(np.isfinite(lower), lower, free_lower), np.where(np.isfinite(upper), upper, free_upper)
     return joint.random(rng, shape, lower, upper)
-
-
-def _coordinates(q: Array, body: Body) -> Array:
-    return q[..., body.places[0]]
 
 
 # ── Tip: the default frame
@@ -436,13 +404,14 @@ def assemble(
                 effort=float(entry.limits.effort[0]) if entry.name in drives and entry.joint.nv else np.inf,
             )
         )
+    friction, armature = _losses(joints, every, columns, nv)
     model = Model(
         name=name,
         bodies=tuple(bodies),
         frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
         limits=_stacked([shared for shared, _ in limits]),
         defects=tuple(text for _, remarks in limits for text in remarks),
-        friction=_friction(joints, every, columns, nv),
+        friction=friction,
         gravity=gravity,
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         tip=None,
@@ -451,21 +420,17 @@ def assemble(
         source=source,
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         snap=snap,
-        armature=_armature(joints, every, columns, nv),
+        armature=armature,
         sites={site.name: Frame(index[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()},
         springs=tuple(s for s in (_led(s, drives, columns) for s in additions.springs) if s.terms),
         closures=additions.closures,
         mounts={entry.child: (entry.parent, entry.name) for entry in joints},
     )
-    positions = additions.configurations
-    if positions:
-        model = replace(model, configurations={name: _configuration(model, positions[name]) for name in positions})
-    return fuse(model, held)
-
-
-def _configuration(model: Model, positions: Mapping[str, ArrayLike]) -> Array:
-    """q with the given coordinates; mimic joints follow."""
-    return from_names(model, {name: positions[name] for name in model.joint_names if name in positions})
+    configurations = {  # without mimic joints, which follow
+        label: from_names(model, {joint: q[joint] for joint in model.joint_names if joint in q})
+        for label, q in additions.configurations.items()
+    }
+    return fuse(replace(model, configurations=configurations) if configurations else model, held)
 
 
 def _led(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Column]) -> Spring:
@@ -487,40 +452,24 @@ def _root_entry(root: str) -> JointEntry:
 
 
 def _stacked(limits: list[Limits]) -> Limits:
-    def column(field: str) -> Array:
-        return np.concatenate([np.zeros(0), *(getattr(one, field) for one in limits)])
-
-    return Limits(column("lower"), column("upper"), column("velocity"), column("effort"))
+    names = ("lower", "upper", "velocity", "effort")
+    return Limits(*(np.concatenate([np.zeros(0), *(getattr(one, name) for one in limits)]) for name in names))
 
 
-def _armature(joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int) -> Array:
-    """Armature per velocity; that of a follower counts ratio², as a gear's does."""
-    found = [0.0] * nv
-    for entry in joints:
-        drive = drives[entry.name]
-        for k in _velocities(entry, drive, columns):
-            found[k] += drive.ratio**2 * entry.armature
-    return np.array(found)
-
-
-def _friction(
+def _losses(
     joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int
-) -> Friction:
-    """Damping and Coulomb friction per velocity, those of followers folded into their leaders.
+) -> tuple[Friction, Array]:
+    """Friction and armature per velocity, those of followers folded into their leaders.
 
-    A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts
-    ratio², friction |ratio|.
+    A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping and armature count ratio², friction
+    |ratio|.
     """
-    damping, friction = [0.0] * nv, [0.0] * nv
+    damping, friction, armature = [0.0] * nv, [0.0] * nv, [0.0] * nv
     for entry in joints:
         drive = drives[entry.name]
-        for k in _velocities(entry, drive, columns):
+        column = columns.get(drive.leader)
+        for k in () if column is None else range(column.v, column.v + entry.joint.nv):
             damping[k] += drive.ratio**2 * entry.damping
             friction[k] += abs(drive.ratio) * entry.friction
-    return Friction.plain(np.array(damping), np.array(friction))
-
-
-def _velocities(entry: JointEntry, drive: Drive, columns: Mapping[str, _Column]) -> range:
-    """Places in dq of a joint; none if its leader is fixed."""
-    column = columns.get(drive.leader)
-    return range(0) if column is None else range(column.v, column.v + entry.joint.nv)
+            armature[k] += drive.ratio**2 * entry.armature
+    return Friction.plain(np.array(damping), np.array(friction)), np.array(armature)

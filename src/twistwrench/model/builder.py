@@ -15,6 +15,7 @@ from ..core.text import listed
 from ..errors import ModelError, ValueRangeError
 from ..joints import Floating
 from ..joints.screw_joint import number, numbers
+from . import edit
 from .assembly import DEFAULT_SNAP, MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
 from .description import (
     TYPES,
@@ -31,8 +32,7 @@ from .description import (
     mimic_of,
     placement_of,
     sentences,
-)
-from .edit import gravity_vector, lock
+)  # fmt: skip
 from .inertia_checks import INERTIA_POLICIES, judge, massless_links
 from .model import Model, OfferedClosure, Spring, Tree, find_tree
 
@@ -83,23 +83,34 @@ class ModelBuilder:
 
         Parameters
         ----------
-        texts : str, sentences
+        *texts : str, sentences
 
         Examples
         --------
-        >>> import warnings
         >>> builder = ModelBuilder("point")
         >>> builder.add_link("base")
         >>> builder.remark("this is an example")
-        >>> with warnings.catch_warnings():
-        ...     warnings.simplefilter("ignore")
-        ...     builder.build().defects
+        >>> builder.build(quiet=True).defects
         ('this is an example',)
         """
         self._remarks.extend(texts)
 
     def note(self, subject: object, text: str) -> None:
-        """Note something doubtful about a link, a joint or an element of the file, as :meth:`remark` does."""
+        """Note something doubtful about a link, a joint or an element of the file; equal notes are joined in warnings.
+
+        Parameters
+        ----------
+        subject : object, whose text names it
+        text : str, the rest of the sentence
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("point")
+        >>> builder.add_link("base")
+        >>> builder.note("link 'base'", "is an example")
+        >>> builder.build(quiet=True).defects
+        ("link 'base' is an example",)
+        """
         self._remarks.append(ModelNote(str(subject), text))
 
     def add_link(
@@ -198,26 +209,14 @@ class ModelBuilder:
             raise ModelError(f"{who} has the unknown type {kind!r}. Allowed: {', '.join(TYPES)}.")
         joint = TYPES[kind](name, TYPES[kind].axes_from(axis, pitch, normalise_axes, who))
         limits, remarks = limits_of(joint, lower, upper, velocity, effort, who)
-        loss = {"damping": damping, "friction": friction}
-        for what, value in loss.items():
-            loss[what] = number(value, f"the {what} of {who}")
-            if loss[what] < 0:
-                remarks.append(
-                    ModelNote(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
-                )
         self._joints[name] = JointEntry(
-            joint=joint,
-            parent=parent,
-            child=child,
-            placement=placement_of(placement, who),
-            limits=limits,
-            damping=loss["damping"],
-            friction=loss["friction"],
-            mimic=mimic_of(mimic, who),
-            where=where,
-            armature=armature_of(armature, who),
-        )
+            joint, parent, child, placement_of(placement, who), limits, number(damping, f"the damping of {who}"),
+            number(friction, f"the friction of {who}"), mimic_of(mimic, who), where, armature_of(armature, who),
+        )  # fmt: skip
         self._remarks.extend(remarks)
+        for what, value in (("damping", damping), ("friction", friction)):
+            if value < 0:
+                self.note(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
 
     def add_site(self, name: str, link: str, pose: ArrayLike | None = None, where: str = "") -> str:
         """Add a site: a named frame fixed to a link.
@@ -382,22 +381,17 @@ class ModelBuilder:
         remarks = [*self._remarks, *self._floating_remarks(tree, floating_base)]
         drives = find_drives(self._joints.values()) if mimic == "follow" else {}
         model = assemble(
-            self.name,
-            self._links,
-            tree,
-            drives,
-            floating_base=floating_base,
-            snap=snap,
-            gravity=gravity_vector(self.gravity if gravity is None else gravity),
-            source=self.source,
+            self.name, self._links, tree, drives, floating_base=floating_base, snap=snap,
+            gravity=edit.gravity_vector(self.gravity if gravity is None else gravity), source=self.source,
             additions=self._additions,
-        )
+        )  # fmt: skip
         remarks += model.defects
-        model = _locked(model, lock) if lock else model
+        model = edit.lock(model, lock) if lock else model
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
-        described = [self._links[link] for link in massless_links(model) if self._links[link].where]
-        found += _on_massless([str(link) for link in described])
+        if massless := [str(self._links[link]) for link in massless_links(model) if self._links[link].where]:
+            verb, whose = ("has", "its") if len(massless) == 1 else ("have", "their")
+            found.append(f"{listed(massless)} {verb} no mass: {whose} weight and inertia are missing from every torque")
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
         if not quiet:
             issue(sentences(self.name, model.defects))
@@ -413,17 +407,6 @@ class ModelBuilder:
             )
         twice = [j for j in tree.joints if j.parent == tree.root and isinstance(j.joint, Floating)]
         return [f"{joint} floats already, and floating_base=True makes the root link float too" for joint in twice]
-
-
-_locked = lock  # inside build, `lock` is the option
-
-
-def _on_massless(links: list[str]) -> list[str]:
-    """Remark on all moving links that lack a mass."""
-    if not links:
-        return []
-    verb, whose = ("has", "its") if len(links) == 1 else ("have", "their")
-    return [f"{listed(links)} {verb} no mass: {whose} weight and inertia are missing from every torque"]
 
 
 def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | None) -> None:

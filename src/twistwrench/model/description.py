@@ -57,13 +57,8 @@ def grouped(remarks: Iterable[str]) -> list[str]:
         else:
             others.setdefault(key, [])
             first.append(remark)
-    return [_together(r, others[r.said]) if isinstance(r, ModelNote) else r for r in first]
-
-
-def _together(remark: ModelNote, others: list[str]) -> str:
-    if not others:
-        return remark
-    return f"{remark}; the same of {listed(others, _NAMED)}"
+    more = [others[r.said] if isinstance(r, ModelNote) else () for r in first]
+    return [f"{r}; the same of {listed(same, _NAMED)}" if same else r for r, same in zip(first, more, strict=True)]
 
 
 def sentences(name: str, remarks: Iterable[str]) -> list[str]:
@@ -102,6 +97,14 @@ def label(kind: str, name: str, where: str) -> str:
     """Name of a link or joint in messages: ``joint 'elbow' (line 12)``."""
     name = clipped(name) if isinstance(name, str) else name
     return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
+
+
+def unused(name: str, taken: set[str]) -> str:
+    """Unused name: ``_`` is appended until it is not taken, and it is added to ``taken``."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
 @dataclass(frozen=True, eq=False)

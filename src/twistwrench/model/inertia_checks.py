@@ -138,25 +138,16 @@ def massless_links(model: Model) -> tuple[str, ...]:
     their housing. A massless frame on a fixed joint is part of the body it is fixed to.
     """
     n = len(model.bodies)
-    has = [_has_inertia(body) for body in model.bodies]
+    has = [bool(body.inertia.parameters.any()) for body in model.bodies]
     carries, reaches, shaped = list(has), [False] * n, [False] * n
     for i in reversed(range(n)):  # parents come before children
         body = model.bodies[i]
         if body.parent != BASE:
             carries[body.parent] |= carries[i]
-            reaches[body.parent] |= _stands_away(body)
+            reaches[body.parent] |= max(map(abs, body.placement[:3, 3].tolist())) > 1e-9  # more than rounding
     for link, frame in model.frames.items():
         if link in model.shaped and frame.body != BASE:
             shaped[frame.body] = True
     real = shaped if model.shaped else reaches
     named = {body.link for i, body in enumerate(model.bodies) if not has[i] and (not carries[i] or real[i])}
     return tuple(link for link in model.frames if link in named)
-
-
-def _has_inertia(body: Body) -> bool:
-    return bool(body.inertia.parameters.any())
-
-
-def _stands_away(body: Body) -> bool:
-    """True if the joint of a body is displaced from its parent's origin by more than the rounding of a rotation."""
-    return max(map(abs, body.placement[:3, 3].tolist())) > 1e-9

@@ -10,14 +10,12 @@ import numpy as np
 
 from ..core.text import listed
 from ..errors import FrameError, ModelError, UnknownNameError
-from ..joints.joint import Fixed
 from ..typing import Array
 from .actuators import Actuator
 from .assembly import ROOT_JOINT
-from .description import JointEntry, SiteEntry
-from .limits import Limits
+from .description import JointEntry, unused
 from .model import BASE, Model, OfferedClosure
-from .parts import ModelParts, disassemble, reassemble
+from .parts import ModelParts, disassemble, fixed_entry, reassemble
 
 _LISTED = 6
 _Value = TypeVar("_Value")
@@ -38,10 +36,8 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
         link, T = site.link, np.asarray(site.pose @ pose)
     _check_names(whole, part, prefix)
     whole.links |= part.links
-    name = f"{part.root}.attached"
-    while name in {joint.name for joint in (*whole.joints, *part.joints)}:
-        name += "_"
-    whole.joints += [_fixed(name, link, part.root, T), *part.joints]
+    name = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
+    whole.joints += [fixed_entry(name, link, part.root, T), *part.joints]
     for field in ("friction", "armature"):
         getattr(whole, field).update(
             {k: v for k, v in getattr(part, field).items() if k != ROOT_JOINT or not part.floating}
@@ -73,7 +69,7 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
         raise UnknownNameError.from_choices("link", root, model.frames)
     if tip is not None:
         model.frame(tip)
-    kept = _below(found, root, None if tip is None else _link_of(found, tip), tip)
+    kept = _below(found, root, tip)
     if base is not None:
         found.gravity = _rotation(model, root).T @ found.gravity if root in model.frames else found.gravity
         found.floating = False
@@ -81,12 +77,6 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
     part.root = root
     cut = reassemble(part)
     return replace(cut, tip=tip if tip in cut.all_frames else cut.tip, defects=model.defects)
-
-
-def _fixed(name: str, parent: str, child: str, T: Array) -> JointEntry:
-    none = np.zeros(0)
-    joint = Fixed(name, np.zeros((0, 6)))
-    return JointEntry(joint, parent, child, T, Limits(none, none, none, none), 0.0, 0.0, None, "")
 
 
 def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
@@ -115,14 +105,12 @@ def _renamed(part: ModelParts, prefix: str) -> ModelParts:
         return {called(name): value for name, value in mapping.items()}
 
     more = part.additions
-    sites: dict[str, SiteEntry] = {}
-    for site in more.sites.values():
-        name = f"site:{called(site.name.removeprefix('site:'))}" if site.name.startswith("site:") else called(site.name)
-        sites[name] = replace(site, name=name, link=called(site.link))
-    again = {site.name: name for site, name in zip(more.sites.values(), sites, strict=True)}
 
     def frame(name: str) -> str:
-        return again.get(name, called(name))
+        marked = name in more.sites and name.startswith("site:")
+        return f"site:{called(name.removeprefix('site:'))}" if marked else called(name)
+
+    sites = {frame(name): replace(s, name=frame(name), link=called(s.link)) for name, s in more.sites.items()}
 
     return ModelParts(
         name=part.name,
@@ -164,19 +152,15 @@ def _renamed_actuator(actuator: Actuator, prefix: str) -> Actuator:
     return replace(actuator, joint=prefix + actuator.joint, rotor=rotor)
 
 
-def _link_of(found: ModelParts, frame: str) -> str:
-    return found.additions.sites[frame].link if frame in found.additions.sites else frame
-
-
-def _below(found: ModelParts, root: str, tip: str | None, said: str | None) -> set[str]:
+def _below(found: ModelParts, root: str, tip: str | None) -> set[str]:
     """Links to keep: all that the root carries, or those between it and a tip with everything fixed to them."""
     carried = {joint.child: joint for joint in found.joints}
     way = {root}
     if tip is not None:
-        link = tip
+        link = found.additions.sites[tip].link if tip in found.additions.sites else tip
         while link != root:
             if link not in carried:
-                raise FrameError(f"frame {said!r} is not carried by link {root!r}. Name a base before it.")
+                raise FrameError(f"frame {tip!r} is not carried by link {root!r}. Name a base before it.")
             way.add(link)
             link = carried[link].parent
     kept = {root}

@@ -10,6 +10,8 @@ import numpy as np
 
 from ..typing import Array
 
+__all__ = ["TOLERANCE", "Limits", "margin", "over_limit"]
+
 TOLERANCE = 1e-6
 """Share of a joint's largest limit by which it may exceed one and still count as at it: rounding to float32, or to six
 digits in a file, does not count as excess."""

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..bodies.solids import ten_parameters
 from ..core.numbers import printed
 from ..errors import InertiaError, UnknownNameError, ValueRangeError
 from ..joints import Joint
@@ -51,7 +52,7 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
     w, v = joint.axes[0, :3], joint.axes[0, 3:]
     I = G.moment_about_origin
     if not w.any():
-        return SpatialInertia.from_parameters([0, 0, 0, 0, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        return SpatialInertia.from_parameters(ten_parameters(0, (0, 0, 0), I))
     if v.any():  # the axis passes beside the origin, or the joint is a helix
         return None
     w = w / np.linalg.norm(w)
@@ -59,7 +60,7 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
     across = across - (across @ w) * w
     J = (across @ I @ across) / (across @ across) * (np.eye(3) - np.outer(w, w))
     h = (G.first_moment @ w) * w
-    return SpatialInertia.from_parameters([G.mass, *h, J[0, 0], J[0, 1], J[1, 1], J[0, 2], J[1, 2], J[2, 2]])
+    return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J))
 
 
 def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
@@ -107,7 +108,7 @@ def moves_joints(model: Model, names: Sequence[str]) -> bool:
 def _of_link(model: Model, link: str) -> list[float]:
     G = model.link_inertias.get(link, SpatialInertia.zero())
     I = G.moment_about_com
-    return [float(x) for x in (G.mass, *G.com, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2])]
+    return [float(x) for x in ten_parameters(G.mass, G.com, I)]
 
 
 def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
@@ -156,9 +157,7 @@ def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
     m, c, I = numbers[0], np.array(numbers[1:4], object), numbers[4:]
     about_com = np.array([[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]], object)
     J = about_com - m * (so3.hat(c) @ so3.hat(c))  # Steiner
-    return SpatialInertia.from_parameters(
-        np.array([m, *(m * c), J[0, 0], J[0, 1], J[1, 1], J[0, 2], J[1, 2], J[2, 2]], object)
-    )
+    return SpatialInertia.from_parameters(np.array(ten_parameters(m, m * c, J), object))
 
 
 def _friction(model: Model, new: dict[str, Any]) -> Friction:
@@ -199,19 +198,17 @@ def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
                 "Give 0 or more."
             )
         if what in LAWS:
-            _refuse_friction(name, what, values)
+            bad, wanted = values < 0, "at least 0"
+            if what == "stribeck":
+                bad, wanted = values <= 0, "above 0"
+            if what == "load":
+                bad, wanted = bad | (values >= 1), "at least 0 and below 1"
+            if bad.any():
+                raise ValueRangeError(
+                    f"parameters: {_at(name, values, bad)}, and friction of a joint is {wanted} there."
+                )
     for link in sorted(links & {name.rpartition(".")[0] for name in given if name.rpartition(".")[2] in _TENSOR}):
         _refuse_tensor(model, link, given)
-
-
-def _refuse_friction(name: str, what: str, values: Array) -> None:
-    bad, wanted = values < 0, "at least 0"
-    if what == "stribeck":
-        bad, wanted = values <= 0, "above 0"
-    if what == "load":
-        bad, wanted = (values < 0) | (values >= 1), "at least 0 and below 1"
-    if bad.any():
-        raise ValueRangeError(f"parameters: {_at(name, values, bad)}, and friction of a joint is {wanted} there.")
 
 
 def _refuse_tensor(model: Model, link: str, given: Mapping[str, Array]) -> None:

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..joints.joint import Fixed
+from ..joints import Fixed, Joint
 from ..lie import se3
 from ..typing import Array
 from .actuation import counted, with_actuators
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
-from .description import JointEntry, LinkEntry, SiteEntry
+from .description import JointEntry, LinkEntry, SiteEntry, unused
 from .limits import Friction, Limits
 from .model import BASE, Body, Model, find_tree
 
@@ -92,17 +92,11 @@ class _Disassembly:
         model = self.model
         top = next((link for link in self.names if not self.parents.get(link, "")), "world")
         floating = top in self.bodies
-        still = top if floating or top not in self.parents else _unused("world", self.names)
+        still = top if floating or top not in self.parents else unused("world", {*self.names})
         found = ModelParts(
-            name=model.name,
-            gravity=model.gravity,
-            snap=model.snap,
-            source=model.source,
-            root=still,
-            floating=floating,
-            actuators=list(model.actuators.values()),
-            payloads=model.payloads,
-        )
+            model.name, model.gravity, model.snap, model.source, root=still, floating=floating,
+            actuators=list(model.actuators.values()), payloads=model.payloads,
+        )  # fmt: skip
         if still != top:  # a free root that was locked stands somewhere in the base frame
             self.parents[top] = still
             found.links[still] = LinkEntry(still, SpatialInertia.zero(), "")
@@ -112,13 +106,11 @@ class _Disassembly:
                 found.joints.append(self._joint(link))
         if floating:
             self._note(found, model.bodies[self.bodies[found.root]])
-        for link in self._moving(found):
-            self._note(found, model.bodies[self.bodies[link]])
+        for joint in found.joints:
+            if not joint.fixed and joint.mimic is None:
+                self._note(found, model.bodies[self.bodies[joint.child]])
         self._add_others(found)
         return found
-
-    def _moving(self, found: ModelParts) -> Iterator[str]:
-        return (joint.child for joint in found.joints if not joint.fixed and joint.mimic is None)
 
     def _add_links(self, found: ModelParts) -> None:
         model = self.model
@@ -178,7 +170,7 @@ class _Disassembly:
         _, T_parent = self._pose(parent)
         if link not in self.bodies:
             _, T = self._pose(link)
-            return _entry(Fixed(name, np.zeros((0, 6))), parent, link, _seen_from(T_parent, T), _NO_LIMITS)
+            return fixed_entry(name, parent, link, _seen_from(T_parent, T))
         body = model.bodies[self.bodies[link]]
         place = body.places[1]
         limits = Limits(*(getattr(model.limits, what)[place] for what in vars(_NO_LIMITS)))
@@ -217,8 +209,13 @@ class _Disassembly:
 _NO_LIMITS = Limits(*(np.zeros(0),) * 4)
 
 
-def _entry(joint: object, parent: str, child: str, placement: Array, limits: Limits) -> JointEntry:
-    return JointEntry(joint, parent, child, placement, limits, 0.0, 0.0, None, "")  # type: ignore[arg-type]
+def _entry(joint: Joint, parent: str, child: str, placement: Array, limits: Limits) -> JointEntry:
+    return JointEntry(joint, parent, child, placement, limits, 0.0, 0.0, None, "")
+
+
+def fixed_entry(name: str, parent: str, child: str, placement: Array) -> JointEntry:
+    """A fixed joint."""
+    return _entry(Fixed(name, np.zeros((0, 6))), parent, child, placement, _NO_LIMITS)
 
 
 def _seen_from(T_ab: Array, T_ac: Array) -> Array:
@@ -231,12 +228,6 @@ def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
     most, size = np.abs(rest.parameters), np.abs(whole.parameters)
     parts = (slice(0, 1), slice(1, 4), slice(4, 10))
     return any(most[part].max() > _ROUNDING * max(size[part].max(), size.max() * 1e-3) for part in parts)
-
-
-def _unused(name: str, taken: list[str]) -> str:
-    while name in taken:
-        name += "_"
-    return name
 
 
 # ── Model from its parts
@@ -253,16 +244,9 @@ def reassemble(found: ModelParts) -> Model:
     """
     tree = find_tree(found.links, found.joints)
     model = assemble(
-        found.name,
-        found.links,
-        tree,
-        find_drives(found.joints),
-        floating_base=found.floating,
-        snap=found.snap,
-        gravity=found.gravity,
-        source=found.source,
-        additions=found.additions,
-    )
+        found.name, found.links, tree, find_drives(found.joints), floating_base=found.floating, snap=found.snap,
+        gravity=found.gravity, source=found.source, additions=found.additions,
+    )  # fmt: skip
     armature = [found.armature[name] for name in model.joint_names]
     model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
     model = with_actuators(model, found.actuators)

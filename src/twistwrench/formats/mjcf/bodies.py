@@ -14,7 +14,7 @@ from ...errors import RobotFileError
 from ...joints.screw_joint import screw_through
 from ...lie import quaternion, se3, so3
 from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
-from ...model.description import label
+from ...model.description import label, unused
 from ...typing import Array
 from ..known_elements import LEFT_OUT
 from ..urdf import IN_MJCF, tensor_of
@@ -182,28 +182,15 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
             if child.tag == "frame":
                 stack.append((iter(child.children), at, T, inner))
                 continue
-            found.append(MjcfBody(child, _name(child, len(found), taken), at, T, moves=body.moves))
+            given = child.attributes.get("name", "").strip()
+            name = child.text("name") if given else unused(f"body{len(found)}", taken)
+            found.append(MjcfBody(child, name, at, T, moves=body.moves))
             stack.append((iter(child.children), len(found) - 1, IDENTITY, inner))
         elif child.tag in REFUSED:
             raise child.error(f"is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
         elif child.tag == "plugin":
             body.plugins.append(child)
     return found
-
-
-def _name(body: Element, number: int, taken: set[str]) -> str:
-    """Name of a body, or ``body3`` by its number, with ``_`` appended if that is taken."""
-    if body.attributes.get("name", "").strip():
-        return body.text("name")
-    return unused(f"body{number}", taken)
-
-
-def unused(name: str, taken: set[str]) -> str:
-    """Unused name: ``_`` is appended until it is not taken, and it is added to ``taken``."""
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
 
 
 # ── Joints of a body: name, type and parameters

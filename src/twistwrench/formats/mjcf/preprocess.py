@@ -12,6 +12,7 @@ import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...bodies.mesh import hull_faces
+from ...bodies.solids import ten_parameters
 from ...core.files import read_bytes
 from ...core.gravity import GRAVITY
 from ...core.third_party import third_party_errors
@@ -438,7 +439,7 @@ def _solid(corners: Array, about: Array, *, signed: bool) -> tuple[float, Array]
     S = S + np.outer(h, about) + np.outer(about, h) + V * np.outer(about, about)
     h = h + V * about
     I = np.trace(S) * np.eye(3) - S
-    return V, np.array([V, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return V, np.array(ten_parameters(V, h, I))
 
 
 def _legacy(corners: Array) -> tuple[float, Array]:

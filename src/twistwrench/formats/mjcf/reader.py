@@ -12,6 +12,7 @@ from ...joints.screw_joint import screw_motion
 from ...lie import quaternion, se3
 from ...lie.identity import IDENTITY, product
 from ...model.builder import ModelBuilder
+from ...model.description import unused
 from ...typing import Array
 from ..known_elements import LEFT_OUT, unread
 from ..xml import Element
@@ -25,7 +26,6 @@ from .bodies import (
     names_given,
     shape_of,
     survey,
-    unused,
 )  # fmt: skip
 from .drives import add_closures, add_tendons, constraints_of, drives_of, mimics
 from .preprocess import Defaults, Folders, Meshes, Settings, disabled_by, expand, fluid_of, gravity_of

@@ -11,11 +11,10 @@ from ...core.numbers import printed
 from ...errors import ModelError
 from ...lie import quaternion, se3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry
+from ...model.description import JointEntry, unused
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..mjcf.bodies import unused
 from ..mjcf.drives import ROWS
 from ..urdf import ENTRIES, IN_MJCF
 from ..xml import Element, figures, new, xml_text

@@ -11,11 +11,10 @@ from ...core.gravity import GRAVITY
 from ...errors import ModelError
 from ...lie import se3
 from ...model.assembly import ROOT_JOINT
-from ...model.description import JointEntry
+from ...model.description import JointEntry, unused
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..mjcf.bodies import unused
 from ..urdf import entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, drive_of, screw_of
