@@ -70,14 +70,12 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
 def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
     """Nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
 
+    Nearest in the Frobenius norm of the second moments about the centre of mass.
+
     Raises
     ------
     InertiaError
         The mass is negative; that has no near neighbour.
-
-    Notes
-    -----
-    Nearest in the Frobenius norm of the second moments about the centre of mass.
 
     Examples
     --------
@@ -178,6 +176,8 @@ below a centimetre, which cannot be seen from the matrix of a ball or cube."""
 def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     """Spatial inertia from the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]].
 
+    MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
+
     Parameters
     ----------
     G : (6, 6) array_like, about the frame's origin, angular part first
@@ -186,10 +186,6 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     ------
     InertiaError
         The matrix has not that form; each block is judged by its own size, to a millionth.
-
-    Notes
-    -----
-    MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
 
     Examples
     --------
@@ -224,13 +220,11 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
 def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInertia:
     """Spatial inertia from the pseudo-inertia [[∫ r r' dm, m c], [m c', m]].
 
+    The inverse of :attr:`SpatialInertia.pseudo_inertia`.
+
     Parameters
     ----------
     J : (4, 4) array_like [kg m², kg m, kg]
-
-    Notes
-    -----
-    The inverse of :attr:`SpatialInertia.pseudo_inertia`.
 
     Examples
     --------
@@ -248,6 +242,8 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
 def log_cholesky(G: SpatialInertia) -> Array:
     """Log-Cholesky parameters of an inertia, ten numbers with J = U U' for the pseudo-inertia J.
 
+    U as in Rucker and Wensing eq. 9.
+
     Returns
     -------
     theta : (10,) array, (α, d1, d2, d3, s12, s23, s13, t1, t2, t3)
@@ -257,10 +253,6 @@ def log_cholesky(G: SpatialInertia) -> Array:
     ------
     InertiaError
         The body is impossible, or not of full dimension (a point, a rod, a plate without thickness).
-
-    Notes
-    -----
-    U as in Rucker and Wensing eq. 9.
 
     Examples
     --------

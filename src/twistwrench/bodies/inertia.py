@@ -213,6 +213,8 @@ class SpatialInertia:
     def principal(self) -> tuple[Array, Array]:
         """Principal moments of inertia about the centre of mass, ascending, and their axes.
 
+        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own.
+
         Returns
         -------
         moments : (3,) array [kg m²]
@@ -222,10 +224,6 @@ class SpatialInertia:
         ------
         InertiaError
             The inertia is not finite.
-
-        Notes
-        -----
-        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own.
 
         Examples
         --------
@@ -242,6 +240,8 @@ class SpatialInertia:
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
         """The same body's inertia in another frame: in {a}, when this one is in {b}.
 
+        G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
+
         Parameters
         ----------
         T_ab : (4, 4) array_like, pose of {b} seen from {a}
@@ -249,10 +249,6 @@ class SpatialInertia:
         Returns
         -------
         G_a : SpatialInertia
-
-        Notes
-        -----
-        G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
 
         Examples
         --------

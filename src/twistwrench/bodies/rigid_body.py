@@ -67,7 +67,6 @@ class RigidBody:
 
     Examples
     --------
-    >>> from twistwrench import SpatialInertia
     >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
     >>> body.wrench([0, 0, 2, 1, 0, 0], [0, 0, 0, 0, 0, 0]).tolist()  # turning left at speed: a force to the left
     [0.0, 0.0, 0.0, 0.0, 2.4, 0.0]
@@ -90,26 +89,14 @@ class RigidBody:
     def wrench(self, V: ArrayLike, dV: ArrayLike) -> Array:
         """Newton-Euler equations of a rigid body: the wrench that moves it so, F = G V̇ − ad(V)ᵀ G V.
 
-        Parameters
-        ----------
-        dV : (..., 6) array_like or Twist, rate of the body twist [rad/s², m/s²]
+        MR eq. 8.40.
 
         Returns
         -------
         F : (..., 6) array, in the body's frame [N m, N]
 
-        Raises
-        ------
-        FrameError
-            Labelled arguments are of different frames.
-
-        Notes
-        -----
-        MR eq. 8.40.
-
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
         >>> ball.wrench(np.zeros(6), [0, 0, 1, 2, 0, 0]).tolist()
         [0.0, 0.0, 2.0, 10.0, 0.0, 0.0]
@@ -135,12 +122,9 @@ class RigidBody:
         ------
         SingularMassMatrixError
             The body has no extent across some axis, so that nothing can turn it about that.
-        FrameError
-            Labelled arguments are of different frames.
 
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).acceleration([0, 0, 0, 0, 0, 0], [0, 0, 2, 10, 0, 0]).tolist()
         [0.0, 0.0, 1.0, 2.0, 0.0, 0.0]
         """
@@ -159,17 +143,14 @@ class RigidBody:
     def momentum(self, V: ArrayLike) -> Array:
         """Spatial momentum of a rigid body, P = G V, in the body's frame.
 
+        MR section 8.2.2.
+
         Returns
         -------
         P : (..., 6) array, (angular, linear) [N m s, N s]
 
-        Notes
-        -----
-        MR section 8.2.2.
-
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).momentum([1, 0, 0, 0, 2, 0]).tolist()
         [2.0, 0.0, 0.0, 0.0, 10.0, 0.0]
         """
@@ -178,17 +159,14 @@ class RigidBody:
     def kinetic_energy(self, V: ArrayLike) -> Array:
         """Kinetic energy of a rigid body, K = ½ Vᵀ G V, the same in every frame.
 
+        MR eq. 8.35.
+
         Returns
         -------
         K : (...) array [J]
 
-        Notes
-        -----
-        MR eq. 8.35.
-
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> float(RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).kinetic_energy([1, 0, 0, 0, 2, 0]))
         11.0
         """
@@ -209,7 +187,6 @@ class RigidBody:
 
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).weight(np.eye(4))[5].round(2).item()
         -49.05
         """
@@ -226,21 +203,14 @@ class RigidBody:
     def point_velocity(self, V: ArrayLike, r: ArrayLike) -> Array:
         """Velocity of a point of the body, v + ω × r, in the axes of {b}.
 
-        Parameters
-        ----------
-        r : (..., 3) array_like, the body's point in {b} [m]
+        MR section 8.2.1.
 
         Returns
         -------
         velocity : (..., 3) array [m/s]
 
-        Notes
-        -----
-        MR section 8.2.1.
-
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).point_velocity([0, 0, 1, 0, 0, 0], [2, 0, 0]).tolist()
         [0.0, 2.0, 0.0]
         """
@@ -250,22 +220,14 @@ class RigidBody:
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
         """Acceleration of a point of the body, v̇ + ω̇ × r + ω × (v + ω × r), in the axes of {b} and relative to {s}.
 
-        Parameters
-        ----------
-        dV : (..., 6) array_like or Twist, rate of the body twist [rad/s², m/s²]
-        r : (..., 3) array_like, the body's point in {b} [m]
+        Reading of an accelerometer fixed there, without gravity. MR section 8.2.1.
 
         Returns
         -------
         acceleration : (..., 3) array [m/s²]
 
-        Notes
-        -----
-        Reading of an accelerometer fixed there, without gravity. MR section 8.2.1.
-
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
         >>> ball.point_acceleration([0, 0, 3, 0, 0, 0], np.zeros(6), [2, 0, 0]).tolist()
         [-18.0, 0.0, 0.0]
@@ -277,21 +239,14 @@ class RigidBody:
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:
         """The same body described in another frame {a} fixed to it; its twists and wrenches are then those of {a}.
 
+        MR eq. 8.42.
+
         Parameters
         ----------
         T_ab : (4, 4) array_like, pose of the body's frame {b} seen from {a}
 
-        Returns
-        -------
-        body : RigidBody
-
-        Notes
-        -----
-        MR eq. 8.42.
-
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> T = np.eye(4)
         >>> T[:3, 3] = 0, 0, 1
         >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).in_frame(T).inertia.com.tolist()
@@ -346,7 +301,6 @@ class RigidBody:
 
         Examples
         --------
-        >>> from twistwrench import SpatialInertia
         >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
         >>> flight = body.fly(np.eye(4), [0.01, 5, 0, 0, 0, 1], duration=2, dt=0.01)
         >>> bool(flight.drift.momentum < 1e-13)

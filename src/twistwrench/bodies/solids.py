@@ -65,14 +65,12 @@ def moment_matrix(I: ArrayLike) -> Array:
 def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike) -> SpatialInertia:
     """Spatial inertia of point masses, about the frame's origin: I = -Σ m_i [r_i]².
 
+    MR section 8.2.1.
+
     Parameters
     ----------
     masses : (n,) array_like [kg]
     points : (n, 3) array_like [m]
-
-    Notes
-    -----
-    MR section 8.2.1.
 
     Examples
     --------
@@ -153,10 +151,6 @@ def cylinder(
 ) -> SpatialInertia:
     """Spatial inertia of a uniform cylinder along z; the origin is its centre.
 
-    Parameters
-    ----------
-    length : float [m]
-
     Examples
     --------
     >>> from twistwrench import SpatialInertia
@@ -197,14 +191,12 @@ def cone(
 ) -> SpatialInertia:
     """Spatial inertia of a uniform cone with its tip towards +z.
 
+    The origin is its centre of mass, height/4 above the base, not the base itself.
+
     Parameters
     ----------
     radius : float, of the base [m]
     height : float [m]
-
-    Notes
-    -----
-    The origin is its centre of mass, height/4 above the base, not the base itself.
 
     Examples
     --------

@@ -7,7 +7,7 @@ M_jj = Σ tr([A] J [A]') and g_j = -Σ g . ([A] J)_4: linear in J, so that a cha
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -194,15 +194,15 @@ class Effects:
         torque = np.abs(dg).max(axis=0)
         effort = np.where(np.isfinite(limit) & (limit > 0), 100.0 * torque / np.where(limit > 0, limit, 1.0), 0.0)
         j, k, l = int(share.argmax()), int(torque.argmax()), int(effort.argmax())
-        loads = torque[k] > _TINY * np.abs(self.gravity_torques).max(initial=0.0)
-        return Effect(
-            float(share[j]) if share[j] > 100.0 * _TINY else 0.0,
-            names[j] if share[j] > 100.0 * _TINY else "",
-            float(torque[k]) if loads else 0.0,
-            names[k] if loads else "",
-            float(effort[l]) if loads else 0.0,
-            names[l] if loads and effort[l] > 0 else "",
-        )
+        found = Effect()
+        if share[j] > 100.0 * _TINY:
+            found = replace(found, inertia_percent=float(share[j]), inertia_joint=names[j])
+        if torque[k] > _TINY * np.abs(self.gravity_torques).max(initial=0.0):
+            most, joint = float(effort[l]), names[l] if effort[l] > 0 else ""
+            found = replace(
+                found, torque=float(torque[k]), torque_joint=names[k], effort_percent=most, effort_joint=joint
+            )
+        return found
 
     @cached_property
     def diagonal(self) -> Array:

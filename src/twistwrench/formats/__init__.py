@@ -66,7 +66,10 @@ def load_model(
         else:
             bytes_of(usd)
             found = said = "usd"
-        _refuse_others(found, {"keep": (keep, ("mjcf",)), "model": (model, ("sdf", "usd"))})
+        for option, value, own in (("keep", keep, ("mjcf",)), ("model", model, ("sdf", "usd"))):
+            if value is not None and found not in own:  # it selects a part of a file
+                formats = " and ".join(name.upper() for name in own)
+                raise ValueRangeError(f"{option}={value!r} is of {formats} files, and this one is {found.upper()}.")
         if format not in (None, found):
             raise RobotFileError(f"it is {said}, and format={format!r} was asked for.")
         if usd is not None:  # one reader is imported, not all
@@ -114,14 +117,6 @@ def usd_path(source: object) -> Path | None:
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
     return path if (path := Path(source)).suffix.lower() in _USD else None
-
-
-def _refuse_others(found: str, options: Mapping[str, tuple[str | None, tuple[str, ...]]]) -> None:
-    """Refuse options that select a part of a file in formats without such parts."""
-    for option, (value, own) in options.items():
-        if value is not None and found not in own:
-            formats = " and ".join(name.upper() for name in own)
-            raise ValueRangeError(f"{option}={value!r} is of {formats} files, and this one is {found.upper()}.")
 
 
 def _format_of(root: Element, text: str) -> str:

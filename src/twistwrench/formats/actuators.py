@@ -173,14 +173,9 @@ def _rotor(section: Section) -> Rotor:
     link = section.content.get("link")
     if link is not None and not isinstance(link, str):
         raise ModelError(f"{section.where('link')} is {shown(link)}, expected the name of a link.")
-    return Rotor(
-        inertia=section.number("inertia", "inertia"),
-        extra=extra,
-        link=link,
-        **section.optional("mass", section.number, "mass"),
-        **section.optional("axis", section.vector, ""),
-        **section.optional("place", section.vector, "length"),
-    )
+    more = section.optional("axis", section.vector, "") | section.optional("place", section.vector, "length")
+    mass = section.optional("mass", section.number, "mass")
+    return Rotor(inertia=section.number("inertia", "inertia"), extra=extra, link=link, **mass, **more)
 
 
 def _share(value: object, where: str) -> float:

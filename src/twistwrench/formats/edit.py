@@ -32,6 +32,7 @@ class Edit:
 
 # ── Edits of a robot file
 
+_START = re.compile(r"""<(?:[^"'>]++|"[^"]*+"|'[^']*+')*+>""")
 _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
@@ -148,16 +149,10 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
 
 def _behind(text: str, start: int) -> int:
     """Index behind the ``>`` that ends a start tag, which is not within quotes."""
-    quote = ""
-    for k in range(start, len(text)):
-        letter = text[k]
-        if quote:
-            quote = "" if letter == quote else quote
-        elif letter in "\"'":
-            quote = letter
-        elif letter == ">":
-            return k + 1
-    raise RobotFileError("an element of the file does not end.")
+    tag = _START.match(text, start)
+    if tag is None:
+        raise RobotFileError("an element of the file does not end.")
+    return tag.end()
 
 
 def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str]:

@@ -53,6 +53,7 @@ def _read_table(text: str) -> dict[str, Rows]:
     """Formats with their rows; the first section has the effects of what is left out."""
     formats: dict[str, dict[str, dict[str, Entry]]] = {}
     entries: dict[str, Entry] = {"read": READ, "ignored": NO_MECHANICS}
+    rows: dict[str, dict[str, Entry]] = {}
     row: dict[str, Entry] = {}
     for line in text.splitlines():
         key, _, rest = line.partition(": ")

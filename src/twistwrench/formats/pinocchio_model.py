@@ -14,7 +14,7 @@ from ..errors import MissingExtraError, ModelError
 from ..joints import Joint
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic, unused
-from ..model.model import BASE, Body, Model
+from ..model.model import BASE, Model
 from ..model.parts import disassemble
 from ..typing import Array
 from .urdf import known_limits
@@ -103,16 +103,8 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         child = links[j] if k == len(steps) - 1 else f"{links[j]}:{name}.{k}"
         builder.add_link(child, _inertia(model.inertias[j]) if child == links[j] else None, hidden=child != links[j])
         options: dict[str, Any] = {} if mimic else _numbers(model, q_at, v_at, step)
-        builder.add_joint(
-            name if len(steps) == 1 else f"{name}.{k}",
-            step.kind,
-            parent,
-            child,
-            placement=T @ step.T,
-            axis=(0.0, 0.0, 1.0) if step.axis is None else step.axis,
-            mimic=mimic,
-            **options,
-        )
+        called, axis = name if len(steps) == 1 else f"{name}.{k}", (0.0, 0.0, 1.0) if step.axis is None else step.axis
+        builder.add_joint(called, step.kind, parent, child, placement=T @ step.T, axis=axis, mimic=mimic, **options)
         if step.kind in ("floating", "planar") and options.get("armature"):
             said = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
             builder.note(f"joint {name!r}", said)
@@ -289,15 +281,11 @@ def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
         if letter is not None:
             return getattr(pinocchio, f"JointModelH{letter}")(axis.pitch), axis.point
         return pinocchio.JointModelHelicalUnaligned(axis.direction, axis.pitch), axis.point
-    if not axis.turns:
-        short, long = "P", "JointModelPrismaticUnaligned"
-    elif joint.wraps:
-        short, long = "RUB", "JointModelRevoluteUnaligned"  # the unbounded one takes no axis from Python
-    else:
-        short, long = "R", "JointModelRevoluteUnaligned"
     if letter is not None:
-        return getattr(pinocchio, f"JointModel{short}{letter}")(), axis.point
-    return getattr(pinocchio, long)(axis.direction), axis.point
+        kind = "P" if not axis.turns else "RUB" if joint.wraps else "R"
+        return getattr(pinocchio, f"JointModel{kind}{letter}")(), axis.point
+    kind = "Revolute" if axis.turns else "Prismatic"  # the unbounded one takes no axis from Python
+    return getattr(pinocchio, f"JointModel{kind}Unaligned")(axis.direction), axis.point
 
 
 def _se3(pinocchio: Any, T: Array) -> Any:
@@ -344,16 +332,11 @@ def _configuration(theirs: Any, model: Model, numbers: dict[str, int], positions
         if body.joint.name not in numbers:
             continue
         joint = theirs.joints[numbers[body.joint.name]]
-        mine = (
-            body.ratio * positions[_leader(leaders, body)] + body.offset if body.follows else positions[body.joint.name]
-        )
+        leader = leaders[body.v_index].joint.name if body.follows else body.joint.name
+        mine = body.ratio * positions[leader] + body.offset if body.follows else positions[leader]
         if body.joint.quaternion is not None:
             mine = body.joint.to_pinocchio(mine)
         elif joint.nq > joint.nv:
             mine = np.append(mine[:-1], [np.cos(mine[-1]), np.sin(mine[-1])])
         found[joint.idx_q : joint.idx_q + joint.nq] = mine
     return found
-
-
-def _leader(leaders: dict[int, Body], body: Body) -> str:
-    return leaders[body.v_index].joint.name

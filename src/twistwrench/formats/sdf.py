@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -395,7 +396,7 @@ class _SdfReader:
 
 
 def add_ball(
-    builder: ModelBuilder, name: str, parent: str, child: str, T: Array, point: Array, where: str, **losses: float
+    builder: ModelBuilder, name: str, parent: str, child: str, T: Array, point: Array, where: str, **losses: Any
 ) -> None:
     """Add a ball joint that turns about a point of its child; T (4, 4) is the pose of the child in the parent."""
     below = child
@@ -407,14 +408,14 @@ def add_ball(
     builder.add_joint(name, "ball", parent, below, placement=T @ there, where=where, **losses)
 
 
-def _limits(axis: Element) -> dict[str, float]:
+def _limits(axis: Element) -> dict[str, Any]:
     limit = axis.child("limit")
     ends = {"lower": number(limit, "lower", -math.inf), "upper": number(limit, "upper", math.inf)}
     most = {name: number(limit, name, -1.0) for name in ("velocity", "effort")}
     return known_limits(**ends, **{name: x for name, x in most.items() if x > 0})
 
 
-def _losses(axis: Element | None) -> dict[str, float]:
+def _losses(axis: Element | None) -> dict[str, Any]:
     dynamics = axis.child("dynamics") if axis is not None else None
     return {name: number(dynamics, name, 0.0) for name in ("damping", "friction")}
 

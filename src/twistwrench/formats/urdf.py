@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -175,7 +176,7 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
     )  # fmt: skip
 
 
-def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, float]:
+def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
     limit = joint.child("limit")
     bounded = kind in ("revolute", "prismatic")
     if limit is None:
@@ -191,7 +192,7 @@ def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, float
 _SIDES = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0}
 
 
-def known_limits(**given: float | None) -> dict[str, float]:
+def known_limits(**given: float | None) -> dict[str, Any]:
     """Limits of a joint without those that stand for none."""
     return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < ENDLESS}
 

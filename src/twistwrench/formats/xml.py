@@ -92,7 +92,7 @@ class Element:
 
     def walk(self) -> Iterator[Element]:
         """The element itself and all within, in document order."""
-        stack = [self]
+        stack: list[Element] = [self]
         while stack:
             element = stack.pop()
             yield element

@@ -147,15 +147,7 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
         model = replace(model, bodies=bodies)
     turning = RotorJoint(f"{actuator.joint}.rotor", np.concatenate([axis, np.zeros(3)])[None, :])
     return model, Body(
-        joint=turning,
-        link=f"{actuator.joint}.rotor",
-        parent=carrier,
-        placement=placement,
-        inertia=G,
-        q_index=driven.q_index,
-        v_index=driven.v_index,
-        ratio=actuator.ratio,
-        follows=True,
+        turning, turning.name, carrier, placement, G, driven.q_index, driven.v_index, ratio=actuator.ratio, follows=True
     )
 
 
@@ -232,12 +224,9 @@ def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body
     )
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)
+    configurations = {name: np.append(q, q[driven.q_index]) for name, q in model.configurations.items()}
     wider = replace(
-        model,
-        limits=limits,
-        friction=friction,
-        springs=(*model.springs, spring),
-        armature=np.append(model.armature, 0.0),
-        configurations={name: np.append(q, q[driven.q_index]) for name, q in model.configurations.items()},
-    )
+        model, limits=limits, friction=friction, springs=(*model.springs, spring),
+        armature=np.append(model.armature, 0.0), configurations=configurations,
+    )  # fmt: skip
     return wider, rotor

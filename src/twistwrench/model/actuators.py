@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,8 +20,6 @@ __all__ = ["Actuator", "Motor", "Rotor"]
 class Motor:
     """Direct-current motor, or a servo motor by its equivalent one.
 
-    Notes
-    -----
     MR section 8.9.1.
 
     Examples
@@ -194,42 +193,36 @@ _RATIOS = 1e-6, 1e9
 
 def check_actuator(actuator: Actuator) -> None:
     """Raise ValueRangeError for a number that is impossible for a drive."""
-    who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
+    for problem in _problems(actuator):
+        raise ValueRangeError(f"the actuator of joint {actuator.joint!r} has {problem}")
+
+
+def _problems(actuator: Actuator) -> Iterator[str]:
+    motor, rotor, most = actuator.motor, actuator.rotor, printed(LARGEST)
     if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
-        raise ValueRangeError(
-            f"{who} has the ratio {printed(actuator.ratio)}; it must be a number from {printed(_RATIOS[0])} to "
-            f"{printed(_RATIOS[1])}, or minus one."
-        )
+        least, greatest = map(printed, _RATIOS)
+        yield f"the ratio {printed(actuator.ratio)}; it must be a number from {least} to {greatest}, or minus one."
     if not 0 < actuator.efficiency <= 1:
-        raise ValueRangeError(
-            f"{who} has the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
-        )
+        yield f"the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
     if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
-        raise ValueRangeError(
-            f"{who} has the stiffness {printed(actuator.stiffness)}; it must be above 0 and at most {printed(LARGEST)}. "
-            "Leave it out where the gear is rigid."
-        )
+        stiffness = printed(actuator.stiffness)
+        yield f"the stiffness {stiffness}; it must be above 0 and at most {most}. Leave it out where the gear is rigid."
     if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
-        raise ValueRangeError(f"{who} has a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite.")
+        yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
     if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
-        raise ValueRangeError(
-            f"{who} has a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
-        )
-    if motor is not None:
-        if motor.current_continuous > motor.current_peak:
-            raise ValueRangeError(
-                f"{who} has current continuous {printed(motor.current_continuous)} A above current peak "
-                f"{printed(motor.current_peak)} A. Are they exchanged?"
-            )
-        if not _real(motor.torque_constant):
-            raise ValueRangeError(
-                f"{who} has the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
-            )
-        for field, value in vars(motor).items():
-            may_be_zero = field in ("resistance", "inductance")
-            if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
-                allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {printed(LARGEST)}"
-                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {printed(value)}; it must be {allowed}.")
+        yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
+    if motor is None:
+        return
+    if motor.current_continuous > motor.current_peak:
+        both = f"{printed(motor.current_continuous)} A above current peak {printed(motor.current_peak)} A"
+        yield f"current continuous {both}. Are they exchanged?"
+    if not _real(motor.torque_constant):
+        yield f"the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
+    for name, value in vars(motor).items():
+        may_be_zero = name in ("resistance", "inductance")
+        if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
+            allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {most}"
+            yield f"{name.replace('_', ' ')} {printed(value)}; it must be {allowed}."
 
 
 def _real(x: float) -> bool:

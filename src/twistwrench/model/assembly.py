@@ -391,41 +391,24 @@ def assemble(
         column = columns.get(drive.leader, _Column(0, 0))
         bodies.append(
             Body(
-                joint=entry.joint,
-                link=entry.child,
-                parent=index.get(entry.parent, BASE),
-                placement=snap_pose(entry.placement, snap),
-                inertia=links[entry.child].inertia,
-                q_index=column.q,
-                v_index=column.v,
-                ratio=drive.ratio,
-                offset=drive.offset,
-                follows=entry.name in drives,
+                entry.joint, entry.child, index.get(entry.parent, BASE), snap_pose(entry.placement, snap),
+                links[entry.child].inertia, column.q, column.v, drive.ratio, drive.offset, follows=entry.name in drives,
                 effort=float(entry.limits.effort[0]) if entry.name in drives and entry.joint.nv else np.inf,
             )
-        )
+        )  # fmt: skip
     friction, armature = _losses(joints, every, columns, nv)
     model = Model(
-        name=name,
-        bodies=tuple(bodies),
+        name, tuple(bodies), tip=None, gravity=gravity, leaves=tree.leaves, source=source, snap=snap,
         frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
-        limits=_stacked([shared for shared, _ in limits]),
-        defects=tuple(text for _, remarks in limits for text in remarks),
-        friction=friction,
-        gravity=gravity,
-        base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
-        tip=None,
-        leaves=tree.leaves,
-        link_inertias={link.name: link.inertia for link in links.values() if not link.hidden},
-        source=source,
-        shaped=frozenset(link.name for link in links.values() if link.shaped),
-        snap=snap,
-        armature=armature,
         sites={site.name: Frame(index[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()},
+        link_inertias={link.name: link.inertia for link in links.values() if not link.hidden},
+        base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
+        shaped=frozenset(link.name for link in links.values() if link.shaped),
+        limits=_stacked([shared for shared, _ in limits]), friction=friction, armature=armature,
         springs=tuple(s for s in (_led(s, drives, columns) for s in additions.springs) if s.terms),
-        closures=additions.closures,
-        mounts={entry.child: (entry.parent, entry.name) for entry in joints},
-    )
+        closures=additions.closures, mounts={entry.child: (entry.parent, entry.name) for entry in joints},
+        defects=tuple(text for _, remarks in limits for text in remarks),
+    )  # fmt: skip
     configurations = {  # without mimic joints, which follow
         label: from_names(model, {joint: q[joint] for joint in model.joint_names if joint in q})
         for label, q in additions.configurations.items()

@@ -131,13 +131,6 @@ class ModelBuilder:
         shaped : bool, the link has a shape in its file, so that it cannot be a mere frame
         hidden : bool, the link only stands between two joints of one body and is not offered as a frame
 
-        Raises
-        ------
-        ModelError
-            The name is taken.
-        InertiaError
-            Numbers are not finite, or the mass is negative.
-
         Examples
         --------
         >>> builder = ModelBuilder("point")
@@ -189,11 +182,6 @@ class ModelBuilder:
         armature : float, inertia of the drive that acts on each velocity of the joint [kg m² or kg]
         mimic : (leader, multiplier, offset), optional
 
-        Raises
-        ------
-        ModelError
-            Something is invalid; it is named.
-
         Examples
         --------
         >>> builder = ModelBuilder("slider")
@@ -231,11 +219,6 @@ class ModelBuilder:
         -------
         name : str, as the site is called: ``site:NAME`` where a link has the name already
 
-        Raises
-        ------
-        ModelError
-            The link is not there, or the name is taken by a site.
-
         Examples
         --------
         >>> builder = ModelBuilder("point")
@@ -258,11 +241,6 @@ class ModelBuilder:
         terms : {joint: weight}
         stiffness : float [N m/rad or N/m]
         rest : float, the sum at which it stores nothing [rad or m]
-
-        Raises
-        ------
-        ModelError
-            A joint is not there or has several coordinates.
 
         Examples
         --------
@@ -347,22 +325,6 @@ class ModelBuilder:
         snap : float, entries of fixed rotations this near to 0 or ±1 are set to it
         gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what was described
         quiet : bool, issue no warnings; remarks are in ``model.defects`` all the same
-
-        Returns
-        -------
-        model : Model
-
-        Raises
-        ------
-        ModelError
-            What was added makes no robot.
-        InertiaError
-            A moving body cannot exist.
-
-        Warns
-        -----
-        ModelWarning
-            Remarks; they stay in ``model.defects``.
 
         Examples
         --------

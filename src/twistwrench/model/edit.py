@@ -26,10 +26,6 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     ----------
     inertia : SpatialInertia, about the frame's origin, in its axes
 
-    Returns
-    -------
-    model : Model
-
     Raises
     ------
     InertiaError
@@ -71,10 +67,6 @@ def with_gravity(model: Model, g: ArrayLike) -> Model:
     ----------
     g : (3,) array_like, gravity in the base frame [m/s²]
 
-    Returns
-    -------
-    model : Model
-
     Examples
     --------
     >>> import twistwrench as tw
@@ -90,10 +82,6 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
     Parameters
     ----------
     joints : {joint: armature} [kg m², sliding joints: kg]; a number, or one for each velocity of the joint
-
-    Returns
-    -------
-    model : Model
 
     Examples
     --------
@@ -160,10 +148,6 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     Parameters
     ----------
     positions : {joint: position}, a number each, (x, y, theta) for planar, 7 for floating [rad, m]
-
-    Returns
-    -------
-    model : Model
 
     Notes
     -----

@@ -266,18 +266,13 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
     name = given or unused(f"{body.name}.{said}" + (str(k) if len(body.joints) > 1 else ""), taken)
     unit = settings.angle if kind in ("revolute", "ball") else 1.0
     joint = MjcfJoint(
-        element=e,
-        name=name,
-        kind=kind,
+        e, name, kind,
         point=part.moved(np.array(e.floats("pos", (0.0, 0.0, 0.0)))),
         axis=part.turned(direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0)))),
-        reference=unit * e.floats("ref", (0.0,))[0],
-        rest=unit * e.floats("springref", (0.0,))[0],
-        stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0],
-        damping=e.floats("damping", (0.0, 0.0, 0.0))[0],
-        friction=e.floats("frictionloss", (0.0,))[0],
-        armature=e.floats("armature", (0.0,))[0],
-    )
+        reference=unit * e.floats("ref", (0.0,))[0], rest=unit * e.floats("springref", (0.0,))[0],
+        stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0], damping=e.floats("damping", (0.0, 0.0, 0.0))[0],
+        friction=e.floats("frictionloss", (0.0,))[0], armature=e.floats("armature", (0.0,))[0],
+    )  # fmt: skip
     aligned = e.tag == "freejoint" and e.word("align", ("true", "false", "auto"), "auto") == "true"
     if aligned or (e.tag == "freejoint" and settings.align_free):
         joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")

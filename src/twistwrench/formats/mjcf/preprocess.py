@@ -54,8 +54,8 @@ class Settings:
     @classmethod
     def from_root(cls, root: Element) -> Settings:
         """Settings of a file; later elements override earlier ones."""
-        attributes = {name: value for e in root.all("compiler") for name, value in e.attributes.items()}
         elements = root.all("compiler")
+        attributes = {name: value for e in elements for name, value in e.attributes.items()}
         one = (elements[-1] if elements else root).with_attributes(attributes)
         if one.word("coordinate", ("local", "global"), "local") == "global":
             raise RobotFileError(
@@ -89,13 +89,9 @@ def disabled_by(root: Element) -> set[str]:
         for flag in option.all("flag"):
             found |= {name for name, value in flag.attributes.items() if value.strip() == "disable"}
             found -= {name for name, value in flag.attributes.items() if value.strip() == "enable"}
-    return found | also_disabled(found)
-
-
-def also_disabled(found: set[str]) -> set[str]:
-    """Forces disabled by flags for several of them."""
-    passive = {"spring", "damper"} if "passive" in found else set()
-    return passive | ({"equality", "frictionloss"} if "constraint" in found else set())
+    for flag, forces in (("passive", {"spring", "damper"}), ("constraint", {"equality", "frictionloss"})):
+        found |= forces if flag in found else set()
+    return found
 
 
 def gravity_of(root: Element) -> list[float]:
@@ -103,9 +99,7 @@ def gravity_of(root: Element) -> list[float]:
     gravity = list(GRAVITY)
     for option in root.all("option"):
         gravity = option.floats("gravity", gravity)
-    if "gravity" in disabled_by(root):
-        return [0.0, 0.0, 0.0]
-    return gravity
+    return [0.0, 0.0, 0.0] if "gravity" in disabled_by(root) else gravity
 
 
 def fluid_of(root: Element) -> Element | None:
@@ -250,18 +244,20 @@ class Defaults:
         ``kind`` is what the defaults are called where that is not the element's own tag.
         """
         name = element.attributes.get("class", "").strip() or around or _MAIN
-        if name not in self._classes:
-            known = ", ".join(repr(one) for one in self._classes)
-            raise element.error(f"is of the class {name!r}, which no <default> describes. Known: {known}.")
+        self._check(element, name, "is of the class")
         default = self._classes[name].get(kind or _key(element.tag))
         return element.with_attributes(merged(default, element)) if default or element.tag in ACTUATORS else element
 
     def check(self, element: Element, name: str) -> str:
         """``name`` if there is such a class, or where it is empty."""
-        if name and name not in self._classes:
-            known = ", ".join(repr(one) for one in self._classes)
-            raise element.error(f"has the childclass {name!r}, which no <default> describes. Known: {known}.")
+        if name:
+            self._check(element, name, "has the childclass")
         return name
+
+    def _check(self, element: Element, name: str, verb: str) -> None:
+        if name not in self._classes:
+            known = ", ".join(map(repr, self._classes))
+            raise element.error(f"{verb} {name!r}, which no <default> describes. Known: {known}.")
 
 
 def merged(default: dict[str, str] | None, element: Element) -> dict[str, str]:
@@ -293,22 +289,21 @@ class Meshes:
         self._meshes: dict[str, Element] = {}
         self._doubled: dict[str, Element] = {}
         self._hfields: dict[str, Element] = {}
-        for asset in root.all("asset"):
-            for hfield in asset.all("hfield"):
-                name = hfield.attributes.get("name", "").strip() or Path(hfield.attributes.get("file", "")).stem
-                self._hfields[name] = hfield
-            for mesh in asset.all("mesh"):
-                name = mesh.attributes.get("name", "").strip() or Path(mesh.attributes.get("file", "")).stem
+        for one in (one for asset in root.all("asset") for one in asset.children):
+            name = one.attributes.get("name", "").strip() or Path(one.attributes.get("file", "")).stem
+            if one.tag == "hfield":
+                self._hfields[name] = one
+            elif one.tag == "mesh":
                 if name in self._meshes:
-                    self._doubled[name] = mesh
-                self._meshes[name] = defaults.apply(mesh)
+                    self._doubled[name] = one
+                self._meshes[name] = defaults.apply(one)
 
     def named(self, name: str) -> tuple[str, tuple[float, ...]]:
         """File and scale of a mesh; an empty name if it is not in the assets or has no file."""
-        element = self._meshes.get(name)
-        file = "" if element is None else element.attributes.get("file", "").strip()
-        scale = (1.0, 1.0, 1.0) if element is None else tuple(element.floats("scale", (1.0, 1.0, 1.0)))
-        return self._file(file) if file else "", scale
+        if (element := self._meshes.get(name)) is None:
+            return "", (1.0, 1.0, 1.0)
+        file = element.attributes.get("file", "").strip()
+        return self._file(file) if file else "", tuple(element.floats("scale", (1.0, 1.0, 1.0)))
 
     def _file(self, name: str) -> str:
         """Path of a mesh file by the folder settings."""

@@ -98,8 +98,8 @@ class _UrdfWriter:
 
     def _add_screw(self, entry: JointEntry) -> None:
         axis, limits, name = screw_of(entry), entry.limits, entry.name
-        child, T, away = entry.child, entry.placement, axis.point.any()
-        if away:  # the format has axes through the child's origin
+        child, T, beside = entry.child, entry.placement, ""
+        if axis.point.any():  # the format has axes through the child's origin
             child, T = self._hidden(f"{entry.child}:{name}"), T @ moved(axis.point)
             beside = unused(f"{name}.fixed", self.joint_names)
         middle = self._hidden(f"{entry.child}:{name}:slide") if axis.pitch else child
@@ -119,7 +119,7 @@ class _UrdfWriter:
             self.losses.of_joint(
                 name, "is helical; it is written as a revolute joint and a prismatic one that mimics it"
             )
-        if away:
+        if beside:
             self._joint(beside, "fixed", child, entry.child, moved(-axis.point))
 
     def _add_ball(self, entry: JointEntry) -> None:
