@@ -167,7 +167,8 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
             continue
         image = mirrored(a.inertia, pair.D)
         said, numbers = _differences(b.inertia, image)
-        if not said or _same_part(pair):
+        same = np.allclose(a.inertia.parameters, b.inertia.parameters, rtol=1e-3, atol=1e-9)
+        if not said or (same and _shapes(pair.left) == _shapes(pair.right)):  # or one part is mounted twice
             continue
         copies = {"left": (pair.right, image), "right": (pair.left, mirrored(b.inertia, pair.D.T))}
         effects = {side: robot.effects.evaluate({link.name: G}) for side, (link, G) in copies.items()}
@@ -204,10 +205,8 @@ def _evidence(pair: SymmetricLinks) -> str:
     if min(away) > 0.5 * max(away) or max(away) - min(away) < _COM:
         return unknown
     side, near, far = ("left" if away[0] < away[1] else "right"), 1e3 * min(away), 1e3 * max(away)
-    return (
-        f"the shapes speak for the {side} one, whose centre of mass is {number(near, 2)} mm from theirs, not "
-        f"{number(far, 2)}"
-    )
+    distance = f"{number(near, 2)} mm from theirs, not {number(far, 2)}"
+    return f"the shapes speak for the {side} one, whose centre of mass is {distance}"
 
 
 def mirrored(inertia: SpatialInertia, D: Array) -> SpatialInertia:
@@ -224,15 +223,6 @@ def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str
     said += [f"centres of mass {number(1e3 * com, 3)} mm apart"] if com > _COM else []
     said += [f"tensors {percent(tensor, 2)} of their trace apart"] if tensor > _TENSOR else []
     return said, {"mass_share": mass, "com_distance": com, "tensor_share": tensor}
-
-
-def _same_part(pair: SymmetricLinks) -> bool:
-    """True if the same part is mounted twice: equal shapes at equal poses, and equal numbers."""
-    a, b = pair.left.written, pair.right.written
-    if a is None or b is None:
-        return False
-    same = np.allclose(a.inertia.parameters, b.inertia.parameters, rtol=1e-3, atol=1e-9)
-    return bool(same and _shapes(pair.left) == _shapes(pair.right))
 
 
 def _parts_mirrored(pair: SymmetricLinks) -> bool:

@@ -6,6 +6,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -86,9 +87,8 @@ def _ends(root: Element) -> Iterator[LoadError]:
                 yield LoadError(where, joint.line, f"the {end} of {joint} is not there: {missing}")
             children[name] += end == "child"
             if end == "child" and children[name] == 2:
-                yield LoadError(
-                    where, joint.line, f"{joint} gives link {name!r} a second parent. A robot must be a tree."
-                )
+                text = f"{joint} gives link {name!r} a second parent. A robot must be a tree."
+                yield LoadError(where, joint.line, text)
 
 
 def _leaders(root: Element) -> Iterator[LoadError]:
@@ -299,9 +299,8 @@ def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
         if shape.tag == "mesh":
             given = shape.child("scale") is not None if in_elements else "scale" in shape.attributes
             scale = _numbers(shape, "scale", 3, in_elements) if given else [1.0, 1.0, 1.0]
-            return ShapeSpec(
-                "mesh", tuple(scale), T, word(shape, "uri") if in_elements else shape.text("filename"), role
-            )
+            file = word(shape, "uri") if in_elements else shape.text("filename")
+            return ShapeSpec("mesh", tuple(scale), T, file, role)
         sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in _numbers(shape, name, count, in_elements)]
         return ShapeSpec(shape.tag, tuple(sizes), T, role=role)
     except RobotFileError:  # visuals that cannot be read do not stop a robot from loading
@@ -309,9 +308,9 @@ def _shape(part: Element, role: str, *, in_elements: bool) -> ShapeSpec | None:
 
 
 def _numbers(shape: Element, name: str, count: int, in_elements: bool) -> list[float]:
-    if in_elements:
-        return with_text(shape.required(name, f"<{name}>")).values("text", count)
-    return shape.values(name, count)
+    if not in_elements:
+        return shape.values(name, count)
+    return with_text(shape.required(name, f"<{name}>")).values("text", count)
 
 
 def _mjcf_shape(part: PlacedElement, text: MjcfText) -> ShapeSpec | None:
@@ -395,11 +394,14 @@ def read_subject(
     try:
         made = _loaded(given, floating_base, "follow", model, max_bodies)
     except ModelError as error:
-        problems = _problems(text)
+        with suppress(ModelError):
+            problems = load_errors(parse(text, max_bodies=MOST_BODIES))
         if not problems:
             raise
-        if any(not problem.mimic for problem in problems):
-            raise type(error)(_together(str(error), problems)) from None
+        if any(not problem.mimic for problem in problems):  # the loader's error is the first of them
+            others = [str(problem) for problem in problems if f"line {problem.line})" not in str(error)]
+            more = f"{str(error).rstrip('.')}. Besides: {' '.join(others)}" if others else str(error)
+            raise type(error)(more) from None
         made = _loaded(given, floating_base, "independent", model, max_bodies)
     root = parse(text)
     folders = [Path(folder) for folder in meshes] if not isinstance(meshes, bool) else []
@@ -421,16 +423,3 @@ def _loaded(source: str | Path, floating_base: bool | None, mimic: str, model: s
         return load_model(
             source, inertia="accept", floating_base=floating_base, mimic=mimic, model=model, max_bodies=max_bodies
         )
-
-
-def _problems(text: str) -> list[LoadError]:
-    try:
-        return load_errors(parse(text, max_bodies=MOST_BODIES))
-    except ModelError:
-        return []
-
-
-def _together(first: str, problems: Sequence[LoadError]) -> str:
-    """The loader's error, which is the first, followed by the others."""
-    others = [str(problem) for problem in problems if f"line {problem.line})" not in first]
-    return first if not others else f"{first.rstrip('.')}. Besides: {' '.join(others)}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,11 +65,12 @@ def possible(tensor: Array) -> bool:
     return bool(fine) and not SpatialInertia.from_com(1.0, moment_about_com=tensor).defects()
 
 
-def explain(candidates: list[EntryError], reference: Array | None) -> EntryError | None:
-    """The error that explains the numbers: by far the nearest to the tensor of the shapes, or the only one.
+def explain(errors: Iterable[EntryError], reference: Array | None) -> EntryError | None:
+    """The error that explains the numbers by a possible tensor: by far the nearest to that of the shapes, or the only one.
 
     Among several powers of ten in one entry the smallest is taken if the shapes do not decide.
     """
+    candidates = [error for error in errors if possible(error.tensor)]
     candidates = [error for error in candidates if error.certain] or candidates
     if reference is not None and candidates:
         size = float(np.linalg.norm(reference))
@@ -79,25 +80,6 @@ def explain(candidates: list[EntryError], reference: Array | None) -> EntryError
             return candidates[int(first)]
         candidates = [error for error, gap in zip(candidates, gaps, strict=True) if gap < _FAR]
     return candidates[0] if len({error.family for error in candidates}) == 1 else None
-
-
-def impossible_tensor_errors(tensor: Array) -> list[EntryError]:
-    """Errors that explain an impossible tensor by a possible one."""
-    found = [*_signs(tensor), *_entries(tensor)]
-    return [error for error in found if possible(error.tensor)]
-
-
-def large_tensor_errors(
-    tensor: Array, written: WrittenInertia, fits: Callable[[Array], bool], reference: Array | None
-) -> list[EntryError]:
-    """Errors that explain a tensor too large for the shapes by one that fits."""
-    found = [*_about_origin(tensor, written), *_units(tensor, reference), *_dimensions(tensor, written.mass)]
-    return [error for error in found if possible(error.tensor) and fits(error.tensor)]
-
-
-def small_tensor_errors(tensor: Array, reference: Array | None) -> list[EntryError]:
-    """Errors that explain a tensor too small for the shapes: another unit."""
-    return [error for error in _units(tensor, reference) if possible(error.tensor)]
 
 
 def _signs(tensor: Array) -> Iterator[EntryError]:
@@ -214,12 +196,8 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
             continue
         body = robot.model.frames[link.name].body if link.name in robot.model.frames else BASE
         reference = reference_of(link)
-        error = explain(impossible_tensor_errors(written.tensor), reference)
-        repair = (
-            entry_error_repair(link, error)
-            if error is not None
-            else nearest_repair(link, options.metric, reference if options.metric == "entropic" else None)
-        )
+        error = explain([*_signs(written.tensor), *_entries(written.tensor)], reference)
+        repair = entry_error_repair(link, error) or nearest_repair(link, options.metric, reference)
         effect = robot.effects.evaluate(repair.inertias)
         fate = (
             "the moving body it belongs to cannot exist, and is refused on loading" if body in refused
@@ -235,28 +213,25 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
 def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """A moment above twice the largest that the mass could have within the box of the link's shapes."""
     for link, written in judged(robot):
-        reach = _reach(link, written)
-
-        def fits(tensor: Array, reach: Array = reach, mass: float = written.mass) -> bool:
-            return bool((tensor.diagonal() <= _FACTOR * _most(reach, mass)).all())
-
-        if fits(written.tensor) or not reach.all():
+        reach, I = _reach(link, written), written.tensor
+        most = written.mass * (reach @ reach - reach**2)  # the largest moments within that reach
+        if (I.diagonal() <= _FACTOR * most).all() or not reach.all():
             continue
-        most = _most(reach, written.mass)
-        axis = int((written.tensor.diagonal() / most).argmax())
-        factor = float(written.tensor[axis, axis] / most[axis])
+        axis = int((I.diagonal() / most).argmax())
+        factor = float(I[axis, axis] / most[axis])
         reference = reference_of(link)
-        error = explain(large_tensor_errors(written.tensor, written, fits, reference), reference)
+        errors = [*_about_origin(I, written), *_units(I, reference), *_dimensions(I, written.mass)]
+        error = explain([e for e in errors if (e.tensor.diagonal() <= _FACTOR * most).all()], reference)
         if error is None and factor <= _IDENTIFIED and identified(written):
             repair, more = None, ", as identified sets have, whose parts are right in their sums only"
         else:
-            repair, more = entry_error_repair(link, error) if error is not None else shape_repair(link), ""
+            repair, more = entry_error_repair(link, error) or shape_repair(link), ""
         effect = robot.effects.evaluate(repair.inertias if repair is not None else {})
         name = ("ixx", "iyy", "izz")[axis]
-        radius = float(np.sqrt(written.tensor[axis, axis] / written.mass))
+        radius = float(np.sqrt(I[axis, axis] / written.mass))
         yield link.finding(
             "too-large", effect.reaches(MATTERS),
-            f"its tensor is too large for its shapes: {name} is {number(written.tensor[axis, axis])} kg m², a gyration radius "
+            f"its tensor is too large for its shapes: {name} is {number(I[axis, axis])} kg m², a gyration radius "
             f"of {number(radius, 3)} m, and {number(written.mass)} kg in their box have {number(most[axis], 3)} at most{more}",
             {"factor": factor, "gyration_radius": radius, "largest": float(most[axis])}, effect, repair,
         )  # fmt: skip
@@ -270,8 +245,8 @@ def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         if radius >= _SMALL * diagonal or no_tensor(written):
             continue
         reference = reference_of(link)
-        error = explain(small_tensor_errors(written.tensor, reference), reference)
-        repair = entry_error_repair(link, error) if error is not None else shape_repair(link)
+        error = explain(_units(written.tensor, reference), reference)
+        repair = entry_error_repair(link, error) or shape_repair(link)
         effect = robot.effects.evaluate(repair.inertias)
         said = (
             f"its tensor is too small for its shapes: its gyration radius is {number(radius, 2)} m, their diagonal "
@@ -314,15 +289,15 @@ def reference_of(link: ParsedLink) -> Array | None:
     return None if tensor is None else np.asarray(R.T @ tensor @ R)
 
 
-def entry_error_repair(link: ParsedLink, error: EntryError) -> FileRepair:
-    """Repair by the tensor that an entry error explains."""
-    return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
+def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair | None:
+    """Repair by the tensor that an entry error explains, if there is one."""
+    return error and _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
 
 
 def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> FileRepair:
     """The nearest tensor that can exist."""
     assert link.written is not None
-    tensor = nearest(link.written.tensor, metric, reference)
+    tensor = nearest(link.written.tensor, metric, reference if metric == "entropic" else None)
     change = float(np.linalg.norm(tensor - link.written.tensor) / np.linalg.norm(link.written.tensor))
     sentence = (
         f"no one slip explains it; the nearest tensor that can exist ({METRICS[metric]}) is {percent(change, 2)} away"
@@ -351,11 +326,6 @@ def _reach(link: ParsedLink, written: WrittenInertia) -> Array:
     low, high = link.shapes.box(written.R)
     c = written.R.T @ written.com
     return np.maximum(np.abs(low - c), np.abs(high - c))
-
-
-def _most(reach: Array, mass: float) -> Array:
-    """The largest moments that a mass within that reach can have."""
-    return np.asarray(mass * (reach @ reach - reach**2))
 
 
 def identified(written: WrittenInertia) -> bool:
