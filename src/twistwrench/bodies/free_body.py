@@ -188,26 +188,14 @@ def torque_free(
     Q = np.frombuffer(record).reshape(-1, 4)
     k = len(Q)
     t = np.append(np.arange(0, n, every), n) * h
-    return (
-        Q,
-        p + np.multiply.outer(t, f / body.mass),
-        np.broadcast_to(l, (k, 3)),
-        np.broadcast_to(f, (k, 3)),
-        np.zeros((k, 6)),
-        np.zeros(k),
-    )
+    moved = p + np.multiply.outer(t, f / body.mass)
+    return Q, moved, np.broadcast_to(l, (k, 3)), np.broadcast_to(f, (k, 3)), np.zeros((k, 6)), np.zeros(k)
 
 
 def pushed(
-    body: FreeBody,
-    start: tuple[Array, ...],
-    h: float,
-    n: int,
-    every: int,
-    fractions: tuple[float, ...],
-    law: WrenchLaw,
+    body: FreeBody, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...], law: WrenchLaw,
     unseen: Unseen,
-) -> Rows:
+) -> Rows:  # fmt: skip
     """Each fraction of a step: half of it free, the impulse of all of it, the other half free."""
     q, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
@@ -412,17 +400,9 @@ _STAGES = 3.0
 
 
 def fly(
-    inertia: SpatialInertia,
-    T0: ArrayLike,
-    V0: ArrayLike,
-    duration: float,
-    dt: float,
-    wrench: ArrayLike | WrenchLaw | None,
-    *,
-    order: int,
-    tolerance: float | None,
-    every: int,
-) -> Flight:
+    inertia: SpatialInertia, T0: ArrayLike, V0: ArrayLike, duration: float, dt: float, wrench: ArrayLike | WrenchLaw | None,
+    *, order: int, tolerance: float | None, every: int,
+) -> Flight:  # fmt: skip
     """The motion of a body by the arguments of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
     if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):

@@ -101,11 +101,7 @@ class RigidBody:
         >>> ball.wrench(np.zeros(6), [0, 0, 1, 2, 0, 0]).tolist()
         [0.0, 0.0, 2.0, 10.0, 0.0, 0.0]
         """
-
-        def F(G: Array, V: Array, dV: Array) -> Array:
-            return G @ dV - _ad_transposed(V, G @ V)
-
-        return self._by_rows(F, V=V, dV=dV)
+        return self._by_rows(lambda G, V, dV: G @ dV - _ad_transposed(V, G @ V), V=V, dV=dV)
 
     def acceleration(self, V: ArrayLike, F: ArrayLike) -> Array:
         """Acceleration of a rigid body under a wrench: V̇ = G⁻¹ (F + ad(V)ᵀ G V), the inverse of :meth:`wrench`.
@@ -134,11 +130,7 @@ class RigidBody:
                 f"the body has no inertia about one of its axes (principal moments {moments.tolist()} kg m²), so no wrench "
                 "says how it turns. Give it some thickness."
             )
-
-        def dV(G: Array, V: Array, F: Array) -> Array:
-            return np.linalg.solve(G, F + _ad_transposed(V, G @ V))
-
-        return self._by_rows(dV, V=V, F=F)
+        return self._by_rows(lambda G, V, F: np.linalg.solve(G, F + _ad_transposed(V, G @ V)), V=V, F=F)
 
     def momentum(self, V: ArrayLike) -> Array:
         """Spatial momentum of a rigid body, P = G V, in the body's frame.

@@ -230,15 +230,11 @@ def _lengths(name: str, value: ArrayLike, count: int) -> Array:
 
 
 def _centred(
-    cls: type[SpatialInertia],
-    shape: str,
-    volume: float,
-    moments_per_mass: ArrayLike,
-    mass: float | None,
-    density: float | None,
+    cls: type[SpatialInertia], shape: str, volume: float, moments: ArrayLike, mass: float | None, density: float | None
 ) -> SpatialInertia:
+    """A solid about its centre, by its principal moments per mass."""
     m = total_mass(shape, float(volume), mass, density)
-    return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments_per_mass, float)))
+    return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments, float)))
 
 
 # ── Closed shells of a triangle mesh: connected faces, nesting and intersections
