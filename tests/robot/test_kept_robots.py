@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import twistwrench as tw
+from twistwrench.model.assembly import DEFAULT_SNAP
 from twistwrench.robot import engine
 
 ARM = """<robot name="arm">
@@ -322,3 +324,7 @@ def test_what_is_no_plain_urdf_file_is_read_each_time(tmp_path, place, name):
         (tmp_path / "arm.xml").write_text(tw.load(ARM).to_mjcf())
         code = f"import sys, twistwrench as tw; tw.load({str(tmp_path / 'arm.xml')!r}); print('twistwrench.model.builder' in sys.modules)"
     assert [python(code, place, "-W", "ignore") for _ in range(2)] == ["True", "True"]
+
+
+def test_the_default_tolerance_of_rotations_is_that_of_models():
+    assert inspect.signature(tw.load).parameters["snap"].default == DEFAULT_SNAP

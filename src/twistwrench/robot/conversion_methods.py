@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.glossary import complete
 from ..errors import MissingExtraError, ModelError, ModelWarning, ShapeError
-from ..model.description import frames_to_user, grouped
 from .base import RobotBase
 from .task_space_methods import require_robot
 
@@ -307,8 +306,10 @@ def _text(robot: Any, form: str) -> str:
 
 
 def _warn(name: str, form: str, lost: Iterable[str]) -> None:
-    for said in grouped(lost):
-        warnings.warn(f"robot {name!r} as {form}: {said}.", ModelWarning, stacklevel=frames_to_user())
+    from ..model.description import frames_to_user, grouped
+
+    for sentence in grouped(lost):
+        warnings.warn(f"robot {name!r} as {form}: {sentence}.", ModelWarning, stacklevel=frames_to_user())
 
 
 # ── Quantities as functions of other packages

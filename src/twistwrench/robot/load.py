@@ -14,8 +14,6 @@ from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..errors import ValueRangeError
-from ..model.assembly import DEFAULT_SNAP
-from ..model.description import issue, sentences
 from .engine import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot
@@ -62,7 +60,7 @@ def load(
     tip: str | None = None,
     mimic: Mimic = "follow",
     inertia: Inertia = "error",
-    snap: float = DEFAULT_SNAP,
+    snap: float = 1e-9,  # model.assembly.DEFAULT_SNAP, which an import of the package does not load
     gravity: ArrayLike | None = None,
 ) -> Robot:
     """Load a robot from a URDF, MJCF, SDF or USD file, or from XML text (first non-blank character ``<``).
@@ -116,9 +114,14 @@ def load(
     if known is None:
         return Robot(_read(source, None, options))
     if known.remarks is not None:
-        issue(known.remarks)
+        if known.remarks:
+            from ..model.description import issue
+
+            issue(known.remarks)
         mine = deepcopy(options)  # as they are now
         return Robot(CachedModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
+    from ..model.description import sentences
+
     found = _read(source, known.data, options)
     keep_file(known, sentences(found.name, found.defects))
     return Robot(CachedModel(known.key, lambda: found))
