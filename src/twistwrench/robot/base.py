@@ -183,13 +183,6 @@ class RobotBase:
         ------
         ModelError
             The robot is no serial chain of one-degree joints.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> G = np.asarray(tw.robots.ur5().screws_at_com().Glist)
-        >>> G.shape, bool(np.allclose(G, G * np.eye(6)))
-        ((6, 6, 6), True)
         """
         from ..formats.dh import screw_lists
 
@@ -207,12 +200,6 @@ class RobotBase:
         Returns
         -------
         q : (nq,) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
-        [0.0, 0.5]
         """
         from ..model import assembly as configuration
 
@@ -231,12 +218,6 @@ class RobotBase:
         Returns
         -------
         q : (*size, nq) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
-        (2, 3, 6)
         """
         from ..core import arguments
         from ..model import assembly as configuration
@@ -338,13 +319,6 @@ class RobotBase:
         Returns
         -------
         program : Program
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.program("inverse_dynamics").signature
-        '(2),(2),(2)->(2)'
         """
         return self.engine.program(names, options)
 
@@ -361,13 +335,6 @@ class RobotBase:
         -------
         result : array, or tuple of arrays where the quantity has several outputs; symbols of symbols, in a function
             that is traced
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> arm.reference("gravity_forces", [0, 0]).round(2).tolist()
-        [29.43, 9.81]
         """
         return self.engine.reference(name, arrays, options)
 

@@ -54,12 +54,6 @@ class QuantityMethods(DerivativeMethods):
         Returns
         -------
         dv : (nv,) array, joint twists times unit time [rad, m], turning the short way
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.floating_box().subtract([1, 0, 0, 0, 1, 2, 3], [1, 0, 0, 0, 0, 0, 0]).tolist()
-        [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
         """
         return self._call("subtract", q1, q0, out=out)
 
@@ -302,14 +296,6 @@ class QuantityMethods(DerivativeMethods):
         Returns
         -------
         Y : (nv, 10 nbodies) array, ten columns for each moving body
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> Y = arm.regressor([0, 0], [0, 0], [0, 0])
-        >>> np.round(Y @ arm.parameters, 2).tolist()
-        [29.43, 9.81]
         """
         return self._call("regressor", q, dq, ddq, out=out)
 

@@ -55,6 +55,10 @@ class Robot(
     --------
     >>> import numpy as np, twistwrench as tw
     >>> arm, q, dq = tw.robots.planar_2r(), [0.0, np.pi / 2], [0.0, 1.0]
+    >>> arm.info()["joints"][0]["unit"], arm.coordinates(joint2=0.5).tolist(), arm.random_configuration(0, (2, 3)).shape
+    ('rad', [0.0, 0.5], (2, 3, 2))
+    >>> arm.screws_at_com().Glist[0].round(9).diagonal().tolist()
+    [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     >>> arm.mass_matrix(q).round(9).tolist(), arm.gravity_forces(q).round(2).tolist()
     ([[3.0, 1.0], [1.0, 1.0]], [19.62, 0.0])
     >>> arm.coriolis_forces(q, dq).round(9).tolist(), arm.bias_forces(q, dq).round(2).tolist()
@@ -81,6 +85,18 @@ class Robot(
     [[-2.0, -1.0], [-1.0, 0.0]]
     >>> arm.forward_dynamics_derivatives(q, dq, [0, 0])[2].round(9).tolist()  # M⁻¹
     [[0.5, -0.5], [-0.5, 1.5]]
+    >>> arm.subtract(q, dq).round(9).tolist()
+    [0.0, 0.570796327]
+    >>> (arm.regressor(q, dq, [0, 0]) @ arm.parameters).round(2).tolist()
+    [18.62, 0.0]
+    >>> arm.with_gravity([0, 0, -1.62]).gravity_forces(q).round(9).tolist(), arm.lock({"joint2": 0.5}).joint_names
+    ([3.24, 0.0], ('joint1',))
+    >>> arm.with_armature({"joint2": 0.5}).mass_matrix(q)[1, 1].round(9).item()
+    1.5
+    >>> [tw.load(text).nv for text in (arm.to_mjcf(), arm.to_sdf())]
+    [2, 2]
+    >>> arm.program("inverse_dynamics").signature, arm.reference("gravity_forces", q).round(2).tolist()
+    ('(2),(2),(2)->(2)', [19.62, 0.0])
     """
 
     # ── what differs from closed robots ──
@@ -139,12 +155,6 @@ class Robot(
         info : dict, of what ``json.dumps`` takes
             ``name``, ``nq``, ``nv``, ``gravity`` [m/s²], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``,
             ``links`` (``mass``, ``com`` [m], ``moment_about_com`` [kg m²]), ``frames``, ``defects``; SI units and radians.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.ur5().info()["joints"][0]["effort"]
-        150.0
         """
         from ..reports.robot_summary import summary
 
