@@ -166,7 +166,7 @@ def test_a_library_in_an_archive_reads_files_as_any_other(file, place, tmp_path)
     """As applications in one file have it; what tells its versions apart is no file there, so nothing is kept of robots."""
     package, archive = Path(tw.__file__).parent, tmp_path / "library.zip"
     with zipfile.ZipFile(archive, "w") as packed:
-        for path in package.rglob("*.py"):
+        for path in (*package.rglob("*.py"), *package.rglob("*.txt")):
             packed.write(path, path.relative_to(package.parent))
     code = f"import sys; sys.path.insert(0, {str(archive)!r})" + TORQUE.format(path=str(file), options="", nv=2)
     bits, built, _ = python(code, place, PYTHONPATH="").split()

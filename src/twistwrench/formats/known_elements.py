@@ -13,7 +13,7 @@ import difflib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pkgutil import get_data
 
 from ..core.text import clipped
 from .xml import Element
@@ -70,7 +70,7 @@ def _read_table(text: str) -> dict[str, Rows]:
     return {name: rows for name, rows in formats.items() if rows}
 
 
-KNOWN: Mapping[str, Rows] = _read_table(Path(__file__).with_suffix(".txt").read_text("utf-8"))
+KNOWN: Mapping[str, Rows] = _read_table((get_data(__name__, "known_elements.txt") or b"").decode())  # in archives, too
 
 ACTUATORS = (
     "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
