@@ -212,12 +212,7 @@ def export_c(
 
 
 def export_cuda(
-    robot: Robot,
-    quantities: Quantities,
-    path: str | Path,
-    *,
-    precision: str = "double",
-    prefix: str | None = None,
+    robot: Robot, quantities: Quantities, path: str | Path, *, precision: str = "double", prefix: str | None = None
 ) -> tuple[Path, ...]:
     """CUDA source export; see :meth:`twistwrench.Robot.export_cuda`.
 

@@ -154,10 +154,7 @@ def wrapper(precision: Precision, lanes: int) -> str:
 # polynomial's remainder is below a quarter unit in the last place; the whole is within one (tests/program/test_exp.py).
 # Results below the smallest normal number are 0, beyond the largest infinity; NaN stays NaN.
 
-LN2 = {
-    64: (6.93147180369123816490e-01, 1.90821492927058770002e-10),
-    32: (6.93359375e-01, -2.12194440054690583e-04),
-}
+LN2 = {64: (6.93147180369123816490e-01, 1.90821492927058770002e-10), 32: (6.93359375e-01, -2.12194440054690583e-04)}
 """ln 2 as a sum of a short number and the rest."""
 
 DEGREE = {64: 13, 32: 7}

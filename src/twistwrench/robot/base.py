@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..core.glossary import complete
 from ..errors import ValueRangeError
 from ..typing import Array
-from .engine import Engine
+from .engine import CachedModel, Engine
 
 if TYPE_CHECKING:
     from ..ir.program import Program
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..model.model import Model, OfferedClosure
     from ..runtime.dispatch import CallSignature
-    from .engine import CachedModel
     from .programs import KernelOptions
     from .robot import Robot
 

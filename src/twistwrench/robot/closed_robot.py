@@ -38,7 +38,7 @@ from ..typing import Array
 from . import constraints as checks
 from .arguments import Wrenches, finite_states
 from .constraints import CLOSED, ConstrainedRobot, applied, gap_units, row_sizes
-from .programs import options_of
+from .programs import KernelOptions, options_of
 from .robot import Robot
 from .shared_methods import ClosedMethod, SharedMethods
 from .task_space_methods import ActuationMethods
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from ..simulation.closed import ClosedRollout, ClosedSimulation
     from .explanation import Explanation
     from .ik_search import LoopClosureSolver
-    from .programs import KernelOptions
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,14 +20,13 @@ from ..lie import series
 from ..runtime import batch_threads
 from ..runtime.interpreter import compiles
 from ..typing import Array
-from .arguments import brought, by_frame, is_symbolic, misfit, numbers
+from .arguments import Wrenches, brought, by_frame, is_symbolic, misfit, numbers
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
     from ..ir.program import Program
     from ..model.model import Model
     from ..runtime.dispatch import CallSignature
-    from .arguments import Wrenches
 
 Options = Mapping[str, Any]
 

@@ -22,10 +22,9 @@ from ..lie import se3, so3
 from ..model.assembly import random_configuration
 from ..model.description import frames_to_user
 from ..typing import Array
-from .ik_search import Frames, PoseSearch, SinglePose
+from .ik_search import Frames, LoopClosureSolver, PoseSearch, SinglePose
 
 if TYPE_CHECKING:
-    from .ik_search import LoopClosureSolver
     from .robot import Robot
 
 _OPEN = 1e-9
@@ -198,7 +197,7 @@ def solve(
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
             return IKResult(found[0], found[1], way[1])
-    request, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
+    request, search, given = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
     if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
         target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
@@ -245,7 +244,7 @@ def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array
     return alone.near_by
 
 
-def _looked_at(
+def _checked_request(
     robot: Robot,
     frame: Any,
     rows: Any,
@@ -258,7 +257,8 @@ def _looked_at(
     """Check the options: the request, its search, and restarts, seed and tolerances."""
     frames = _frames(robot, frame, rows)
     try:
-        again, seed = operator.index(restarts), _seed(rng)
+        again = operator.index(restarts)
+        seed = _drawn(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
     except (TypeError, ValueError):
         again = seed = -1
     if again < 0:
@@ -278,9 +278,7 @@ def _looked_at(
     most = allowed[0], allowed[1] * max(1.0, search.length)
     return (
         PoseRequest(
-            robot.model.velocity_names,
-            tuple(mine for _, mine in frames),
-            0 if loops is None else len(loops.kinds),
+            robot.model.velocity_names, tuple(mine for _, mine in frames), 0 if loops is None else len(loops.kinds)
         ),
         search,
         (again, seed, most),
@@ -295,13 +293,9 @@ def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
     return np.broadcast_to(T, shape) if shape else T
 
 
-def _seed(rng: np.random.Generator | int | None) -> int:
-    """The seed of the starts: one number drawn from a generator, however long the search."""
-    return _drawn(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
-
-
 @lru_cache(16)
 def _drawn(seed: int) -> int:
+    """The seed of the starts: one number drawn from a generator, however long the search."""
     return int(np.random.default_rng(seed).integers(2**63))
 
 

@@ -12,7 +12,7 @@ from ..core.arguments import taking_the_arguments_of
 from ..core.glossary import complete
 from ..errors import ShapeError
 from ..typing import Array
-from .arguments import Rows, check_mapping, names_of, states, wrench_at
+from .arguments import Rows, Wrenches, check_mapping, names_of, states, wrench_at
 from .conversion_methods import BridgeMethods, EditMethods, FileMethods
 from .quantity_methods import QuantityMethods
 from .shared_methods import Method, SharedMethods
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ..runtime.dispatch import CallSignature
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
-    from .arguments import Wrenches
     from .closed_robot import ClosedRobot
     from .explanation import Explanation
     from .ik import IKResult

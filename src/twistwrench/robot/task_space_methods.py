@@ -13,12 +13,11 @@ from ..core import arguments, third_party
 from ..core.glossary import complete
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..typing import Array
-from .arguments import Kind, Rows, brought, states
+from .arguments import Kind, Rows, Wrenches, brought, states
 from .base import RobotBase
 
 if TYPE_CHECKING:
     from ..algorithms.inverse_dynamics import MotorLoads, PowerBalance
-    from .arguments import Wrenches
     from .robot import Robot
 
 

@@ -61,22 +61,18 @@ MAGIC = b"\x7fELF\x02\x01"
 _RELOCATABLE, _X86_64 = 1, 62
 _FILE = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
 """Header of the file: magic, type, machine, and offset and length of the table of sections."""
-_SECTION = np.dtype(
-    {
-        "names": ["type", "flags", "offset", "size", "link", "info", "align"],
-        "formats": ["<u4", "<u8", "<u8", "<u8", "<u4", "<u4", "<u8"],
-        "offsets": [4, 8, 24, 32, 40, 44, 48],
-        "itemsize": 64,
-    }
+
+
+def _rows(size: int, fields: str, formats: str, offsets: Sequence[int]) -> np.dtype[Any]:
+    """Type of a table's rows of so many bytes, of which some fields are read."""
+    rows = {"names": fields.split(), "formats": formats.split(), "offsets": list(offsets), "itemsize": size}
+    return np.dtype(rows)  # type: ignore[call-overload]
+
+
+_SECTION = _rows(
+    64, "type flags offset size link info align", "<u4 <u8 <u8 <u8 <u4 <u4 <u8", (4, 8, 24, 32, 40, 44, 48)
 )
-_SYMBOL = np.dtype(
-    {
-        "names": ["name", "kind", "section", "value"],
-        "formats": ["<u4", "u1", "<u2", "<u8"],
-        "offsets": [0, 4, 6, 8],
-        "itemsize": 24,
-    }
-)
+_SYMBOL = _rows(24, "name kind section value", "<u4 u1 <u2 <u8", (0, 4, 6, 8))
 _RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")])
 _PROGRAM, _SYMBOLS, _RELOCATIONS, _UNWINDING = 1, 2, 4, 0x70000001
 _WRITTEN, _LOADED = 1, 2
@@ -104,7 +100,8 @@ def read_elf(raw: bytes) -> ObjectFile:
     symbols = table(raw, _SYMBOL, int(at["offset"]), int(at["size"]) // _SYMBOL.itemsize)
     where = headers[int(at["link"])]
     texts = raw[int(where["offset"]) : int(where["offset"] + where["size"])]
-    names = [text_at(texts, k) if kind >> 4 else b"" for k, kind in symbols[["name", "kind"]].tolist()]
+    named = symbols[["name", "kind"]].tolist()
+    names = [texts[k : texts.index(b"\0", k)] if kind >> 4 else b"" for k, kind in named]
     relocations = []
     for header in headers[headers["type"] == _RELOCATIONS]:
         if int(header["info"]) not in sections:
@@ -122,11 +119,6 @@ def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
     if offset + count * kind.itemsize > len(raw):
         raise UnsupportedObject
     return np.frombuffer(raw, kind, count, offset)
-
-
-def text_at(texts: bytes, at: int) -> bytes:
-    """Text from an offset to the next zero."""
-    return texts[at : texts.index(b"\0", at)]
 
 
 # ── Pages of memory with code: written first and run later, never both at once

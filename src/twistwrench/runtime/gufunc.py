@@ -20,14 +20,13 @@ import numpy as np
 
 from ..core import object_cache
 from ..errors import KernelError
-from ..ir.program import TensorSpec, axes_of, signature_of
+from ..ir.program import Program, TensorSpec, axes_of, signature_of
 from ..lowering.target_machine import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter
 from .jit import LOCK, Code, compiled, found
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
-    from ..ir.program import Program
 
 _LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
@@ -49,19 +48,10 @@ class _UFuncObject(ctypes.Structure):
             ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p)),
         ),  # more without Python's lock
         ("type", ctypes.c_void_p),
-        ("nin", ctypes.c_int),
-        ("nout", ctypes.c_int),
-        ("nargs", ctypes.c_int),
-        ("identity", ctypes.c_int),
-        ("functions", ctypes.c_void_p),
-        ("data", ctypes.c_void_p),
-        ("ntypes", ctypes.c_int),
-        ("reserved", ctypes.c_int),
-        ("name", ctypes.c_void_p),
-        ("types", ctypes.c_void_p),
-        ("doc", ctypes.c_void_p),
-        ("pointer", ctypes.c_void_p),
-        ("owner", ctypes.c_void_p),
+        *((name, ctypes.c_int) for name in ("nin", "nout", "nargs", "identity")),
+        *((name, ctypes.c_void_p) for name in ("functions", "data")),
+        *((name, ctypes.c_int) for name in ("ntypes", "reserved")),
+        *((name, ctypes.c_void_p) for name in ("name", "types", "doc", "pointer", "owner")),
     )
 
 
