@@ -94,11 +94,11 @@ def by_blocks(
                 return method(owner, *args, **options)
             given = parameters.bind(owner, *args, **options).arguments
             del given["self"]
-            places = _places(given)
-            arrays = [_found(given, place) for place in places]
-            cores = [_size(owner, method.__name__, place, a) for place, a in zip(places, arrays, strict=True)]
+            places: list[Place] = [(name, None) for name in given if name in _STATES]
+            places += [(name, key) for name in _WRENCHES for key in given.get(name) or ()]
+            arrays = [_array(owner, method.__name__, given, place) for place in places]
             outputs = [",".join(map(str, shape)) for shape in shapes(owner, given)]
-            signature = f"{','.join(f'({n})' for n in cores)}->{','.join(f'({axes})' for axes in outputs)}"
+            signature = f"{','.join(f'({x.shape[-1]})' for x in arrays)}->{','.join(f'({axes})' for axes in outputs)}"
             found = later(_Block(owner, method.__name__, given, tuple(places)), signature, arrays, dtype)
             return found if result is None else result(*found)
 
@@ -126,25 +126,16 @@ class _Block:
         return getattr(self.owner, self.name)(**mine)
 
 
-def _places(given: Mapping[str, Any]) -> list[Place]:
-    """Positions of arrays among the arguments: by name, and by key in a mapping of wrenches."""
-    states = [(name, None) for name in given if name in _STATES]
-    return [*states, *((name, key) for name in _WRENCHES for key in given.get(name) or ())]
-
-
-def _found(given: Mapping[str, Any], place: Place) -> Any:
-    x = given[place[0]] if place[1] is None else given[place[0]][place[1]]
-    return x if is_lazy(x) else np.asarray(x)
-
-
-def _size(owner: Any, method: str, place: Place, array: Any) -> int:
-    """Length of an argument's last axis, once it is known to have one."""
+def _array(owner: Any, method: str, given: Mapping[str, Any], place: Place) -> Any:
+    """Array at a position among the arguments, once its last axis is known to have the owner's size."""
     name, key = place
-    size: int = 6 if key is not None else owner.nq if name.startswith("q") else owner.nv
-    if array.shape[-1:] != (size,):
+    x = given[name] if key is None else given[name][key]
+    x = x if is_lazy(x) else np.asarray(x)
+    size = 6 if key is not None else owner.nq if name.startswith("q") else owner.nv
+    if x.shape[-1:] != (size,):
         label = name if key is None else f"{name}[{key!r}]"
-        raise ShapeError(f"{method}: {label} has shape {array.shape}, expected {size} in the last axis.")
-    return size
+        raise ShapeError(f"{method}: {label} has shape {x.shape}, expected {size} in the last axis.")
+    return x
 
 
 # ── Independent work on this process, on processes of this machine, or on a Dask cluster, with results in order

@@ -16,16 +16,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.numbers import printed
-from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..core.tables import csv_table
+from ..errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
 from ..log_checks.contradictions import Contradictions, time_doubt
 from ..log_checks.rate_checks import stamp_words
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .bounds import Bounds, LimitCheck, Violation, bounds_or_own
-from .coordinates import joint_rates
-from .motion_io import MotionFiles
+from .column_names import time_column
+from .coordinates import Coordinates, joint_rates
 from .smoothing import FEWEST, continuous, spline_rates, states_between
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(MotionFiles):
+class Motion:
     """States of one robot at increasing times.
 
     Parameters
@@ -281,6 +283,11 @@ class Motion(MotionFiles):
         stamps = tally.glitches.stamps()
         return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
 
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Names and units of the entries of q, dq and tau."""
+        return Coordinates.from_model(self.robot.model)
+
     # ── states between the samples ──
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
@@ -425,6 +432,120 @@ class Motion(MotionFiles):
         from ..plotting.motion import plot_motion
 
         return plot_motion(self, path, bounds, friction=friction)
+
+    # ── as columns ──
+
+    def columns(self, *, degrees: bool = False) -> dict[str, Array]:
+        """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
+
+        Parameters
+        ----------
+        degrees : bool, angles in degrees, which their columns' names then say: ``elbow [deg]``, ``elbow.vel [deg/s]``
+
+        Returns
+        -------
+        columns : {name: (n,) array}, time first
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> list(motion.columns())[:3]
+        ['time', 'joint1', 'joint2']
+        """
+        names = self.coordinates
+        unit = np.degrees(1.0) if degrees else 1.0
+        q = self.q * np.where(names.angular, unit, 1.0)
+        turning = np.where(names.angular_velocity, unit, 1.0)
+        parts: Mapping[str, Array | None] = {"dq": self.dq * turning, "ddq": self.ddq * turning, "tau": self.tau}
+        found = {
+            time_column(names.names): self.time,
+            **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
+        }
+        for part, values in parts.items():
+            if values is not None:
+                found |= {name: values[:, k] for k, name in enumerate(names.headers(part, degrees=degrees))}
+        return found
+
+    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
+        """Write a CSV file that ``twistwrench torques`` reads.
+
+        Parameters
+        ----------
+        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
+
+        Raises
+        ------
+        ValueRangeError
+            Nothing can be written.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
+        time
+        """
+        path, columns = as_path(path), self.columns(degrees=degrees)
+        with csv_table(path, columns) as table:
+            table.numbers(np.column_stack(list(columns.values())))
+        return path
+
+    def to_pandas(self) -> Any:
+        """Data frame with the time [s] as its index and a column for each entry.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.to_pandas().shape
+        (101, 6)
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise MissingExtraError.from_extra("pandas", "tables", "Making a DataFrame") from None
+        columns = self.columns()
+        return pandas.DataFrame(columns).set_index(next(iter(columns)))
+
+    def to_xarray(self) -> Any:
+        """Dataset of q, dq, ddq, and tau where it is known, whose axes are named: time, coordinate, joint.
+
+        Returns
+        -------
+        dataset : xarray.Dataset
+
+        Raises
+        ------
+        MissingExtraError
+            xarray is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.to_xarray().dq.sel(joint="joint2").shape
+        (101,)
+        """
+        from .motion_io import labelled_dataset
+
+        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, **({} if self.tau is None else {"tau": self.tau})}
+        return labelled_dataset(self.robot.model, self.time, arrays)
 
     def with_robot(self, robot: Robot) -> Motion:
         """The same states of another robot with the same coordinates, such as one that carries a payload.

@@ -1,4 +1,4 @@
-"""A motion as columns: CSV and other files, xarray datasets, and pandas DataFrames as motion files."""
+"""Motions as xarray datasets, and pandas DataFrames as motion files."""
 
 from __future__ import annotations
 
@@ -6,153 +6,20 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..core import arguments
-from ..core.files import as_path
 from ..core.glossary import complete
-from ..core.tables import csv_table
 from ..errors import MissingExtraError, ShapeError, TrajectoryError
 from ..joints.units import unit_of, units_of
 from ..model.model import Model
 from ..typing import Array
 from .array_files import ArrayFile
-from .column_names import time_column, time_meaning
+from .column_names import time_meaning
 from .coordinates import Coordinates
-
-if TYPE_CHECKING:
-    from ..robot import Robot
-
-
-class MotionFiles:
-    """Methods of a motion that return or write its columns."""
-
-    time: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    tau: Array | None
-    robot: Robot
-
-    @cached_property
-    def coordinates(self) -> Coordinates:
-        """Names and units of the entries of q, dq and tau."""
-        return Coordinates.from_model(self.robot.model)
-
-    def columns(self, *, degrees: bool = False) -> dict[str, Array]:
-        """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
-
-        Parameters
-        ----------
-        degrees : bool, angles in degrees, which their columns' names then say: ``elbow [deg]``, ``elbow.vel [deg/s]``
-
-        Returns
-        -------
-        columns : {name: (n,) array}, time first
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> list(motion.columns())[:3]
-        ['time', 'joint1', 'joint2']
-        """
-        names = self.coordinates
-        unit = np.degrees(1.0) if degrees else 1.0
-        q = self.q * np.where(names.angular, unit, 1.0)
-        turning = np.where(names.angular_velocity, unit, 1.0)
-        parts: Mapping[str, Array | None] = {"dq": self.dq * turning, "ddq": self.ddq * turning, "tau": self.tau}
-        found = {
-            time_column(names.names): self.time,
-            **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
-        }
-        for part, values in parts.items():
-            if values is not None:
-                found |= {name: values[:, k] for k, name in enumerate(names.headers(part, degrees=degrees))}
-        return found
-
-    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
-        """Write a CSV file that ``twistwrench torques`` reads.
-
-        Parameters
-        ----------
-        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
-
-        Raises
-        ------
-        ValueRangeError
-            Nothing can be written.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
-        time
-        """
-        path, columns = as_path(path), self.columns(degrees=degrees)
-        with csv_table(path, columns) as table:
-            table.numbers(np.column_stack(list(columns.values())))
-        return path
-
-    def to_pandas(self) -> Any:
-        """Data frame with the time [s] as its index and a column for each entry.
-
-        Returns
-        -------
-        frame : pandas.DataFrame
-
-        Raises
-        ------
-        MissingExtraError
-            pandas is not installed.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.to_pandas().shape
-        (101, 6)
-        """
-        try:
-            import pandas
-        except ImportError:
-            raise MissingExtraError.from_extra("pandas", "tables", "Making a DataFrame") from None
-        columns = self.columns()
-        return pandas.DataFrame(columns).set_index(next(iter(columns)))
-
-    def to_xarray(self) -> Any:
-        """Dataset of q, dq, ddq, and tau where it is known, whose axes are named: time, coordinate, joint.
-
-        Returns
-        -------
-        dataset : xarray.Dataset
-
-        Raises
-        ------
-        MissingExtraError
-            xarray is not installed.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.to_xarray().dq.sel(joint="joint2").shape
-        (101,)
-        """
-        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, **({} if self.tau is None else {"tau": self.tau})}
-        return labelled_dataset(self.robot.model, self.time, arrays)
-
 
 # ── Motions as xarray datasets
 
