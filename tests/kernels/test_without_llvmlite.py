@@ -55,7 +55,13 @@ def test_the_lines_of_the_readme_run(tmp_path):
     run(README, tmp_path)
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "notebooks").glob("*.ipynb")))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(path.name, marks=() if path.name.startswith("ur5") else pytest.mark.slow)
+        for path in sorted((ROOT / "notebooks").glob("*.ipynb"))
+    ],
+)
 def test_the_notebooks_run(tmp_path, name):
     pytest.importorskip("sympy")
     run(NOTEBOOK, tmp_path, NAME=name)
