@@ -59,7 +59,7 @@ def write_parquet(path):
     (pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.feather.write_feather)(table, path)
 
 
-@pytest.fixture(params=["whole", "in blocks"], autouse=True)
+@pytest.fixture(params=["whole", "in blocks"])
 def reading(request, monkeypatch):
     """Small tables are in memory; large ones in a temporary file, as all are here where the bound is taken away."""
     if request.param == "in blocks":
@@ -75,6 +75,7 @@ FORMATS = {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("reading")
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_gives_the_same_motion(name, tmp_path):
     FORMATS[name](tmp_path / name)
@@ -106,6 +107,7 @@ def write_csv(path, names, values):
     return str(path)
 
 
+@pytest.mark.usefixtures("reading")
 def test_files_without_time_are_joined_row_by_row(tmp_path):
     """Columns that are called alike are told apart by the names of the files."""
     a = write_csv(tmp_path / "pos_data.csv", NAMES, Q)
@@ -117,6 +119,7 @@ def test_files_without_time_are_joined_row_by_row(tmp_path):
         tw.Motion.from_file(f"{a}+{short}", ARM, rate=100.0)
 
 
+@pytest.mark.usefixtures("reading")
 def test_files_with_time_are_joined_by_their_stamps(tmp_path):
     a = write_csv(tmp_path / "a.csv", ["time", *NAMES], np.column_stack([TIME, Q]))
     b = write_csv(tmp_path / "b.csv", ["t", *(f"{n}.torque" for n in NAMES)], np.column_stack([TIME[5:], TAU[5:]]))
@@ -138,6 +141,7 @@ def test_a_file_with_a_plus_in_its_name_is_itself(tmp_path):
 # ── twistwrench log info ──
 
 
+@pytest.mark.usefixtures("reading")
 def test_log_info_says_what_is_in_a_file(tmp_path):
     t = np.delete(TIME, slice(20, 30))
     t[5] = t[4]
