@@ -160,12 +160,9 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
 # textbook's s² (W'W)^-1 takes every row for a cluster, and is several times too small.
 
 _MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
-_SECONDS = 1.0
-"""s, that a block lasts at least, where the logs have enough of them."""
-_LENGTHS = 10.0
-"""Length of a block, in autocorrelation lengths of the residuals."""
-_PORTION = 1000
-"""Rows that are factored at a time."""
+_SECONDS = 1.0  # s, that a block lasts at least, where the logs have enough of them
+_LENGTHS = 10.0  # length of a block, in autocorrelation lengths of the residuals
+_PORTION = 1000  # rows that are factored at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,12 +314,9 @@ class Whiteness:
     """Whiteness of residuals: the result of the tests, of the channel that is least white."""
 
     axis: str
-    lag1: float
-    """Autocorrelation of neighbouring rows."""
-    chance: float
-    """Probability that white noise has as much in any channel."""
-    length: int
-    """Rows over which residuals are correlated; 1 if they are white."""
+    lag1: float  # autocorrelation of neighbouring rows
+    chance: float  # probability that white noise has as much in any channel
+    length: int  # rows over which residuals are correlated; 1 if they are white
     test: str
 
     @property

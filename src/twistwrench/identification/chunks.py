@@ -49,11 +49,9 @@ class LogClock:
     """Clock of a log: its step, and its stretches without a pause."""
 
     rows: int
-    step: float
-    """Mean step within stretches [s]."""
+    step: float  # mean step within stretches [s]
     begins: Array
-    ends: Array
-    """(s,) first and last stamps of the stretches [s]."""
+    ends: Array  # (s,) first and last stamps of the stretches [s]
 
     @classmethod
     def from_times(cls, time: Array, where: str) -> LogClock:
@@ -175,8 +173,7 @@ class LogSource:
         return replace(found, dq=None, ddq=None)
 
 
-_OPENED: dict[Any, MotionLog] = {}
-"""Logs that this process has decoded last, so that the chunks of one decode it once."""
+_OPENED: dict[Any, MotionLog] = {}  # logs that this process has decoded last, so that the chunks of one decode it once
 _MOST_OPENED = 2
 
 
@@ -188,18 +185,14 @@ class SteadyWindow:
     """Samples first, first + 1, … of one stretch of a log, q and tau (n, nv), and those that are this window's own."""
 
     stretch: int
-    count: int
-    """Samples of the whole stretch."""
-    begin: float
-    """Time of the stretch's first sample [s]."""
+    count: int  # samples of the whole stretch
+    begin: float  # time of the stretch's first sample [s]
     step: float
     first: int
     q: Array
     tau: Array
-    own: tuple[int, int]
-    """Numbers of the stretch's samples, from the first to the one after the last."""
-    cut: bool
-    """True if there are other stretches."""
+    own: tuple[int, int]  # numbers of the stretch's samples, from the first to the one after the last
+    cut: bool  # True if there are other stretches
 
 
 def steady_windows(
@@ -270,18 +263,12 @@ class RowFrame:
 
     base: BaseParameters
     settings: FitSettings
-    x: Array
-    """(r,) groups that an excerpt gave: where derivatives are taken."""
-    sigma: Array
-    """(nv,) sizes of the residuals."""
-    dead: Array
-    """(nv,) bool, joints without a torque."""
-    free_shift: bool
-    """True if the clock's offset was chosen."""
-    free_speed: bool
-    """True if the speeds of friction were chosen."""
-    robust: bool
-    """True if large residuals count less."""
+    x: Array  # (r,) groups that an excerpt gave: where derivatives are taken
+    sigma: Array  # (nv,) sizes of the residuals
+    dead: Array  # (nv,) bool, joints without a torque
+    free_shift: bool  # True if the clock's offset was chosen
+    free_speed: bool  # True if the speeds of friction were chosen
+    robust: bool  # True if large residuals count less
 
     @cached_property
     def columns(self) -> BaseColumns:

@@ -32,24 +32,20 @@ from .parameters import DRIVE, BaseParameters
 STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
 """Weights γ of the divergence that are offered, in units of the squared residuals; from large to small."""
 MOST_STEPS = 50
-_BETWEEN = 3
-"""Steps of γ to a tenth, each from the minimum before."""
+_BETWEEN = 3  # steps of γ to a tenth, each from the minimum before
 _DONE = 1e-10
 _THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
 """Shares that a prior body has at least: of its own second moments, of the robot's mass, and of its reach as a radius."""
 _SMALL_DRIVE = 1e-3
-_HOLD = 1e6
-"""Weight that holds known values, in units of the residuals, per size that they could have."""
+_HOLD = 1e6  # weight that holds known values, in units of the residuals, per size that they could have
 
 
 _PAIRS = np.array([(i, j) for i in range(4) for j in range(i, 4)])
-_E = np.zeros((10, 4, 4))
-"""Orthonormal symmetric matrices."""
+_E = np.zeros((10, 4, 4))  # orthonormal symmetric matrices
 _E[np.arange(10), *_PAIRS.T] = _E[np.arange(10), *_PAIRS.T[::-1]] = np.where(np.diff(_PAIRS)[:, 0], math.sqrt(0.5), 1.0)
 _TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
 """(10, 4, 4): J = Σ_k π_k of these."""
-_FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))
-"""(10, 10): π from the ten coordinates of J."""
+_FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))  # (10, 10): π from the ten coordinates of J
 
 
 def pseudo_inertia(parameters: Array) -> Array:
@@ -229,8 +225,7 @@ class PositiveProblem:
 
 # ── A robot of bodies that can exist, near the file's, as the logs have it
 
-_NEAR_BEST = 1.01
-"""Times the least residual held out, that a stronger pull to the file may leave."""
+_NEAR_BEST = 1.01  # times the least residual held out, that a stronger pull to the file may leave
 
 
 @dataclass(frozen=True, eq=False)

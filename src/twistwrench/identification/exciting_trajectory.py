@@ -33,8 +33,7 @@ from .trajectory_constraints import (
 )
 from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, WindowedFourierSeries
 
-_JUDGED = 2001
-"""Instants at which a motion is judged, at least."""
+_JUDGED = 2001  # instants at which a motion is judged, at least
 NAMES = {"itself": "itself", "floor": "the floor"}
 """Names of the obstacles of clearances."""
 
@@ -191,8 +190,7 @@ class ExcitingMotion:
 
 # ── Exciting trajectories: the motion from whose log :func:`identify` can tell base parameters best, within all limits
 
-_NOISE = 0.01
-"""Noise of a joint's torque as a share of its limit, if none is given."""
+_NOISE = 0.01  # noise of a joint's torque as a share of its limit, if none is given
 _MOST_HARMONICS = 50
 
 

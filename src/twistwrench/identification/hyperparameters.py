@@ -163,8 +163,7 @@ class Trial:
 #
 # Source: Pham and Gautier, "Essential parameters of robots", IEEE CDC 1991.
 
-_NEAR_BEST = 1.01
-"""Times the least residual held out, that fewer groups may leave."""
+_NEAR_BEST = 1.01  # times the least residual held out, that fewer groups may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +204,7 @@ def essential_groups(
     kept = sets[chosen]
     found = _solved(total, kept, size)
     curve = tuple((len(one), float(share)) for one, share in zip(sets, shares, strict=True))
-    return EssentialGroups(tuple(names[k] for k in kept.tolist()), kept, found, float(shares[chosen]), curve)
+    return EssentialGroups(tuple(names[int(k)] for k in kept), kept, found, float(shares[chosen]), curve)
 
 
 def _solved(information: Information, which: Array, size: Array) -> Array:
@@ -282,13 +281,11 @@ _SHIFTS = tuple(
     1e-3 * s
     for s in (-90, -60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90)
 )
-_ROWS = 10.0
-"""Equations for each group that a cut-off has to leave."""
+_ROWS = 10.0  # equations for each group that a cut-off has to leave
 _BYTES = 48 * 2**20
 """Memory for rows at several cut-offs, and for normal equations of the blocks at several settings, half of
 that; beyond, those used longest ago are made again."""
-_NEAR = 1e-3
-"""s, about an offset that was found, where it is sought again."""
+_NEAR = 1e-3  # s, about an offset that was found, where it is sought again
 _WORTH = 2e-3
 """Decrease of log |residual|² for each joint from which another cut-off, offset or speed is preferred to the first one."""
 _CHANCE = 6.0

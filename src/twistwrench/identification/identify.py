@@ -31,10 +31,8 @@ from .rows import MOST_ROWS, SteadySamples, pauses
 MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
 METHODS = ("irls", "wls", "ols")
-_WRONG = 0.01
-"""Share of the rows that may leave their path alone, to be left out."""
-_DEAD = 0.8
-"""Share of the rows, in which a torque that is measured is one number at most."""
+_WRONG = 0.01  # share of the rows that may leave their path alone, to be left out
+_DEAD = 0.8  # share of the rows, in which a torque that is measured is one number at most
 
 
 def identify(

@@ -43,12 +43,9 @@ MOST_BLOCKS = 60
 class JointBlocks:
     """Sums over some rows."""
 
-    sums: Array
-    """(b, 2, f), of each block the plain and the weighted sums, packed as :class:`NormalEquations` does."""
-    counts: Array
-    """(b, 3) rows; weights, and rows of whole weight, of all live joints."""
-    factors: tuple[Array, ...]
-    """R_j (r_j + 1, r_j + 1)."""
+    sums: Array  # (b, 2, f), of each block the plain and the weighted sums, packed as :class:`NormalEquations` does
+    counts: Array  # (b, 3) rows; weights, and rows of whole weight, of all live joints
+    factors: tuple[Array, ...]  # R_j (r_j + 1, r_j + 1)
 
     @classmethod
     def none(cls, frame: RowFrame, blocks: int) -> JointBlocks:
@@ -321,10 +318,8 @@ class NormalEquationBlocks:
 
 # ── The fit of all rows: groups, covariance, cross-validation over fifths of the time
 
-_SPEED_SIZE = 3.0
-"""Largest error of a friction speed, in units of its step."""
-_OFF = 0.5
-"""Share of a step within which corrections of the settings are linear."""
+_SPEED_SIZE = 3.0  # largest error of a friction speed, in units of its step
+_OFF = 0.5  # share of a step within which corrections of the settings are linear
 
 
 def _prior(i: NormalEquationBlocks) -> Prior:

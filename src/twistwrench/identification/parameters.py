@@ -321,13 +321,10 @@ def check_speed(value: float) -> float:
 # Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991. The rank is
 # decided on random states with an absolute scale: of a log, columns that are nothing but rounding would look like any other.
 
-_NOTHING = 1e-9
-"""Share of a column's own length, or of the longest's, below which what others leave of it is rounding."""
+_NOTHING = 1e-9  # share of a column's own length, or of the longest's, below which what others leave of it is rounding
 _ROWS_PER_COLUMN = 3
-_HELD = 1e-7
-"""Share of its size by which a known value may be missed."""
-_EXACT = 1e-7
-"""Coefficients below that are rounding, in units of the columns' own lengths."""
+_HELD = 1e-7  # share of its size by which a known value may be missed
+_EXACT = 1e-7  # coefficients below that are rounding, in units of the columns' own lengths
 
 
 @dataclass(frozen=True, eq=False)

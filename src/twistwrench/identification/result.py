@@ -30,8 +30,7 @@ from .hyperparameters import EssentialGroups, FitSettings, essential_groups
 from .parameters import BaseParameters
 from .payload import IdentifiedPayload, payload_from
 
-_VAGUE = 0.3
-"""Share of its value, from which a group's deviation makes it vague."""
+_VAGUE = 0.3  # share of its value, from which a group's deviation makes it vague
 
 
 @dataclass(frozen=True, eq=False, repr=False)

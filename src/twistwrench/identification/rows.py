@@ -30,10 +30,8 @@ STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to a steady clock."""
 GAP, PAUSE = 5.0, 0.05
 """Times the usual step, and s, beyond which a step is a pause that a log is split at: what is between is never filled."""
-_CUT_BORDER = 2
-"""Periods of the cut-off at a pause, in which filters that begin there are not settled."""
-_SHORT = 0.1
-"""Share of the longest piece that others last at least."""
+_CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters that begin there are not settled
+_SHORT = 0.1  # share of the longest piece that others last at least
 FEWEST = 60
 """Samples that anything can be identified from."""
 
@@ -260,14 +258,12 @@ class BaseColumns:
 # Filtering both sides of an equation alike leaves it true, whatever the columns are (Gautier's parallel decimation, "Dynamic
 # identification of robots with power model", ICRA 1997).
 
-_PORTION = 8192
-"""States that columns are made for at a time, so that they stay in the processor's cache."""
+_PORTION = 8192  # states that columns are made for at a time, so that they stay in the processor's cache
 PERIODS = 16
 """Periods of the cut-off that a filter reaches to either side: beyond, its response is below 1e-16."""
 MOST_ROWS = 10_000
 """Most rows of all logs together: 46 MB for seven joints."""
-_JUDGED_ROWS = 2500
-"""States of all logs that predictions of different cut-offs are compared in."""
+_JUDGED_ROWS = 2500  # states of all logs that predictions of different cut-offs are compared in
 
 
 @dataclass(eq=False)

@@ -32,8 +32,7 @@ from .rows import STATE_RATE
 
 CORE, LEAST_CORE = 8192, 1 << 15
 """States, and rows, that a chunk has besides its margins."""
-_MOST_CORE = 1 << 18
-"""Most rows of a window, unless margins need more."""
+_MOST_CORE = 1 << 18  # most rows of a window, unless margins need more
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +63,9 @@ class Chunk:
 
 # ── The pass over all rows
 
-_WINDOWS, WINDOW = 16, 4096
-"""Runs of rows that settings are chosen on."""
-_OF_JOINT = 0.35
-"""Share of a joint's torques left from which a log is another's."""
-_MOST_ROWS = 3000
-"""Most rows of equations of an excerpt."""
+_WINDOWS, WINDOW = 16, 4096  # runs of rows that settings are chosen on
+_OF_JOINT = 0.35  # share of a joint's torques left from which a log is another's
+_MOST_ROWS = 3000  # most rows of equations of an excerpt
 
 
 def accumulate(
@@ -276,8 +272,7 @@ def _chunks(frame: RowFrame, clocks: Sequence[tuple[LogSource, LogClock]]) -> li
     return found
 
 
-_BLOCK = 2.0
-"""s that a block of time lasts at least."""
+_BLOCK = 2.0  # s that a block of time lasts at least
 
 
 def _from_excerpt(

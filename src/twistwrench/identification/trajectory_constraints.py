@@ -32,16 +32,11 @@ from ..typing import Array
 
 _WORTH = 0.6
 """Share of the volume of capsules around single shapes, which overlap, up to which one around all takes their place."""
-_FACETS = 0.015
-"""Share of a radius that facets are within the round, 0.012 at most."""
-_STEPS = 200
-"""Steps of the search for the least volume."""
-_THICK, _THICKEST = 0.25, 0.08
-"""Radius assumed: share of the longest distance between joints, and the most [m]."""
-_BESIDE = 0.5
-"""Share of it from the joint at which a link begins."""
-_SAME = 1e-6
-"""m: two origins are one."""
+_FACETS = 0.015  # share of a radius that facets are within the round, 0.012 at most
+_STEPS = 200  # steps of the search for the least volume
+_THICK, _THICKEST = 0.25, 0.08  # radius assumed: share of the longest distance between joints, and the most [m]
+_BESIDE = 0.5  # share of it from the joint at which a link begins
+_SAME = 1e-6  # m: two origins are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +227,7 @@ _SAMPLES = 200
 _ALWAYS = 0.95
 """Share of random configurations from which on a pair of capsules, or one and the floor, is near by how the robot is built."""
 _STILL = 1e-9
-_POINT = 1e-14
-"""m²: segments that are points."""
+_POINT = 1e-14  # m²: segments that are points
 _PARALLEL = 1e-12
 
 
@@ -372,12 +366,10 @@ class CapsuleDistances:
 
 Clear = Callable[[Array], Array]
 """Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
-_NEAR = 0.1
-"""m: the size of a clearance."""
+_NEAR = 0.1  # m: the size of a clearance
 DENSE = 0.01
 """s: the longest step at which clearances are looked at in the end."""
-_DISPLACED = 1e-5
-"""Displacement of configurations for slopes of the user's distances."""
+_DISPLACED = 1e-5  # displacement of configurations for slopes of the user's distances
 
 
 @dataclass(frozen=True, eq=False)

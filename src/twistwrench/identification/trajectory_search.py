@@ -67,8 +67,7 @@ class LimitBarrier:
 # Source: Swevers et al., "Optimal robot excitation and identification", IEEE T-RA 13(5), 1997, for the series; Park,
 # "Fourier-based optimal excitation trajectories for the dynamic identification of robots", Robotica 24(5), 2006, for the ends.
 
-_ORDER = 5
-"""Order of the polynomials: six conditions, three at each end."""
+_ORDER = 5  # order of the polynomials: six conditions, three at each end
 
 
 @dataclass(frozen=True)
@@ -141,8 +140,7 @@ ROWS_PER_SECOND = 25.0
 """Independent rows: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
 _ROUNDING = 1e-13
 _DIFFERENCE = 1e-5
-_SMOOTH = 0.7
-"""κ of the smoothed median: a factor of 2 between variances."""
+_SMOOTH = 0.7  # κ of the smoothed median: a factor of 2 between variances
 Criterion = Literal["log_det", "deviations"]
 CRITERIA = get_args(Criterion)
 
@@ -253,23 +251,17 @@ def _smooth_median(values: Array) -> tuple[float, Array]:
 # each alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the states are central differences of
 # torques and regressor, one joint displaced at a time, all instants in one call; slopes by z follow, as states are linear in z.
 
-_PER_PERIOD = 32
-"""Instants per period of the highest harmonic at which limits are looked at in the search."""
-_FINER = 10
-"""Times as many, at least, at which a motion is judged in the end."""
-_MARGIN = 1e-4
-"""Share of each limit that is left: what may happen between those."""
+_PER_PERIOD = 32  # instants per period of the highest harmonic at which limits are looked at in the search
+_FINER = 10  # times as many, at least, at which a motion is judged in the end
+_MARGIN = 1e-4  # share of each limit that is left: what may happen between those
 _ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 1), (320.0, 50, 1), (1000.0, 30, 2))
 """Searches with multipliers that stay: their pull ρ, the most steps, and how many times as many instants there are."""
 _REPAIRS = 6
 """Times that a motion which passes a limit between the instants of the search is searched again with a larger margin."""
-_STEP = 1e-5
-"""By which states are displaced."""
-_STARTS = 20
-"""Random motions of which a search begins at the best."""
+_STEP = 1e-5  # by which states are displaced
+_STARTS = 20  # random motions of which a search begins at the best
 _TRIES = 400
-_NARROW = 0.02
-"""Share of a motion's width, below which it is none."""
+_NARROW = 0.02  # share of a motion's width, below which it is none
 _HALVINGS = 12
 
 Progress = Callable[[float], None]

@@ -92,8 +92,7 @@ _SAME = 1e-12
 _STATES = 200
 _AS_GOOD = 1.05
 """Times what the file's bodies leave, with friction, of rows held out, up to which a robot is as good as they are."""
-_IMMATERIAL = 0.002
-"""Share of the torques by which what is left may be more, too: both explain the log then."""
+_IMMATERIAL = 0.002  # share of the torques by which what is left may be more, too: both explain the log then
 
 
 @dataclass(frozen=True, eq=False)

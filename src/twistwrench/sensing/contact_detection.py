@@ -434,20 +434,13 @@ class Compensation:
     log: ReadingLog
     sensor: ForceTorqueSensor
     noise: tuple[float, float]
-    rest: Array
-    """(n, 6) the readings without bias and load."""
-    off: Array
-    """(n,) which of them noise does not explain."""
-    doubts: tuple[str, ...]
-    """Why the file and the log do not belong together."""
-    missing_signals: str | None
-    """Moments left in the readings because the load's inertia is unknown, as a sentence."""
-    missing_signals_show: bool
-    """True if these moments are more than noise."""
-    threshold: CollisionThreshold | None
-    """Threshold of contacts, if any were looked for."""
-    remarks: tuple[str, ...] = ()
-    """Remarks on the result."""
+    rest: Array  # (n, 6) the readings without bias and load
+    off: Array  # (n,) which of them noise does not explain
+    doubts: tuple[str, ...]  # why the file and the log do not belong together
+    missing_signals: str | None  # moments left in the readings because the load's inertia is unknown, as a sentence
+    missing_signals_show: bool  # True if these moments are more than noise
+    threshold: CollisionThreshold | None  # threshold of contacts, if any were looked for
+    remarks: tuple[str, ...] = ()  # remarks on the result
 
     @property
     def hits(self) -> Array:

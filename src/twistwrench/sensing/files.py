@@ -41,10 +41,8 @@ class SensorFile:
     """Content of a sensor file."""
 
     sensor: ForceTorqueSensor
-    noise: tuple[float, float]
-    """Standard deviations of moments [N m] and forces [N]."""
-    uncertainty: Uncertainty | None
-    """Uncertainty of the sensor; None in older files, which lack it."""
+    noise: tuple[float, float]  # standard deviations of moments [N m] and forces [N]
+    uncertainty: Uncertainty | None  # uncertainty of the sensor; None in older files, which lack it
 
 
 def write_sensor(

@@ -39,14 +39,11 @@ _SIZES = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "
 class SensorState:
     """Values of the unknowns that readings are not linear in."""
 
-    mounting: Array = field(default_factory=lambda: np.eye(3))
-    """R_fs (3, 3)."""
+    mounting: Array = field(default_factory=lambda: np.eye(3))  # R_fs (3, 3)
     tilt: Array = field(default_factory=lambda: np.eye(3))
     """(3, 3) turns the gravity of {w} that was given into the one that is there."""
-    delay: float = 0.0
-    """s by which readings come later than the poses of the same row."""
-    load: Array | None = None
-    """(10,) parameters, once there are any."""
+    delay: float = 0.0  # s by which readings come later than the poses of the same row
+    load: Array | None = None  # (10,) parameters, once there are any
     middle: float | None = None
     """s, the time at which a drifting bias is the one estimated; the middle of the log where none is given."""
 
@@ -171,24 +168,16 @@ _LATE = 0.5  # s, the longest delay that is looked for
 class Problem:
     """Problem of a fit: rows, unknowns, and known values."""
 
-    log: ReadingLog
-    """n rows: means of dwells, and readings in motion."""
+    log: ReadingLog  # n rows: means of dwells, and readings in motion
     unknowns: Unknowns
-    factor: float
-    """+1 for readings on the sensor, -1 for readings by it."""
-    bias: Array
-    """(6,) if it is known."""
-    noise: Array | None
-    """(6,) standard deviations of one reading if known."""
-    count: Array
-    """(n,) readings in each row."""
-    within: Array
-    """(6,) variance of a reading within its static pose; zero if it is unknown."""
+    factor: float  # +1 for readings on the sensor, -1 for readings by it
+    bias: Array  # (6,) if it is known
+    noise: Array | None  # (6,) standard deviations of one reading if known
+    count: Array  # (n,) readings in each row
+    within: Array  # (6,) variance of a reading within its static pose; zero if it is unknown
     within_freedom: float
-    label: Array
-    """(n,) the cluster of each row."""
-    timed: bool = False
-    """True if the log has times, and not only an order."""
+    label: Array  # (n,) the cluster of each row
+    timed: bool = False  # True if the log has times, and not only an order
     state: SensorState = field(default_factory=SensorState)
 
     def with_unknowns(self, **changes: bool) -> Problem:
@@ -210,26 +199,17 @@ class Fit:
     """(p,) in the order of ``unknowns.names``; those of turn, tilt and delay are zero, for ``state`` has them."""
     covariance: Array
     """(p, p) by the sandwich, for intervals; that of the turn is of a small rotation in the sensor's own axes [rad]."""
-    known: Array
-    """(p,) degrees of freedom of each unknown's variance."""
+    known: Array  # (p,) degrees of freedom of each unknown's variance
     com_known: Array
     """(3,) those of the first moment less its own mass times the centre of mass, which Fieller's intervals are about."""
-    joint: Array
-    """(p, p) covariance for regions of several unknowns: that of independent rows, which is of full rank."""
-    joint_freedom: float
-    """Degrees of freedom of mass and first moment together."""
-    sigma: Array
-    """(6,) standard deviation of one reading in any orientation [N m, N]."""
-    freedom: Array
-    """(6,) degrees of freedom these were estimated with; inf where they were given."""
-    deviation: Array
-    """(n, 6) standard deviation of each row."""
-    residuals: Array
-    """(n, 6) rows minus model."""
-    state: SensorState
-    """The mounting, the tilt of gravity and the delay."""
-    design: Array
-    """(n, 6, p)."""
+    joint: Array  # (p, p) covariance for regions of several unknowns: that of independent rows, which is of full rank
+    joint_freedom: float  # degrees of freedom of mass and first moment together
+    sigma: Array  # (6,) standard deviation of one reading in any orientation [N m, N]
+    freedom: Array  # (6,) degrees of freedom these were estimated with; inf where they were given
+    deviation: Array  # (n, 6) standard deviation of each row
+    residuals: Array  # (n, 6) rows minus model
+    state: SensorState  # the mounting, the tilt of gravity and the delay
+    design: Array  # (n, 6, p)
     leverage: Array
     """(n, 6) share of each row's own reading in what the fit makes of it; zero where the row is left out."""
 

@@ -61,12 +61,9 @@ _OPTIONS = {"drift": "drift=True", "delay": "delay=True", "turn": "orientation=T
 class Offer:
     """Further unknown that explains the residuals surely better."""
 
-    kind: str
-    """drift, delay, turn, tilt, or gain."""
-    share: float
-    """Share of the squared residuals, in units of the noise, that it explains."""
-    said: str
-    """Name and size of the unknown, in words."""
+    kind: str  # drift, delay, turn, tilt, or gain
+    share: float  # share of the squared residuals, in units of the noise, that it explains
+    said: str  # name and size of the unknown, in words
 
     def __str__(self) -> str:
         what = f"{self.said} would explain {percent(self.share)} of what is left (squares over noise)"
@@ -213,14 +210,10 @@ _ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; wi
 class UsedReadings:
     """Use of the readings of a log: left out, between static poses, or explained."""
 
-    left_out: Array
-    """(N,) readings that the others contradict."""
-    between: Array
-    """(N,) readings between dwells."""
-    orientation: Array
-    """(n,) label of the orientation of each row of the fit."""
-    whiteness: Whiteness | None
-    """Whiteness of the residuals; None for too few rows."""
+    left_out: Array  # (N,) readings that the others contradict
+    between: Array  # (N,) readings between dwells
+    orientation: Array  # (n,) label of the orientation of each row of the fit
+    whiteness: Whiteness | None  # whiteness of the residuals; None for too few rows
 
 
 def acceptance_test(

@@ -30,20 +30,14 @@ _MANY = 2000  # dwells up to which orientations are compared with each other
 class StaticPoses:
     """A log with one row for each dwell, the mean of its readings, and one for each reading in motion."""
 
-    log: ReadingLog
-    """Log of n rows, with their times, or their numbers if none were logged."""
-    count: Array
-    """(n,) readings in each row."""
-    within: Array
-    """(6,) variance of a reading within its dwell [(N m)², N²]; zero where no dwell has two readings."""
-    within_freedom: float
-    """Degrees of freedom of ``within``."""
-    label: Array
-    """(n,) the cluster of each row: rows of one orientation are one, however often it was visited."""
+    log: ReadingLog  # log of n rows, with their times, or their numbers if none were logged
+    count: Array  # (n,) readings in each row
+    within: Array  # (6,) variance of a reading within its dwell [(N m)², N²]; zero where no dwell has two readings
+    within_freedom: float  # degrees of freedom of ``within``
+    label: Array  # (n,) the cluster of each row: rows of one orientation are one, however often it was visited
     row: Array
     """(N,) row of each reading of the log as it was read; -1 for readings between dwells, which are not used."""
-    moving: Array
-    """(n,) whether a row is a reading in motion."""
+    moving: Array  # (n,) whether a row is a reading in motion
 
     def spread(self, kept: Array) -> Array:
         """A mask (n,) of rows as a mask (N,) of readings."""
@@ -263,8 +257,7 @@ class Diagnosis:
 
     sign: Sign
     fit: Fit
-    kept: Array
-    """(n,) which rows of the problem were used."""
+    kept: Array  # (n,) which rows of the problem were used
 
     @property
     def turn(self) -> bool:
