@@ -119,9 +119,9 @@ class NormalEquations:
         """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals."""
         return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
-    def weighted(self, weights: Array) -> tuple[Array, Array]:
-        """N (r, r) and c (r,) of all joints, of equations with weights (nv,)."""
-        return np.einsum("jkl,j->kl", self.N, weights), (self.c * weights[:, None]).sum(axis=0)
+    def whitened(self, sigma: Array) -> tuple[Array, Array]:
+        """N (r, r) and c (r,) of all joints, of equations in units of residuals of these sizes (nv,)."""
+        return np.einsum("jkl,j->kl", self.N, sigma**-2), (self.c / sigma[:, None] ** 2).sum(axis=0)
 
     def squares(self, x: Array) -> Array:
         """Sums of squared residuals (nv,) at x (r,)."""
@@ -133,7 +133,7 @@ class NormalEquations:
         variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
         x = prior.mean
         for _ in range(_ROUNDS):
-            x = prior.solve(*self.weighted(1.0 / variance))
+            x = prior.solve(np.einsum("jkl,j->kl", self.N, 1.0 / variance), (self.c / variance[:, None]).sum(axis=0))
             new = np.maximum(
                 self.squares(x) / max(self.rows, 1.0), _LEAST_VARIANCE * self.y / max(self.rows, 1.0) + 1e-300
             )

@@ -27,7 +27,6 @@ from .rows import (
     FEWEST,
     GAP,
     PAUSE,
-    PERIODS,
     ROW_RATE,
     STATE_RATE,
     STEADY,
@@ -253,6 +252,8 @@ def _steady(
 #
 #     τ(t + shift) = W x - δ_shift dτ/dt + Σ_j δ_j ∂(W x_0)/∂v_0j.
 
+PERIODS = 16
+"""Periods of the cut-off that chunks reach to either side: beyond, a filter's response is below 1e-16."""
 FASTER = 0.1
 """Share of a friction speed that its derivative is taken over."""
 
@@ -334,7 +335,7 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, list[
     there = np.clip(states.time[wanted] + frame.settings.shift, states.time[0], states.time[-1])
     tau, slope = torques(there), torques(there, 1)
     for here, span, entries, springs in filtered_portions(
-        frame.columns, states, wanted, cutoff, frame.settings.friction_speed
+        frame.columns, states, wanted, cutoff, frame.settings.friction_speed, PERIODS
     ):
         at = wanted[here] - span.start
         beside = [slope[here]] if frame.free_shift else []

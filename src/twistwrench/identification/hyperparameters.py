@@ -115,9 +115,13 @@ class Trial:
     def fits(self, prior: Prior, blocks: Sequence[int]) -> list[tuple[int, Array]]:
         """Each block, and what the others of ``blocks`` give."""
         total = reduce(operator.add, (self._blocks[b] for b in blocks))
-        _, sigma = total.solve(prior)
-        rests = ((b, total - self._blocks[b] if len(blocks) > 1 else total) for b in blocks)
-        return [(b, prior.solve(*rest.weighted(1.0 / sigma**2))) for b, rest in rests]
+        weight = 1.0 / total.solve(prior)[1] ** 2
+        found = []
+        for b in blocks:
+            rest = total - self._blocks[b] if len(blocks) > 1 else total
+            x = prior.solve(np.einsum("jkl,j->kl", rest.N, weight), (rest.c * weight[:, None]).sum(axis=0))
+            found.append((b, x))
+        return found
 
     def score(self, prior: Prior, blocks: Sequence[int]) -> float:
         """The sum of log |residual|² over the joints, of blocks predicted from the others."""

@@ -337,7 +337,7 @@ def block_solution(i: NormalEquationBlocks, blocks: slice | Array = slice(None))
     if i.method == "ols":
         x = prior.solve(found.N.sum(axis=0), found.c.sum(axis=0))
         return x, np.sqrt(found.squares(x) / max(1.0, found.rows))
-    return prior.solve(*found.weighted(i.frame.sigma**-2)), i.frame.sigma
+    return prior.solve(*found.whitened(i.frame.sigma)), i.frame.sigma
 
 
 def block_residuals(
@@ -369,7 +369,7 @@ def _five_fold(i: NormalEquationBlocks) -> HeldOut:
 def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupCovariance:
     """By the sandwich over the blocks, as :func:`group_covariance` has it of rows."""
     r, prior, counts = i.frame.base.count, _prior(i), i.moments.counts
-    parts = [i.moments.equations(i.frame, 1, [b]).weighted(sigma**-2) for b in range(len(counts))]
+    parts = [i.moments.equations(i.frame, 1, [b]).whitened(sigma) for b in range(len(counts))]
     N, total = np.stack([n for n, _ in parts]), sum((n for n, _ in parts), np.zeros((len(x), len(x))))
     scores = np.stack([c - n @ x for n, c in parts])
     scaled = total * prior.size[:, None] * prior.size

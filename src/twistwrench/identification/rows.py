@@ -259,8 +259,7 @@ class BaseColumns:
 # identification of robots with power model", ICRA 1997).
 
 _PORTION = 8192  # states that columns are made for at a time, so that they stay in the processor's cache
-PERIODS = 16
-"""Periods of the cut-off that a filter reaches to either side: beyond, its response is below 1e-16."""
+_PERIODS = 12  # periods of the cut-off that portions reach to either side: beyond, a filter's response is below 1e-12
 MOST_ROWS = 10_000
 """Most rows of all logs together: 46 MB for seven joints."""
 _JUDGED_ROWS = 2500  # states of all logs that predictions of different cut-offs are compared in
@@ -397,14 +396,19 @@ def _joined(parts: list[Array]) -> Array:
 
 
 def filtered_portions(
-    columns: BaseColumns, s: Filtered, wanted: Array, cutoff: float, friction_speed: Array
+    columns: BaseColumns,
+    s: Filtered,
+    wanted: Array,
+    cutoff: float,
+    friction_speed: Array,
+    periods: int = _PERIODS,
 ) -> Iterator[tuple[Array, slice, Array, Array | float]]:
     """Entries (k, f), and what springs do (k, nv), low-passed at the ``wanted`` states (m,), in portions of them.
 
     Each with its places (k,) among those wanted, and the span of the states that it was made from: with all that filters
     reach on either side.
     """
-    margin, base = int(PERIODS * s.rate / cutoff) + 1, columns.base
+    margin, base = int(periods * s.rate / cutoff) + 1, columns.base
     for begin in range(0, len(s.time), _PORTION):
         here = np.flatnonzero((wanted >= begin) & (wanted < begin + _PORTION))
         if not here.size:
