@@ -25,7 +25,6 @@ from .xml import MOST_BODIES, Element, Place, exact
 _LAWS = {"viscous": "damping", "coulomb": "friction"}
 _MJCF_DRIVES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
 _TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
-_TWO_AXES = ("universal", "revolute2")
 _ROTOR = "drake:rotor_inertia"
 _COMPILER = "so that inertias are as they are written"
 
@@ -201,7 +200,7 @@ class SdfText(RobotText):
         self.links, self.joints = parts.links, parts.joints
         self._axes: dict[str, tuple[Element, Element]] = {}
         for name, joint in parts.joints.items():
-            double = joint.text("type") in _TWO_AXES
+            double = joint.text("type") in sdf.TWO_AXES
             for which in ("axis", "axis2") if double else ("axis",):
                 axis = joint.child(which)
                 if axis is not None:

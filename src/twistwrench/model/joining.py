@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -112,31 +112,22 @@ def _renamed(part: ModelParts, prefix: str) -> ModelParts:
 
     sites = {frame(name): replace(s, name=frame(name), link=called(s.link)) for name, s in more.sites.items()}
 
-    return ModelParts(
-        name=part.name,
-        gravity=part.gravity,
-        snap=part.snap,
-        source=part.source,
-        root=called(part.root),
-        floating=part.floating,
+    additions = replace(
+        more, sites=sites,
+        springs=[replace(s, terms=tuple((called(joint), w) for joint, w in s.terms)) for s in more.springs],
+        configurations={name: keyed(positions) for name, positions in more.configurations.items()},
+        closures={
+            called(name): OfferedClosure(frame(c.frame_a), frame(c.frame_b), c.rows) for name, c in more.closures.items()
+        },
+    )  # fmt: skip
+    return replace(
+        part, root=called(part.root), additions=additions,
         links={called(link.name): replace(link, name=called(link.name)) for link in part.links.values()},
         joints=[_renamed_joint(joint, prefix) for joint in part.joints],
-        whole=keyed(part.whole),
-        friction=keyed(part.friction),
-        armature=keyed(part.armature),
+        whole=keyed(part.whole), friction=keyed(part.friction), armature=keyed(part.armature),
         actuators=[_renamed_actuator(actuator, prefix) for actuator in part.actuators],
         payloads=tuple((frame(name), G) for name, G in part.payloads),
-        additions=replace(
-            more,
-            sites=sites,
-            springs=[replace(s, terms=tuple((called(joint), w) for joint, w in s.terms)) for s in more.springs],
-            configurations={name: keyed(positions) for name, positions in more.configurations.items()},
-            closures={
-                called(name): OfferedClosure(frame(c.frame_a), frame(c.frame_b), c.rows)
-                for name, c in more.closures.items()
-            },
-        ),
-    )
+    )  # fmt: skip
 
 
 def _renamed_joint(entry: JointEntry, prefix: str) -> JointEntry:
@@ -202,21 +193,15 @@ def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
                 f"the rotor of joint {actuator.joint!r} is on link {actuator.rotor.link!r}, which is not in that part of the "
                 "robot. Cut the part out first, and describe its actuators then."
             )
+    configurations = {
+        name: {joint: q for joint, q in positions.items() if joint in names}
+        for name, positions in more.configurations.items()
+    }
+    additions = replace(
+        more, sites=sites, springs=[s for s in more.springs if all(joint in names for joint, _ in s.terms)],
+        configurations=configurations, closures={k: c for k, c in more.closures.items() if {c.frame_a, c.frame_b} <= frames},
+    )  # fmt: skip
     return replace(
-        found,
-        links={name: link for name, link in found.links.items() if name in kept},
-        joints=joints,
-        actuators=actuators,
-        payloads=tuple((frame, G) for frame, G in found.payloads if frame in frames),
-        additions=replace(
-            more,
-            sites=sites,
-            springs=[s for s in more.springs if all(joint in names for joint, _ in s.terms)],
-            configurations={name: _of(positions, names) for name, positions in more.configurations.items()},
-            closures={name: c for name, c in more.closures.items() if {c.frame_a, c.frame_b} <= frames},
-        ),
-    )
-
-
-def _of(positions: Mapping[str, _Value], names: Iterable[str]) -> dict[str, _Value]:
-    return {joint: q for joint, q in positions.items() if joint in set(names)}
+        found, links={name: link for name, link in found.links.items() if name in kept}, joints=joints, actuators=actuators,
+        payloads=tuple((frame, G) for frame, G in found.payloads if frame in frames), additions=additions,
+    )  # fmt: skip
