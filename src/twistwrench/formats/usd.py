@@ -534,7 +534,7 @@ class _Reader:
             self.builder.note(who(joint), f"is a {kind} outside the articulation, which is left out")
             return
         axis = "xyz"[axis_of(joint)]
-        free = {"ball": ("wx", "wy", "wz"), "revolute": (f"w{axis}",), "prismatic": (f"v{axis}",)}.get(_KINDS[kind], ())
+        free = {"ball": TWIST[:3], "revolute": (f"w{axis}",), "prismatic": (f"v{axis}",)}.get(_KINDS[kind], ())
         rows = " ".join(row for row in TWIST if row not in free)
         frames = [
             self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint))
