@@ -229,7 +229,7 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--configuration", "1,2"], "expected 6 numbers"),
         (["ur5", "--com", "1"], "expected x,y,z"),
         (["ur5", "--frame", "hand"], "no frame named 'hand'"),
-        (["ur5", "--payload", "heavy"], "'heavy' is no number. Write MASS[,x,y,z][@FRAME]"),
+        (["ur5", "--payload", "heavy"], "payload 'heavy': expected MASS[,x,y,z][@FRAME]"),
         (["ur5", "--payload", "1@hand"], "no frame named 'hand'"),
         (["ur5", "--payload", "-1"], "negative mass"),
         (["ur5", "--at", "elbow_joint=1", "--at", " elbow_joint = 2"], "--at elbow_joint is given twice"),

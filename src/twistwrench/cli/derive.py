@@ -28,20 +28,20 @@ _PIPED, _NARROWEST = 100, 40
 
 @robot_command(
     "derive",
-    *(option(f"--{name} OUT|-", f"{text} - is the terminal.") for name, text in reversed(_FILES.items())),
-    option("--steps STEP,…|all", "Which steps to print and write, by name."),
-    option(
-        "--form",
-        "Terms written out, or names for intermediate results.",
-        choices=("auto", "expanded", "named"),
-        default="auto",
-    ),
     option(
         "--symbols KIND|NAME,…",
         "What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
         "the rest are numbers.",
         default="all",
     ),
+    option(
+        "--form",
+        "Terms written out, or names for intermediate results.",
+        choices=("auto", "expanded", "named"),
+        default="auto",
+    ),
+    option("--steps STEP,…|all", "Which steps to print and write, by name."),
+    *(option(f"--{name} OUT|-", f"{text} - is the terminal.") for name, text in _FILES.items()),
     examples=("derive planar_2r", "derive cart_pole --latex -"),
 )
 def derive_command(options: RobotOptions, given: Given) -> None:

@@ -19,9 +19,12 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
 
 @robot_command(
     "export",
-    option("--no-test", "Leave out the program that checks the functions."),
-    option("--prefix NAME", "What the functions' names begin with; the robot's name otherwise."),
-    option("--float", "Single precision.", "precision", flag_value="float", default="double", show_default=False),
+    option(
+        "--c FOLDER|OUT.c",
+        "Write C99: a header, a source and its test, into a folder or beside each other.",
+        "path",
+        required=True,
+    ),
     option(
         "--quantity NAME[:OPTION=VALUE,…]",
         "A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
@@ -30,12 +33,9 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
         multiple=True,
         default=("inverse_dynamics",),
     ),
-    option(
-        "--c FOLDER|OUT.c",
-        "Write C99: a header, a source and its test, into a folder or beside each other.",
-        "path",
-        required=True,
-    ),
+    option("--float", "Single precision.", "precision", flag_value="float", default="double", show_default=False),
+    option("--prefix NAME", "What the functions' names begin with; the robot's name otherwise."),
+    option("--no-test", "Leave out the program that checks the functions."),
     examples=("export panda --c . --quantity inverse_dynamics --quantity mass_matrix",),
 )
 def export_command(options: RobotOptions, given: Given) -> None:
@@ -71,8 +71,8 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
 
 @robot_command(
     "convert",
-    option("--force", "Replace OUT if it is there.", "overwrite"),
     click.argument("out", metavar="OUT"),
+    option("--force", "Replace OUT if it is there.", "overwrite"),
     examples=("convert panda panda.xml",),
     robot_first=True,
 )

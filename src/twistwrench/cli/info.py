@@ -28,8 +28,8 @@ from .terminal import show
 
 @robot_command(
     "info",
-    option("--csv OUT.csv", "Write the joints as CSV, in SI units and radians, as --limits reads it; '-' prints it."),
     option("--json", "Print everything as JSON, in SI units and radians."),
+    option("--csv OUT.csv", "Write the joints as CSV, in SI units and radians, as --limits reads it; '-' prints it."),
     examples=("info panda", "info ur5 --json"),
 )
 def info_command(options: RobotOptions, given: Given) -> None:

@@ -28,9 +28,9 @@ def log_command() -> None:
 
 @command(
     "info",
-    click.argument("files", metavar="FILE...", nargs=-1, required=True),
-    worker_options,
     option("--json", "Print everything as JSON."),
+    worker_options,
+    click.argument("files", metavar="FILE...", nargs=-1, required=True),
     examples_=("log info log.csv",),
     short_help="Rates, gaps, and the range and noise of each column.",
 )

@@ -334,10 +334,10 @@ def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **set
 
 
 def option_group(*options: Decorator) -> Decorator:
-    """Options as one decorator; a command's help lists them from the last to the first."""
+    """Options as one decorator, in the order of a command's help."""
 
     def decorate(function: Any) -> Any:
-        for option in options:
+        for option in reversed(options):
             function = option(function)
         return function
 

@@ -34,34 +34,34 @@ from .terminal import show
 
 @robot_command(
     "move",
-    option("--plot OUT.png", "Draw the motion; with --fastest, the phase plane too."),
-    option("--csv OUT.csv", "Write the motion, as 'twistwrench torques' reads it."),
-    option("--step SECONDS", "Between rows of --csv.", default=0.002),
-    NO_FRICTION,
-    LIMITS,
-    option("--acceleration A", "Limit every joint to it [rad/s², m/s²].", type=float),
-    PAYLOADS,
-    option("--duration SECONDS", "How long it takes; as short as may be if not given.", type=float),
-    option(
-        "--scaling", "How the time goes along the path.", choices=("quintic", "cubic", "trapezoid"), default="quintic"
-    ),
-    option("--fastest", "The fastest timing: one limit touched at all times."),
-    option("--straight", "Move the tip on a straight line between the poses of both ends."),
-    option("--screw", "Move the tip on the constant screw between them."),
-    option("--by x,y,z", "Move the tip straight by that [m], along the base's axes."),
-    option("--waypoints FILE.csv", "Configurations on the way, a row each, joints as columns."),
-    option(
-        "--to v,v,…|JOINT=VALUE",
-        "Where it ends: all coordinates, a configuration of the file by its name, or a joint's place, others as at "
-        "the beginning; may be repeated.",
-        multiple=True,
-    ),
     option(
         "--from v,v,…|JOINT=VALUE",
         "Where it begins, likewise; the neutral configuration if not given.",
         "begin",
         multiple=True,
     ),
+    option(
+        "--to v,v,…|JOINT=VALUE",
+        "Where it ends: all coordinates, a configuration of the file by its name, or a joint's place, others as at "
+        "the beginning; may be repeated.",
+        multiple=True,
+    ),
+    option("--waypoints FILE.csv", "Configurations on the way, a row each, joints as columns."),
+    option("--by x,y,z", "Move the tip straight by that [m], along the base's axes."),
+    option("--screw", "Move the tip on the constant screw between them."),
+    option("--straight", "Move the tip on a straight line between the poses of both ends."),
+    option("--fastest", "The fastest timing: one limit touched at all times."),
+    option(
+        "--scaling", "How the time goes along the path.", choices=("quintic", "cubic", "trapezoid"), default="quintic"
+    ),
+    option("--duration SECONDS", "How long it takes; as short as may be if not given.", type=float),
+    PAYLOADS,
+    option("--acceleration A", "Limit every joint to it [rad/s², m/s²].", type=float),
+    LIMITS,
+    NO_FRICTION,
+    option("--step SECONDS", "Between rows of --csv.", default=0.002),
+    option("--csv OUT.csv", "Write the motion, as 'twistwrench torques' reads it."),
+    option("--plot OUT.png", "Draw the motion; with --fastest, the phase plane too."),
     examples=(
         "move ur5 --to 0.9,-0.9,1.0,-0.4,1.2,1.0 --fastest",
         "move ur5 --from=-0.5,-1.9,1.9,-0.3,1.5,0 --by 0.1,0,-0.1 --csv move.csv",

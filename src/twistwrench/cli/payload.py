@@ -37,16 +37,16 @@ _SAMPLES = 200_000
 
 @robot_command(
     "payload",
-    option("--plot OUT.png", "Draw the force polytope, ellipsoid, shares and map."),
-    option("--csv OUT.csv", "Write the table, a row per joint."),
-    option("--samples N", f"Configurations drawn for the map.  [default: {_SAMPLES}]", type=int),
-    option("--map rz|xz|yz|xy", "Map the largest payload over a slice of the workspace.", "plane"),
-    shared.LIMITS,
-    option("--com x,y,z", "Centre of mass in the frame [m].", default="0,0,0"),
-    option("--frame FRAME", "What carries the payload; the tip if not given."),
-    shared.PAYLOADS,
-    shared.CONFIGURATION,
     shared.AT,
+    shared.CONFIGURATION,
+    shared.PAYLOADS,
+    option("--frame FRAME", "What carries the payload; the tip if not given."),
+    option("--com x,y,z", "Centre of mass in the frame [m].", default="0,0,0"),
+    shared.LIMITS,
+    option("--map rz|xz|yz|xy", "Map the largest payload over a slice of the workspace.", "plane"),
+    option("--samples N", f"Configurations drawn for the map.  [default: {_SAMPLES}]", type=int),
+    option("--csv OUT.csv", "Write the table, a row per joint."),
+    option("--plot OUT.png", "Draw the force polytope, ellipsoid, shares and map."),
     examples=("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),
 )
 def payload_command(options: RobotOptions, given: Given) -> ExitCode:

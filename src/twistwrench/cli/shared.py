@@ -187,21 +187,21 @@ class RobotOptions:
 _option = partial(option, cls=RobotOption)
 
 _ROBOT = option_group(
-    _option("--degrees", "Angles in files, options and reports are in degrees."),
-    _option("--actuators FILE.yaml", "Motors, gears, rotors and friction; 'demo' is bundled."),
-    _option(
-        "--inertia", "What becomes of one no body can have.", choices=("error", "accept", "repair"), default="error"
-    ),
+    click.argument("source", metavar="ROBOT"),
+    _option("--floating-base", "Let the base move freely."),
+    _option("--lock JOINT=VALUE", "Hold a joint still there, or all of '*wheel*'; may be repeated.", multiple=True),
+    _option("--chain BASE TIP", "Hold all joints still that are not between these frames.", nargs=2),
+    _option("--keep BODY", "Of an MJCF scene: this body and all that it carries."),
+    _option("--model NAME", "Of an SDF world: this model."),
+    _option("--tip FRAME", "The frame meant where none is named."),
     _option(
         "--mimic", "Whether mimic joints follow their leader.", choices=("follow", "independent"), default="follow"
     ),
-    _option("--tip FRAME", "The frame meant where none is named."),
-    _option("--model NAME", "Of an SDF world: this model."),
-    _option("--keep BODY", "Of an MJCF scene: this body and all that it carries."),
-    _option("--chain BASE TIP", "Hold all joints still that are not between these frames.", nargs=2),
-    _option("--lock JOINT=VALUE", "Hold a joint still there, or all of '*wheel*'; may be repeated.", multiple=True),
-    _option("--floating-base", "Let the base move freely."),
-    click.argument("source", metavar="ROBOT"),
+    _option(
+        "--inertia", "What becomes of one no body can have.", choices=("error", "accept", "repair"), default="error"
+    ),
+    _option("--actuators FILE.yaml", "Motors, gears, rotors and friction; 'demo' is bundled."),
+    _option("--degrees", "Angles in files, options and reports are in degrees."),
 )
 """The ROBOT argument and the options shared by all commands."""
 
@@ -219,7 +219,7 @@ def robot_command(name: str, *options: Decorator, examples: Sequence[str], robot
             own = {field.name: values.pop(field.name) for field in fields(RobotOptions)}
             return function(RobotOptions(**{**own, "lock": _parse_locks(own["lock"])}), given)
 
-        order = (*options, _ROBOT) if robot_first else (_ROBOT, *options)
+        order = (_ROBOT, *options) if robot_first else (*options, _ROBOT)
         made: click.Command = command(name, *order, examples_=examples)(run)
         return made
 
@@ -265,17 +265,17 @@ LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the
 def motion_options(*, required: bool) -> Decorator:
     """Options for the file of a motion and how it is read."""
     return option_group(
-        option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
-        LOCK_MISSING,
-        RATE,
-        COLUMNS,
         option("--trajectory FILE.csv", "The motion; 'demo' is the one bundled with a robot.", required=required),
+        COLUMNS,
+        RATE,
+        LOCK_MISSING,
+        option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
     )
 
 
 def loaded_motion_options(*, required: bool) -> Decorator:
     """Options for the motion, its payloads and its wrenches."""
-    return option_group(NO_FRICTION, WRENCHES, PAYLOADS, motion_options(required=required))
+    return option_group(motion_options(required=required), PAYLOADS, WRENCHES, NO_FRICTION)
 
 
 def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot, MotionLog]:
@@ -328,8 +328,8 @@ def parse_columns(texts: Iterable[str]) -> dict[str, str]:
 # ── Batches: the files of folders and patterns
 
 worker_options = option_group(
-    option("--scheduler ADDRESS", "Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."),
     option("--workers N", "Work on N processes of this machine (Dask).", type=int),
+    option("--scheduler ADDRESS", "Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."),
 )
 """``--workers`` and ``--scheduler``."""
 

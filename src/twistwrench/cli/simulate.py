@@ -33,34 +33,34 @@ _CONTACT = "1e5,0.3,0.5"
 
 @robot_command(
     "simulate",
-    option("--plot OUT.png", "Draw joints, energies and drift."),
-    option("--npz OUT.npz", "Write all arrays in NumPy's format."),
-    option("--csv OUT.csv", "Write a motion that the torques command reads."),
-    option("--every N", "Keep one state in N.", default=1),
-    option("--rtol", "Of dopri5: relative error of a step.", default=1e-8),
+    option("--duration", "How long [s].", default=1.0),
+    option("--dt", "Between two states [s].", default=1e-3),
     option(
-        "--contact k,c,mu",
-        f"The ground's stiffness [N/m^1.5], dissipation [s/m] and friction; needs --ground.  [default: {_CONTACT}]",
+        "--method NAME", "dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.", default="dopri5"
     ),
-    option("--ground HEIGHT", "Where the ground is, along z of the base [m].", type=float),
+    shared.AT,
+    shared.CONFIGURATION,
+    option("--velocity JOINT=VALUE", "A velocity at the start; may be repeated.", multiple=True),
+    option("--torque JOINT=VALUE", "A constant torque; may be repeated.", multiple=True),
+    shared.PAYLOADS,
+    shared.WRENCHES,
+    shared.NO_FRICTION,
+    option("--stop-at-limits", "End where a joint reaches a limit of position, with exit code 1."),
     option(
         "--touch FRAME[:x,y,z]",
         "A point that the ground holds up, with --ground; may be repeated. Without it the tip.",
         multiple=True,
     ),
-    option("--stop-at-limits", "End where a joint reaches a limit of position, with exit code 1."),
-    shared.NO_FRICTION,
-    shared.WRENCHES,
-    shared.PAYLOADS,
-    option("--torque JOINT=VALUE", "A constant torque; may be repeated.", multiple=True),
-    option("--velocity JOINT=VALUE", "A velocity at the start; may be repeated.", multiple=True),
-    shared.CONFIGURATION,
-    shared.AT,
+    option("--ground HEIGHT", "Where the ground is, along z of the base [m].", type=float),
     option(
-        "--method NAME", "dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.", default="dopri5"
+        "--contact k,c,mu",
+        f"The ground's stiffness [N/m^1.5], dissipation [s/m] and friction; needs --ground.  [default: {_CONTACT}]",
     ),
-    option("--dt", "Between two states [s].", default=1e-3),
-    option("--duration", "How long [s].", default=1.0),
+    option("--rtol", "Of dopri5: relative error of a step.", default=1e-8),
+    option("--every N", "Keep one state in N.", default=1),
+    option("--csv OUT.csv", "Write a motion that the torques command reads."),
+    option("--npz OUT.npz", "Write all arrays in NumPy's format."),
+    option("--plot OUT.png", "Draw joints, energies and drift."),
     examples=("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
 )
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:

@@ -36,14 +36,14 @@ _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 
 @robot_command(
     "torques",
-    option("--why", "Split the worst joint's peak by link, payload and rotor too."),
-    option("--motor-plot OUT.png", "Draw what each motor does in its speed–torque region."),
-    shared.LIMITS,
-    option("--plot OUT.png", "Draw torques, limits, and the split of the worst joint."),
-    option("--split", "Write the causes of the torques too."),
-    option("--csv OUT.csv", "Write time and torques."),
-    shared.worker_options,
     shared.loaded_motion_options(required=True),
+    shared.worker_options,
+    option("--csv OUT.csv", "Write time and torques."),
+    option("--split", "Write the causes of the torques too."),
+    option("--plot OUT.png", "Draw torques, limits, and the split of the worst joint."),
+    shared.LIMITS,
+    option("--motor-plot OUT.png", "Draw what each motor does in its speed–torque region."),
+    option("--why", "Split the worst joint's peak by link, payload and rotor too."),
     examples=(
         "torques ur5 --trajectory demo --payload 10 --why",
         "torques ur5 --trajectory demo --payload 5 --csv torques.csv --plot torques.png",

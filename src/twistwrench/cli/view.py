@@ -23,13 +23,13 @@ _KINDS = ("split", "power", "phase")
 
 @robot_command(
     "view",
-    option("--no-browser", "Write the page, print its path, and open no browser."),
-    option("--speed", "Of the film: seconds of motion a second.", default=1.0),
-    option("--movie OUT.gif|OUT.mp4", "Film the motion instead of opening a page."),
-    option("--html OUT.html", "Write the page to this file, and open no browser."),
-    option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
-    option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
     loaded_motion_options(required=False),
+    option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
+    option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
+    option("--html OUT.html", "Write the page to this file, and open no browser."),
+    option("--movie OUT.gif|OUT.mp4", "Film the motion instead of opening a page."),
+    option("--speed", "Of the film: seconds of motion a second.", default=1.0),
+    option("--no-browser", "Write the page, print its path, and open no browser."),
     examples=(
         "view ur5 --trajectory demo --payload 5 --html ur5.html",
         "view panda --section 8.1.3 --html mass_matrix.html",
@@ -74,10 +74,10 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
 
 @robot_command(
     "plot",
-    option("--joint JOINT", "Of this joint alone; may be repeated.", "joints", multiple=True),
-    option("--out OUT.png", "The picture: .png, .pdf or .svg.", required=True),
-    option("--what", "Causes of torques, power and energy, or phase planes.", choices=_KINDS, required=True),
     loaded_motion_options(required=True),
+    option("--what", "Causes of torques, power and energy, or phase planes.", choices=_KINDS, required=True),
+    option("--out OUT.png", "The picture: .png, .pdf or .svg.", required=True),
+    option("--joint JOINT", "Of this joint alone; may be repeated.", "joints", multiple=True),
     examples=("plot ur5 --trajectory demo --payload 5 --what power --out power.png",),
 )
 def plot_command(options: RobotOptions, given: Given) -> ExitCode:
