@@ -419,7 +419,7 @@ def test_the_shell_tells_of_limits_that_are_passed(tmp_path):
         (("view", "ur5", "--trajectory", "none.csv", "--html", "a.html"), "no motion file"),
         (("view", "ur5", "--trajectory", "demo", "--degrees", "--html", "a.html"), "is in radians"),
         (("view", "ur5", "--wrench-on-robot", "nose:0,0,0,0,0,1", "--html", "a.html"), "no frame named 'nose'"),
-        (("view", "ur5", "--payload", "heavy", "--html", "a.html"), "no number"),
+        (("view", "ur5", "--payload", "heavy", "--html", "a.html"), "payload 'heavy': expected MASS"),
         (("view", "ur6", "--html", "a.html"), "no bundled robot of that name"),
         (("plot", "ur5", "--trajectory", "demo", "--what", "split", "--out", "a.jpg"), "Choose one of .png"),
         (
