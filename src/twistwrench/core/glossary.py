@@ -147,6 +147,11 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "thetamatd": "(N, n) array_like, joint angles of the reference",
         "thetastart": "(n,) array_like, joint angles at the start",
     },
+    "motion": {
+        "kind": '"position", "velocity", "acceleration" or "torque"',
+        "limits": "Limits, optional; those of velocity help to tell a jump from a fast motion",
+        "model": "Model",
+    },
     "plotting": {"path": "str or Path; the suffix says the kind (.png, .pdf, .svg)", "report": "TorqueReport"},
     "sensing": {
         "F": "(..., 6) array_like, wrench (m, f) on the load [N m, N]",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.assembly import follower_torques
@@ -41,7 +42,6 @@ class Bounds:
 
         Parameters
         ----------
-        kind : "position", "velocity", "acceleration" or "torque"
         values : (..., nv) array, of that kind
 
         Returns
@@ -62,10 +62,6 @@ class Bounds:
     def limit(self, kind: str) -> Array:
         """Limit of a magnitude.
 
-        Parameters
-        ----------
-        kind : "position", "velocity", "acceleration" or "torque"
-
         Returns
         -------
         limit : (nv,) array
@@ -81,10 +77,6 @@ class Bounds:
 
     def tolerance(self, kind: str) -> Array:
         """Tolerance of a limit, within which a value counts as at it: the same share of every limit.
-
-        Parameters
-        ----------
-        kind : "position", "velocity", "acceleration" or "torque"
 
         Returns
         -------
@@ -125,7 +117,6 @@ def bounds_of(
 
     Parameters
     ----------
-    robot : Robot
     velocity : (nv,) array_like or float, optional [rad/s, m/s]
     acceleration : (nv,) array_like or float, optional [rad/s², m/s²]
     effort : (nv,) array_like or float, optional [N m, sliding joints: N]
@@ -269,3 +260,6 @@ class LimitCheck:
         if kind == "position":
             return float(self.bounds.upper[k] if value > self.bounds.upper[k] else self.bounds.lower[k])
         return float(np.copysign(self.bounds.limit(kind)[k], value))
+
+
+complete(globals())

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..joints.units import units_of
 from ..model.model import Model
 from ..typing import Array
@@ -74,10 +75,6 @@ class Coordinates:
     @classmethod
     def from_model(cls, model: Model) -> Coordinates:
         """Names and units of a model's coordinates.
-
-        Parameters
-        ----------
-        model : Model
 
         Returns
         -------
@@ -184,3 +181,6 @@ class Continuity:
             same = np.sum(p[1:] * p[:-1], axis=1) >= 0
             found[:, place] = p * np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])[:, None]
         return found
+
+
+complete(globals())

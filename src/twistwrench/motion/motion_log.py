@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import TrajectoryError, ValueRangeError
 from ..log_checks.contradictions import Contradictions, mimic_doubts, unused_doubt
@@ -357,7 +358,6 @@ class MotionLog:
 
         Parameters
         ----------
-        limits : Limits, optional; those of velocity help to tell a jump from a fast motion
         glitches : bool, single wrong rows too; False where smoothing found them, which says more of them
 
         Returns
@@ -378,10 +378,6 @@ class MotionLog:
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """Hints: a sentence for each thing that is odd, and may yet be meant.
-
-        Parameters
-        ----------
-        limits : Limits, optional; those of velocity help to tell a jump from a fast motion
 
         Returns
         -------
@@ -431,3 +427,6 @@ class MotionLog:
                         f"{self.columns.header[place[0]]!r}: the quaternion is zero, which is not a rotation. Write 1, 0, 0, 0 "
                         "for none, or remove the row."
                     )
+
+
+complete(globals())
