@@ -152,7 +152,7 @@ class MomentumObserver:
         return self.residual
 
     def over(self, times: ArrayLike, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
-        """Residuals of a record, from zero on.
+        """Residuals of a record, from zero on; the state of :meth:`update` is unchanged.
 
         Parameters
         ----------
@@ -165,10 +165,6 @@ class MomentumObserver:
         Returns
         -------
         residuals : (n, nv) array [N m, sliding joints: N]
-
-        Notes
-        -----
-        The state of :meth:`update` is unchanged.
 
         Examples
         --------

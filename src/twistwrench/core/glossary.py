@@ -163,12 +163,13 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "pose": "(..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf",
         "sensor": "ForceTorqueSensor",
     },
+    "simulation": {"model": "Model"},
     "statics": {
         "com": "(3,) array_like, centre of mass of the payload in the frame [m]",
         "edges": "int, edges of each friction cone to begin with",
     },
-    "simulation": {"model": "Model"},
     "symbolic": {"steps": "iterable of str, optional, names of the steps that are written; None: all"},
+    "trajectories": {"t": "(...) array_like [s]"},
     "viz": {
         "path": "str or Path, .gif or .mp4",
         "motion": "DrawnMotion",
@@ -204,6 +205,7 @@ RETURNS: Mapping[str, str] = {
     "JointPath": "path : JointPath",
     "JointTorques": "tau : (..., n) array [N m, sliding joints: N]",
     "LargestWrench": "found : LargestWrench",
+    "LimitCurves": "curves : LimitCurves",
     "Model": "model : Model",
     "Motion": "motion : Motion",
     "MotorSide": "side : MotorSide",

@@ -79,11 +79,6 @@ class Accuracy:
         """An error (nv,), measured against the motion."""
         return cls(error, float(np.max(error / np.maximum(extent.travels, _REST))))
 
-    @classmethod
-    def unknown(cls, nv: int) -> Accuracy:
-        """Return the accuracy of a run without a judged step."""
-        return cls(np.full(nv, np.nan), np.nan)
-
     @property
     def remarkable(self) -> bool:
         """True if the error is a share of the motion that is reported."""
@@ -218,11 +213,7 @@ class StepDoubling:
     def note_block(
         self, times: Array, states: Array, held: Array, begun: Array, changed: NDArray[np.bool_]
     ) -> None:  # fmt: skip
-        """Take note of the next m steps, from times (m,) through states (m + 1, size); ``changed`` (m,) as of one step.
-
-        ``held`` is (nv,) or (m, nv), ``begun`` (m, nv) are the accelerations as they begin. A step before one that changes
-        counts as such a one.
-        """
+        """Take note of the next m steps, through states (m + 1, size); one before a step that changes counts as such a one."""
         first, m = self.steps, len(times)
         numbers, held = np.arange(first, first + m), np.broadcast_to(held, begun.shape)
         steps = SampledSteps(numbers, times, states[:-1], states[1:], held, begun)
@@ -246,10 +237,7 @@ class StepDoubling:
         self._changes += len(steps.t)
 
     def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
-        """Error of all steps together, added without sign, (nv,) [rad or m]; None if no step could be sampled.
-
-        An error of velocity counts as the way it makes in ``spans`` (nv) [s], or until friction and damping have ended it.
-        """
+        """Error of all steps, added without sign, (nv,) [rad or m], velocities times ``spans`` [s] or the time they last."""
         before = system.held, system.applied, system.evaluations
         try:
             every = self._spread
@@ -333,10 +321,7 @@ class StepDoubling:
 
 
 def lasting(flow: Flow | System, moving: slice, t: Any, y: Array, off: Array, begun: Array | None = None) -> Array:
-    """About how long differences of velocities (..., nv) last, by the accelerations they bring, (...) s; inf undamped.
-
-    ``begun`` are the accelerations at y, if they are known.
-    """
+    """About how long velocity differences (..., nv) last, by the accelerations they add to ``begun``, (...) s; inf undamped."""
     moved = y.copy()
     moved[..., moving] += off
     damped = -np.vecdot(off, flow.accelerations(t, moved) - (flow.accelerations(t, y) if begun is None else begun))
@@ -376,10 +361,7 @@ class ForceQuadrature:
         self.system, self.rule = system, ProbeRule(times, weights, spacing)
 
     def impulses(self, t: Any, h: float, path: Path) -> Array:
-        """Missed impulses of the functions in steps from times t (...), (..., nv) [N m s or N s].
-
-        Raises SimulationError where a function fails at one of the times.
-        """
+        """Missed impulses of the functions in steps from times t (...), (..., nv) [N m s or N s]."""
         t, missing = np.asarray(t), np.zeros((*np.shape(t), self.system.nv))
         if not self.system.functions or not self.rule.needed(h):
             return missing
@@ -432,10 +414,9 @@ class ForceCheck:
                 self._add_up()
 
     def error(self, extent: Extent, end: float) -> Array | None:
-        """(nv,) rad or m, what a run to ``end`` [s] is off by for it.
+        """Error of a run to ``end`` [s], (nv,) rad or m; None where nothing is left out.
 
-        Each change lasts as errors of velocity do in step doubling. A joint that does not move at all would keep it to
-        the end. None where nothing is left out.
+        Changes last as errors of velocity do in step doubling, to the end for a joint that does not move at all.
         """
         self._add_up()
         if self._worst is None:

@@ -66,10 +66,7 @@ class TrialStep(StepPlan):
         self, angles: Array, _q: Array, dq: Array, q0: Array, dq0: Array, work0: Array, K: Array, row: Array, h: Any,
         *given: Any,
     ) -> tuple[Array, ...]:  # fmt: skip
-        """The rates at a stage, written into K by the first half of a row, and the next stage, by its second half.
-
-        The last stage is at the end of the step, and so is what comes after it: then it is judged.
-        """
+        """Rates at a stage, written into K by the first half of a row, and the next stage, by its second half; then judged."""
         *acting, rtol, atol = given
         rate = np.concatenate(self._rates(angles, angles, dq, acting)[0])
         here, ahead = row[:STAGES], row[STAGES:]
@@ -352,10 +349,7 @@ class Stepper:
         return self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
 
     def judged(self, spans: Array) -> Array:
-        """Estimated error of all steps so far, (nv,) [rad or m], errors of velocity times ``spans`` (nv) [s].
-
-        They are judged by a method of order 4, so it is more than they are off by.
-        """
+        """Estimated error of all steps so far by a method of order 4, (nv,) [rad or m], velocities times ``spans`` (nv) [s]."""
         off = self.trials.total
         return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
 
@@ -474,10 +468,7 @@ class _Waiting:
         return False
 
     def _ends(self, before: Array, k: NDArray[np.intp], since: Array, between: Array) -> bool:
-        """True if a step ends the run; then the states up to there are stored and later ones discarded.
-
-        ``between`` (m, size) are the states kept in steps k (m,), so long after these begin.
-        """
+        """True if a step ends the run, by the states ``between`` (m, size) in steps k (m,); later ones are then discarded."""
         run, trials, n = self.run, self.trials, len(self.steps)
         assert run.detector is not None
         first = np.searchsorted(k, np.arange(n + 1)).tolist()
@@ -508,10 +499,7 @@ class _Waiting:
 
 
 def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator[Array]) -> Array:
-    """y + h (θ w1 + θ² w2 + …), (m, size), at shares θ (m,) of steps of h (m,) from y (m, size).
-
-    The weights are those of the highest power first, (m, size) each.
-    """
+    """y + h (θ w1 + θ² w2 + …), (m, size), at shares θ (m,) of steps of h (m,) from y (m, size); weights in falling powers."""
     found, shares = next(weights), shares[:, None]
     for w in weights:
         found *= shares

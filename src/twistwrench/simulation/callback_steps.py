@@ -207,10 +207,7 @@ def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
 
 
 def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: Array) -> bool:
-    """Keep the next m steps of a run, by states (m + 1, size), up to one that is unstable or ends it; whether none is.
-
-    ``ddq`` (m, nv) and ``gaps`` (m, contacts) are said of the beginnings of steps.
-    """
+    """Keep the next m steps of a run, by states (m + 1, size), up to one that is unstable or ends it; True if none is."""
     m, after, speeds = len(ddq), states[1:], states[1:, run.system.moving]
     if not (speeds.max() < FASTEST and speeds.min() > -FASTEST and np.isfinite(after).all()):  # row by row takes longer
         m = int((np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < FASTEST)).argmin())
@@ -254,8 +251,7 @@ def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Arr
 def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gaps: Array) -> None:
     """Keep and note the next m steps of a run, by the states (m + 1, size) between them.
 
-    ``ddq`` and ``tau`` are those of their beginnings, ``held`` the torques of the controller; one for all, or (m, nv).
-    ``gaps`` (m + 1, contacts) are those of the states.
+    Torques, also those ``held`` for a controller, are (nv,) for all or (m, nv), gaps (m + 1, contacts).
     """
     system, first, m = run.system, run.steps, len(ddq)
     if not m:

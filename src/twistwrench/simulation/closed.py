@@ -282,12 +282,7 @@ class ClosedScheme:
 
     def __init__(self, scheme: Scheme, loops: Loops) -> None:
         self.scheme, self.loops = scheme, loops
-        self.order, self.asked = scheme.order, scheme.asked
-
-    @property
-    def lagging(self) -> bool:
-        """True if velocities lag half a step behind coordinates."""
-        return self.scheme.lagging
+        self.order, self.asked, self.lagging = scheme.order, scheme.asked, scheme.lagging
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
         """The state a time ``h`` later."""

@@ -114,7 +114,7 @@ class StepPlan:
             program, fed = self._staged()
             table, hidden = stages(TABLEAUS[self.method]), len(self.state)
             return Scan(program, fed, visible=len(self.state) + self.works, hidden=hidden, table=table)
-        names = [*(name for name, _ in self.state), *self._peak, *self._reports]
+        names = [*(name for name, _ in self.state), *["peak"] * self.works, *self._reports]
         program = trace(self._semi_implicit, [("angles", self.state[0][1]), *self.state, *self.given], names)
         fed = self._fed + [Source("given")] * len(self.given)
         return Scan(program, tuple(fed), visible=len(self.state) + self.works)
@@ -133,17 +133,13 @@ class StepPlan:
         fed = [*self._fed, *(Source("start", k) for k in range(n))]
         fed += [Source("state", n + self.works + k) for k in range(n)]
         fed += [Source("stage"), *[Source("given")] * len(self.given)]
-        names = [name for name, _ in state] + self._peak + [name for name, _ in sums] + self._reports
+        names = [name for name, _ in state] + ["peak"] * self.works + [name for name, _ in sums] + self._reports
         return trace(self._stage, inputs, names), tuple(fed)
 
     @property
     def _fed(self) -> list[Source]:
         """Sources of the state of a program: angles and coordinates are one array."""
         return [Source("state", 0), *(Source("state", k) for k in range(len(self.state)))]
-
-    @property
-    def _peak(self) -> list[str]:
-        return ["peak"] * self.works
 
     @property
     def _reports(self) -> list[str]:
@@ -365,10 +361,9 @@ class CompiledSteps:
         return plan.recurrence()
 
     def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
-        """States before and after each step, (..., steps + 1, size), with accelerations and gaps as each step begins.
+        """States before and after each step, (..., steps + 1, size), from y (..., size).
 
-        That is the accelerations (..., steps, nv), and how far each contact is from touching, (..., steps, contacts).
-        ``y`` (..., size) is the first of these states.
+        With accelerations (..., steps, nv) and gaps of the contacts (..., steps, contacts) as each step begins.
         """
         return self.advance_with(y, steps, self.h if h is None else h, self.inputs())
 

@@ -32,38 +32,27 @@ class PositionLimits:
     """
 
     names: tuple[str, ...]
-    """(m,) of the joints."""
     units: tuple[str, ...]
-    """(m,) "rad" or "m"."""
+    """Names and units of the joints, (m,)."""
     sides: Array
     """(m,) -1 for a lower limit, 1 for an upper one."""
     limits: Array
-    """(m,) rad or m."""
     tolerances: Array
     """(m,) rad or m."""
     coordinates: Array
-    """(m,) places in q."""
     velocities: Array
-    """(m,) places in dq."""
+    """(m,) indices in q and in dq."""
 
     @classmethod
     def from_robot(cls, robot: Robot) -> PositionLimits:
         """Return the limits of a robot; ValueRangeError if it has none."""
-        given, tolerance = robot.limits, robot.limits.tolerance
+        given = robot.limits
+        joints = [(b.joint, b.q_index, b.v_index) for b in robot.model.leaders if b.joint.nv == 1]
         rows = [
-            (
-                b.joint.name,
-                b.joint.coordinate_units[0],
-                side,
-                limits[b.v_index],
-                tolerance[b.v_index],
-                b.q_index,
-                b.v_index,
-            )
-            for b in robot.model.leaders
-            if b.joint.nv == 1
+            (joint.name, joint.coordinate_units[0], side, limits[k], given.tolerance[k], i, k)
+            for joint, i, k in joints
             for side, limits in ((-1, given.lower), (1, given.upper))
-            if np.isfinite(limits[b.v_index])
+            if np.isfinite(limits[k])
         ]
         if not rows:
             raise ValueRangeError(f"limits='stop': robot {robot.name!r} has no limits of position. Leave limits out.")
@@ -101,7 +90,7 @@ class PositionLimits:
         return f"joint {self.names[k]!r} {'reaches' if before > self.tolerances[k] else 'moves beyond'} {self.limit(k)}"
 
     def leaving(self, q: Array, dq: Array, later: Array, h: float) -> int | None:
-        """The limit that a joint at it leaves through at once, the fastest if there are several; None if there is none.
+        """The limit that a joint at it leaves through at once, the fastest of several.
 
         A joint leaves if it moves outward, or is at rest and moves outward ``h`` s later, at the velocities ``later`` (nv):
         faster, or with more acceleration, than takes it past the tolerance in a second.
@@ -183,9 +172,10 @@ class EventDetector:
         limits: PositionLimits | None = None,
         contacts: Sequence[RobotContact] = (),
     ) -> None:
-        self.asked = len(events)
-        self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
-        self.contacts = contacts
+        # The beginning of a contact is an event that ends nothing.
+        touches = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
+        self.watched, self.events, self.contacts = len(events), (*events, *touches), contacts
+        self.split, self.limits = split, limits
         self.laws = [ControlLaw(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
         """g of each event, when last looked at."""
@@ -205,18 +195,15 @@ class EventDetector:
     @property
     def gaps(self) -> list[float]:
         """Gaps of the contacts at the last check [m or rad]."""
-        return self.before[self.asked :]
+        return self.before[self.watched :]
 
     @property
     def asks_nobody(self) -> bool:
         """True if there are only contacts and limits of position."""
-        return not self.asked
+        return not self.watched
 
     def passings(self, states: Array, gaps: Array) -> Iterator[int]:
-        """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, each ready for a look.
-
-        ``gaps`` (m + 1, contacts) are those of the states. Where nothing else is looked for.
-        """
+        """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, each ready for a look."""
         margins = self._margins(states)
         passed, m = self._passing(gaps, margins), len(states) - 1
         for k in (*np.flatnonzero(passed).tolist(), None):
@@ -226,10 +213,7 @@ class EventDetector:
                 yield k
 
     def passed(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-        """True if a contact begins or a joint passes a limit before each of m states after the last check, (m,).
-
-        And the gaps and margins (m + 1, ...) from then on, for :meth:`stand`. Where nothing else is looked for.
-        """
+        """True if a contact begins or a joint passes a limit before each of m states, with gaps and margins (m + 1, ...)."""
         q = self.split(states.T)[0].T
         after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
         gaps = np.concatenate([np.array([self.before]), after])
@@ -287,7 +271,7 @@ class EventDetector:
         """Remark events whose slope at t, after a step of h, leads past zero more often than their values tell."""
         if self.state is not None and h > 0.0:
             y0 = y + _NEAR * (self.state - y)
-            for k, event in enumerate(self.events[: self.asked]):
+            for k, event in enumerate(self.events[: self.watched]):
                 if event.name in self.several:
                     continue
                 slope = (after[k] - self._value(k, t - _NEAR * h, y0)) / _NEAR
@@ -318,10 +302,7 @@ class EventDetector:
         return self.laws[k].number(t, q, dq)
 
     def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], at: Step) -> float:
-        """When g has its level between two times after t, to a few units in the last place.
-
-        By Brent's method on the step itself.
-        """
+        """When g has its level between two times after t, to a few units in the last place, by Brent's method on the step."""
         from scipy.optimize import brentq
 
         (s0, g0), (s1, g1) = left, right
@@ -335,8 +316,3 @@ class EventDetector:
             return (g0 if s == s0 else g1 if s == s1 else self._value(k, t + s, at(s))) - level
 
         return float(brentq(g, s0, s1, xtol=4e-16 * max(t, s1), rtol=1e-15, maxiter=200))
-
-
-def contact_events(contacts: Sequence[RobotContact]) -> list[Event]:
-    """The beginning of each contact; it ends nothing."""
-    return [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]

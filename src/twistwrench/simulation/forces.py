@@ -198,10 +198,7 @@ CREEP = 1e-3
 
 
 def creep_speeds(M: Array, dry: Array, h: float) -> Array:
-    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step h.
-
-    ``M`` are mass matrices (..., nv, nv), ``dry`` the most that dry friction takes (..., nv).
-    """
+    """Speeds below which dry friction is eased off, (..., nv): no less than what its most takes off a joint in a step h."""
     light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
     return np.asarray(np.maximum(CREEP, h * dry * light))
 

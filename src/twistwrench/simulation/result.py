@@ -121,10 +121,7 @@ class SimulationResult:
 
     @property
     def motion(self) -> Motion:
-        """States as a :class:`twistwrench.Motion`, whose ``tau`` are the applied torques.
-
-        Raises ValueRangeError for a result from a file, which has no robot: give one to :meth:`with_robot`.
-        """
+        """States as a :class:`twistwrench.Motion`, whose ``tau`` are the applied torques; of a file :meth:`with_robot`."""
         if self.simulated is None:
             raise ValueRangeError(
                 "this result was read from a file, which has no robot in it: result.with_robot(robot).motion."
@@ -163,9 +160,8 @@ class SimulationResult:
 
         Examples
         --------
-        >>> import twistwrench as tw
+        >>> import tempfile, twistwrench as tw
         >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     bool((SimulationResult.load(swing.to_csv(f"{folder}/swing.csv")).q == swing.q).all())
         True
@@ -179,9 +175,8 @@ class SimulationResult:
 
         Examples
         --------
-        >>> import twistwrench as tw
+        >>> import tempfile, twistwrench as tw
         >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     bool((SimulationResult.load(swing.to_npz(f"{folder}/swing.npz")).q == swing.q).all())
         True
@@ -196,9 +191,8 @@ class SimulationResult:
 
         Examples
         --------
-        >>> import twistwrench as tw
+        >>> import tempfile, twistwrench as tw
         >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     SimulationResult.load(swing.to_npz(f"{folder}/swing.npz")).robot
         'pendulum'
@@ -212,9 +206,8 @@ class SimulationResult:
 
         Examples
         --------
-        >>> import twistwrench as tw
+        >>> import tempfile, twistwrench as tw
         >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     swing.plot(f"{folder}/swing.svg").name
         'swing.svg'

@@ -110,7 +110,7 @@ class Rollout:
         return labelled_dataset(self._robot().model, self.times, arrays)
 
     def gradient(self, q: ArrayLike = 0.0, dq: ArrayLike = 0.0, tau: ArrayLike = 0.0) -> RolloutGradient:
-        """Gradient of a cost of these motions by all that went in, from the cost's slopes by what came out.
+        """Gradient of a cost of these motions by all that went in, from the cost's slopes by what came out: discrete adjoint.
 
         Parameters
         ----------
@@ -121,10 +121,6 @@ class Rollout:
         Returns
         -------
         gradient : RolloutGradient
-
-        Notes
-        -----
-        The discrete adjoint: exact for the steps as they were taken. Bryson and Ho, Applied Optimal Control, section 2.2.
 
         Examples
         --------

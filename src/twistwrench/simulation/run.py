@@ -13,7 +13,7 @@ from ..core.quadrature import probe_spacing
 from ..errors import SimulationError
 from ..runtime.dispatch import can_bind_calls
 from ..typing import Array
-from .accuracy import Accuracy, Extent, Flow, ForceCheck, ForceQuadrature, StepDoubling
+from .accuracy import Accuracy, Extent, ForceCheck, ForceQuadrature, StepDoubling
 from .adaptive import Stepper
 from .callback_steps import FASTEST, run_callback_blocks, run_compiled_blocks
 from .compiled_steps import CompiledSteps
@@ -52,18 +52,9 @@ class Run:
     """One simulation under way."""
 
     def __init__(
-        self,
-        robot: Robot,
-        system: System,
-        scheme: Scheme,
-        start: Array,
-        end: float,
-        n: int,
-        *,
-        every: int,
-        remarks: list[str],
-        method: str,
-    ) -> None:
+        self, robot: Robot, system: System, scheme: Scheme, start: Array, end: float, n: int, *, every: int,
+        remarks: list[str], method: str,
+    ) -> None:  # fmt: skip
         self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
         self.h = end / n
         self.remarks, self.method = remarks, method
@@ -83,7 +74,7 @@ class Run:
         self.force_check = ForceCheck(ForceQuadrature(system, *scheme.asked, probe_spacing(self.h, end)), self.h)
         self.contact_durations = ContactDurations([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
-        self.accuracy = Accuracy.unknown(robot.nv)
+        self.accuracy = Accuracy(np.full(robot.nv, np.nan), np.nan)
         self.last: tuple[float, Array] = (0.0, start.copy())
         """The last state that is good, kept or not; at first the one that the run begins in."""
 
@@ -110,7 +101,7 @@ class Run:
             y1 = self.checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
             if (k == 0 and self.leaves_at_once(y, y1, self.h)) or self.ended(t, y, [(self.h, y1)]):
                 return
-            changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
+            changed = self._changes(t1, y, y1)
             self.doubling.note(t, y, y1, self.system.held, self.rate[self.system.moving], changed=changed)
             self.force_check.note(t, y, y1)
             y = y1
@@ -121,14 +112,18 @@ class Run:
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
         """Return all up to here, the last good state included."""
         if self.last[0] > self.record.last:
-            self._keep_rough(*self.last)
-        said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
+            try:
+                self.keep_at(*self.last)
+            except (SimulationError, KeyboardInterrupt):  # what failed fails again; an interrupt is under way already
+                unknown = np.full(self.robot.nv, np.nan)
+                self.record.keep(*self.last, unknown, unknown)
+        end = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
         errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
         remarks = (*self.remarks, *filter(None, [self.contact_durations.remark(self.h)]))
         if self.detector is not None:
             remarks = (*remarks, *self.detector.several.values())
-        found = self.record.result(self.robot, WORKS, **said, **counts, **errors, remarks=remarks)
+        found = self.record.result(self.robot, WORKS, **end, **counts, **errors, remarks=remarks)
         more = self.accuracy.remarks(self.method, found.relative_drift)
         return replace(found, remarks=(*remarks, *more)) if more else found
 
@@ -140,7 +135,8 @@ class Run:
         if self.stepper is not None:
             error: Array | None = self.stepper.judged(extent.spans)
         else:
-            error = self.doubling.errors(self.system, self.flow, extent.spans) if self.doubling.steps else None
+            flow = self.compiled or OneByOne(self.system, self.scheme)
+            error = self.doubling.errors(self.system, flow, extent.spans) if self.doubling.steps else None
         if error is not None:
             self.accuracy = Accuracy.from_error(extent, error)
         left_out = self.force_check.error(extent, self.last[0])
@@ -155,11 +151,6 @@ class Run:
         """True if no Python function gives torques or observes steps; contacts and limits of position may be watched."""
         looks = self.detector is not None and not self.detector.asks_nobody
         return not looks and self.controller is None and not self.system.functions
-
-    @property
-    def flow(self) -> Flow:
-        """The steps of its method from any state."""
-        return self.compiled or OneByOne(self.system, self.scheme)
 
     def time(self, k: int) -> float:
         """When step k begins, of steps of one length."""
@@ -186,16 +177,14 @@ class Run:
         if self.controller is not None:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
 
-    def _touched(self, t: float, y: Array, y1: Array) -> bool:
-        """True if a contact begins or ends in the step to y1 at t."""
-        if self.detector is None or not self.contact_durations.names:
-            return False
-        return self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
-
-    def _stuck_or_slid(self, y: Array, y1: Array) -> bool:
-        """True if dry friction stops a joint, lets one go, or changes sides in the step."""
-        braked, moving = self.system.dry_friction, self.system.moving
-        return braked is not None and bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
+    def _changes(self, t: float, y: Array, y1: Array) -> bool:
+        """True if a contact begins or ends in the step to y1 at t, or dry friction stops, frees or turns a joint."""
+        braked, moving, changes = self.system.dry_friction, self.system.moving, False
+        if self.detector is not None and self.contact_durations.names:
+            changes = self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
+        if braked is None or changes:
+            return changes
+        return bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
 
     def advance(self, t: float, y: Array) -> None:
         """Take note of a step that is good, to y at t."""
@@ -221,14 +210,6 @@ class Run:
             return
         for t, y in zip(times.tolist(), states, strict=True):
             self.keep_at(t, y)
-
-    def _keep_rough(self, t: float, y: Array) -> None:
-        """Keep a state after something failed, which may fail again: then accelerations and torques are unknown there."""
-        try:
-            self.keep_at(t, y)
-        except (SimulationError, KeyboardInterrupt):  # an interrupt is under way already
-            unknown = np.full(self.robot.nv, np.nan)
-            self.record.keep(t, y, unknown, unknown)
 
     def checked(self, t0: float, t1: float, y: Array) -> Array:
         """The state with its quaternions of unit length; SimulationError where a step was unstable."""

@@ -118,8 +118,18 @@ class Tableau:
         self._require(self.b, self.order, "is not")
         if self.embedded:
             self._require(self.embedded, self.embedded_order, "has no embedded step")
-        if self.dense:
-            self._require_dense()
+        if not self.dense:
+            return
+        # Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; and at θ = 1 the step itself.
+        if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
+            raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
+        for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
+            for tree, found, wanted in self._conditions(weights, self.dense_order):
+                if found != (wanted if order(tree) == power else 0):
+                    raise ValueRangeError(
+                        f"tableau {self.name!r} has no dense output of order {self.dense_order}: at θ^{power} tree "
+                        f"{tree} gives {found}."
+                    )
 
     @cached_property
     def c(self) -> Row:
@@ -163,20 +173,6 @@ class Tableau:
         for nodes in range(first, last + 1):
             for tree in trees(nodes):
                 yield tree, _dot(weights, elementary_weights(tree, self.a)), Fraction(1, density(tree))
-
-    def _require_dense(self) -> None:
-        """Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; and at θ = 1 the step itself."""
-        if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
-            raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
-        for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
-            for nodes in range(1, self.dense_order + 1):
-                for tree in trees(nodes):
-                    found = _dot(weights, elementary_weights(tree, self.a))
-                    if found != (Fraction(1, density(tree)) if nodes == power else 0):
-                        raise ValueRangeError(
-                            f"tableau {self.name!r} has no dense output of order {self.dense_order}: at θ^{power} tree "
-                            f"{tree} gives {found}."
-                        )
 
 
 @dataclass(frozen=True)
@@ -297,15 +293,11 @@ _TERMS = 13
 _POWERS = 20
 
 
-def _ratios() -> list[float]:
-    """B_2n / (2n)! for n = 1, 2, …, of Bernoulli's numbers."""
-    B = [Fraction(1)]
-    for m in range(1, 2 * _TERMS + 1):
-        B.append(-sum((comb(m + 1, j) * B[j] for j in range(m)), Fraction(0)) / (m + 1))
-    return [float(B[2 * n] / factorial(2 * n)) for n in range(1, _TERMS + 1)]
-
-
-_RATIOS = _ratios()
+_BERNOULLI = [Fraction(1)]
+for _m in range(1, 2 * _TERMS + 1):
+    _BERNOULLI.append(-sum((comb(_m + 1, j) * _BERNOULLI[j] for j in range(_m)), Fraction(0)) / (_m + 1))
+_RATIOS = [float(_BERNOULLI[2 * n] / factorial(2 * n)) for n in range(1, _TERMS + 1)]
+"""B_2n / (2n)! for n = 1, 2, …, of Bernoulli's numbers."""
 _TANH = [0.5 * 4.0**n * (4.0**n - 1.0) * r * 0.25 ** (2 * n - 1) for n, r in enumerate(_RATIOS, start=1)]
 """½ tanh(a/4) = Σ _TANH a^(2n-1)."""
 
@@ -313,18 +305,6 @@ _TANH = [0.5 * 4.0**n * (4.0**n - 1.0) * r * 0.25 ** (2 * n - 1) for n, r in enu
 def _adjoint(V: Array, constants: Array) -> Array:
     """ad(V) (n, n) of velocities (n,) in the directions of a group, from its structure constants (n, n²)."""
     return np.asarray(V @ constants).reshape(len(V), len(V))
-
-
-def _bernoulli(a: Array, x: Array) -> Array:
-    """a / (e^a - 1) x = x - a x / 2 + Σ B_2n / (2n)! a^2n x."""
-    y = _even(a, x, _RATIOS)
-    ax = a.dot(x)
-    return np.asarray(x - 0.5 * ax + a.dot(a.dot(y)))
-
-
-def _half_step(a: Array, x: Array) -> Array:
-    """1 / (1 + e^(a/2)) x = ½ x - ½ tanh(a/4) x."""
-    return np.asarray(0.5 * x - a.dot(_even(a, x, _TANH)))
 
 
 def _exponential(a: Array, x: Array) -> Array:
@@ -350,16 +330,16 @@ class _Secant:
     """
 
     def __init__(self, change: Array) -> None:
-        self.inverse, self.asked, self.made = np.eye(len(change)), change, change
+        self.inverse, self.plain, self.last = np.eye(len(change)), change, change
 
-    def changed(self, asked: Array) -> Array:
+    def changed(self, plain: Array) -> Array:
         """Return Broyden's change for the change of the plain iteration."""
-        less = self.inverse @ (self.asked - asked)  # what the change would have been by the inverse so far
-        along = float(self.made @ less)
+        less = self.inverse @ (self.plain - plain)  # the change by the inverse so far
+        along = float(self.last @ less)
         if along:
-            self.inverse = self.inverse + np.outer(self.made - less, self.made @ self.inverse) / along
-        self.asked, self.made = asked, self.inverse @ asked
-        return self.made
+            self.inverse = self.inverse + np.outer(self.last - less, self.last @ self.inverse) / along
+        self.plain, self.last = plain, self.inverse @ plain
+        return self.last
 
 
 class Variational:
@@ -429,7 +409,10 @@ class Variational:
             G[k] -= ad @ p[k]
         left, half = p.copy(), 0.5 * G
         for k, ad in brackets:
-            left[k], half[k] = _bernoulli(h * ad, p[k]), _half_step(h * ad, G[k])
+            a = h * ad
+            ap = a.dot(p[k])
+            left[k] = p[k] - 0.5 * ap + a.dot(a.dot(_even(a, p[k], _RATIOS)))  # Σ B_n / n! a^n p
+            half[k] = 0.5 * G[k] - a.dot(_even(a, G[k], _TANH))  # ½ G - ½ tanh(a/4) G
         return left, half
 
     def _carried(self, eta: Array, p0: Array, impulse: Array) -> Array:

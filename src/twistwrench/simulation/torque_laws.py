@@ -178,25 +178,14 @@ class BatchComputedTorque(TorqueLaw):
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
         """The law, on symbols."""
-        return np.asarray(computed_torque(model, angles, dq, self._wanted(model, q, dq, *given)))
+        *pd, ddq_des = given
+        return np.asarray(computed_torque(model, angles, dq, ddq_des + proportional_derivative(model, q, dq, *pd)))
 
     def torques_of_step(
-        self,
-        model: Model,
-        angles: Array,
-        q: Array,
-        dq: Array,
-        h: Any,  # noqa: ARG002  of all laws
-        /,
-        *given: Array,
+        self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, None]:
         """The law at dq, no damping: at rates that the law's own model predicts, kd would change where it rests."""
         return self.torques(model, angles, q, dq, *given), None
-
-    def _wanted(
-        self, model: Model, q: Array, dq: Array, q_des: Array, dq_des: Array, kp: Array, kd: Array, ddq_des: Array
-    ) -> Array:
-        return np.asarray(ddq_des + proportional_derivative(model, q, dq, q_des, dq_des, kp, kd))
 
 
 complete(globals())

@@ -299,17 +299,9 @@ class Fastest(Trajectory):
     def shares(self, t: ArrayLike) -> Array:
         """Share of the most used limit: 1 where one is touched, never above.
 
-        Parameters
-        ----------
-        t : (...) array_like [s]
-
         Returns
         -------
         shares : (...) array
-
-        Notes
-        -----
-        Switches have two sides.
 
         Examples
         --------
@@ -327,19 +319,11 @@ class Fastest(Trajectory):
         return np.asarray(np.abs(parts).max(axis=-1))
 
     def limit_curves(self, samples: int = 801) -> LimitCurves:
-        """Limit curves of the phase plane (s, ds/dt), and the motion in it.
+        """Limit curves of the phase plane (s, ds/dt), and the motion in it. MR figure 9.11.
 
         Parameters
         ----------
         samples : int, places along the path
-
-        Returns
-        -------
-        curves : LimitCurves
-
-        Notes
-        -----
-        MR figure 9.11.
 
         Examples
         --------
@@ -395,9 +379,8 @@ def fastest(
 
     Notes
     -----
-    MR section 9.4. One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and
-    acceleration that bring the robot to its velocity limit within a millionth of the path count as lower, which costs
-    no more of the time than that. The method: two passes, described at the head of this file.
+    MR section 9.4, by two passes. One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and
+    acceleration that bring the robot to its velocity limit within a millionth of the path count as lower.
 
     Examples
     --------

@@ -40,15 +40,11 @@ class JointPath:
 
 
 def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
-    """Straight line in joint space, q0 ⊕ s (q1 ⊖ q0); floating and planar joints follow a constant twist.
+    """Straight line in joint space, q0 ⊕ s (q1 ⊖ q0); floating and planar joints follow a constant twist. MR section 9.2.
 
     Parameters
     ----------
     q0, q1 : (nq,) array_like, configurations at the ends
-
-    Notes
-    -----
-    MR section 9.2.
 
     Examples
     --------
@@ -76,7 +72,7 @@ def spline(
     robot: Robot, waypoints: ArrayLike, *, times: ArrayLike | None = None, velocities: ArrayLike | None = None,
     degree: int = 3,
 ) -> JointPath:  # fmt: skip
-    """Spline path through waypoints; s is the share of its length, or of ``times``.
+    """Spline path through waypoints (MR section 9.3, eq. 9.27); s is the share of its length, or of ``times``.
 
     Parameters
     ----------
@@ -85,10 +81,6 @@ def spline(
         The path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is met at its time.
     velocities : (m, nv) array_like, optional, at the waypoints, with times [rad/s, m/s]; accelerations then jump
     degree : 3 or 5
-
-    Notes
-    -----
-    MR section 9.3, eq. 9.27.
 
     Examples
     --------

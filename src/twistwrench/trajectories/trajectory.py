@@ -175,11 +175,6 @@ class Trajectory:
         dt : float, above 0 [s]
         degrees : bool, angles in degrees
 
-        Raises
-        ------
-        ValueRangeError
-            ``dt`` is not above zero, or nothing can be written.
-
         Examples
         --------
         >>> import tempfile, pathlib, twistwrench as tw
@@ -218,11 +213,6 @@ def move(
     scaling : optional, s(t); None: a quintic one that takes the time the robot's limits ask for
     waypoints : (m, nq) array_like, optional, between the ends
 
-    Raises
-    ------
-    PathError
-        The robot cannot hold itself on the path.
-
     Examples
     --------
     >>> import twistwrench as tw
@@ -255,13 +245,6 @@ def fitted(
     Returns
     -------
     scaling : of the given shape
-
-    Raises
-    ------
-    PathError
-        The robot cannot hold itself on the path.
-    ValueRangeError
-        Nothing limits it.
 
     Notes
     -----
