@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,13 +25,8 @@ from ..typing import Array
 Motion = Callable[[float], tuple[Array, Array, Array]]
 """Position, velocity and acceleration from the time [s]."""
 Reference = ArrayLike | Callable[[float], Any]
-
-
-class Timing(Protocol):
-    """Time scaling along a path, as returned by :func:`twistwrench.trajectories.quintic`."""
-
-    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """s, ds/dt and d²s/dt² at t [s]."""
+Timing = Callable[[ArrayLike], tuple[Array, Array, Array]]
+"""Time scaling along a path: s, ds/dt and d²s/dt² at t [s]."""
 
 
 @dataclass(frozen=True, eq=False)

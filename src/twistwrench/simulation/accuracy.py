@@ -267,7 +267,7 @@ class StepDoubling:
         for step in left:
             system.held = step.held
             try:
-                halves, begun = (self._lagging if self.lagging else self._halves)(system, flow, step)
+                halves, begun = self._lagging(system, flow, step) if self.lagging else (self._halves(flow, step), None)
                 change = (halves - step.after)[..., system.moving]
                 lasts = lasting(flow, system.moving, step.t + self.h, step.after, change, begun)
             except SimulationError:  # a function that fails at other times than those of the run
@@ -298,12 +298,12 @@ class StepDoubling:
         late = 0.5 * self.h * first.begun
         return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
 
-    def _halves(self, _system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array | None]:
-        """The state after two steps of half the length; the accelerations after the whole step are not known."""
+    def _halves(self, flow: Flow, step: SampledSteps) -> Array:
+        """The state after two steps of half the length."""
         half = 0.5 * self.h
-        return flow.after(step.t + half, flow.after(step.t, step.y, half), half), None
+        return flow.after(step.t + half, flow.after(step.t, step.y, half), half)
 
-    def _lagging(self, system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array | None]:
+    def _lagging(self, system: System, flow: Flow, step: SampledSteps) -> tuple[Array, Array]:
         """Step in halves for a method whose velocities lag by h/2, and by h/4 with half the step.
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
@@ -313,7 +313,7 @@ class StepDoubling:
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
         start[v] += 0.5 * half * step.begun
-        halves, _ = self._halves(system, flow, step._replace(y=start))
+        halves = self._halves(flow, step._replace(y=start))
         later, begun = flow.begun(step.t + self.h, end, half)
         halves[v] -= 0.5 * (later[v] - end[v])
         halves[v] = system.allowed_velocities(halves)

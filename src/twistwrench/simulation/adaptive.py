@@ -292,7 +292,7 @@ class Stepper:
         *, trials: TrialSteps | None = None,
     ) -> None:  # fmt: skip
         self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
-        self.probes = ForceQuadrature(system, *self.scheme.asked, spacing)
+        self.probes = ForceQuadrature(system, *self.scheme.quadrature, spacing)
         self.rtol, self.atol, self.longest = rtol, atol, longest
         self.trials = trials or FunctionTrials(system, self.scheme, (rtol, atol))
         self.stiffness = Stiffness(system, self.trials, duration)
@@ -521,7 +521,7 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
-    if isinstance(stepper.trials, TrialSteps) and run.asks_nobody:
+    if isinstance(stepper.trials, TrialSteps) and run.without_callbacks:
         run_dense(run, stepper, stepper.trials)
         return
     kept = 1

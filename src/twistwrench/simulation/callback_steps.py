@@ -71,10 +71,10 @@ class CallbackSteps(CompiledSteps):
 
 # ── Buffers of a block of steps with callbacks, and the prepared calls
 
-Ask = tuple[ControlLaw, Array, Array | None]
+Evaluation = tuple[ControlLaw, Array, Array | None]
 """Function to evaluate, destination of its result, and an addend, if any."""
 
-Stage = tuple[float, int, Array, Array, list[Ask]]
+Stage = tuple[float, int, Array, Array, list[Evaluation]]
 """A kernel call: share of its step, number, coordinates and velocities, and the functions to evaluate."""
 
 
@@ -136,16 +136,16 @@ class CallbackRows:
 
     @classmethod
     @contextmanager
-    def lent(
+    def pooled(
         cls, steps: CompiledSteps, controller: ControlLaw | None, constant: Array, n: int
     ) -> Iterator[CallbackRows]:
         """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
         m = SHORT if n <= 2 * SHORT else LONG
-        key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in steps.laws)
+        key = "callback rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in steps.laws)
         free: list[CallbackRows] = steps.system.robot.engine.cached(key, list)
         try:
             rows = free.pop()
-        except IndexError:  # all are lent: a function that is called may simulate itself, and so may another thread
+        except IndexError:  # all are in use: a function that is called may simulate itself, and so may another thread
             rows = cls(steps, m)
         rows._begin(steps, controller, constant)
         yield rows
@@ -166,18 +166,18 @@ class CallbackRows:
             self._plain = self._plain or self._steps([[] for _ in self._calls])
             self.steps = self._plain
             return
-        asks: list[list[Ask]] = [[] for _ in self._calls]
+        evaluations: list[list[Evaluation]] = [[] for _ in self._calls]
         if controller is not None:
             for k, row in enumerate(self.held):
-                asks[k * n].append((controller, row, constant))
+                evaluations[k * n].append((controller, row, constant))
         for name, law in laws:
             added = controller is not None and name == "tau"
             for k, row in enumerate(self._rows[name]):
-                asks[k].append((law, row, self.held[k // n] if added else None))
-        self.steps = self._steps(asks)
+                evaluations[k].append((law, row, self.held[k // n] if added else None))
+        self.steps = self._steps(evaluations)
 
-    def _steps(self, asks: list[list[Ask]]) -> list[list[Stage]]:
-        every = [(*call, mine) for call, mine in zip(self._calls, asks, strict=True)]
+    def _steps(self, evaluations: list[list[Evaluation]]) -> list[list[Stage]]:
+        every = [(*call, mine) for call, mine in zip(self._calls, evaluations, strict=True)]
         return [every[k : k + self.every] for k in range(0, len(every), self.every)]
 
     def _parts(self, steps: CompiledSteps, which: NDArray[np.intp]) -> list[Rows]:
@@ -277,7 +277,7 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gap
 def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
     """Take all steps of a run, to its end or to an event that ends it. Raises SimulationError where a function fails."""
     system = run.system
-    with CallbackRows.lent(steps, run.controller, run.constant, run.n) as rows:
+    with CallbackRows.pooled(steps, run.controller, run.constant, run.n) as rows:
         while run.steps < run.n:
             if _take_block(run, steps, rows):
                 return
@@ -299,9 +299,9 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
     try:
         for stages in rows.steps[: run.n - first]:
             begin = (first + done) * h
-            for share, k, q, dq, asks in stages:
+            for share, k, q, dq, evaluations in stages:
                 t = begin + share * h
-                for law, row, base in asks:
+                for law, row, base in evaluations:
                     row[...] = law(t, q, dq) if base is None else base + law(t, q, dq)
                 if function is None or sole is None:
                     peak = call(k)

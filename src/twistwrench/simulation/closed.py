@@ -282,7 +282,7 @@ class ClosedScheme:
 
     def __init__(self, scheme: Scheme, loops: Loops) -> None:
         self.scheme, self.loops = scheme, loops
-        self.order, self.asked, self.lagging = scheme.order, scheme.asked, scheme.lagging
+        self.order, self.quadrature, self.lagging = scheme.order, scheme.quadrature, scheme.lagging
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
         """The state a time ``h`` later."""

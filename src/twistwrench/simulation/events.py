@@ -166,12 +166,9 @@ class EventDetector:
     """Events, contacts and limits of position, in this order, and the values they had when last looked at."""
 
     def __init__(
-        self,
-        events: Sequence[Event],
-        split: Callable[[Array], tuple[Array, Array]],
-        limits: PositionLimits | None = None,
-        contacts: Sequence[RobotContact] = (),
-    ) -> None:
+        self, events: Sequence[Event], split: Callable[[Array], tuple[Array, Array]],
+        limits: PositionLimits | None = None, contacts: Sequence[RobotContact] = (),
+    ) -> None:  # fmt: skip
         # The beginning of a contact is an event that ends nothing.
         touches = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
         self.watched, self.events, self.contacts = len(events), (*events, *touches), contacts
@@ -198,7 +195,7 @@ class EventDetector:
         return self.before[self.watched :]
 
     @property
-    def asks_nobody(self) -> bool:
+    def without_callbacks(self) -> bool:
         """True if there are only contacts and limits of position."""
         return not self.watched
 

@@ -209,12 +209,12 @@ def _events(given: Any) -> list[Event]:
     return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in listed]
 
 
-def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None:
-    if asked is None:
+def _limits(robot: Robot, given: str | None, y0: Array) -> PositionLimits | None:
+    if given is None:
         return None
-    if not isinstance(asked, str) or asked != "stop":
+    if not isinstance(given, str) or given != "stop":
         raise ValueRangeError(
-            f"limits is {arguments.shown(asked)}; choose 'stop', which ends the simulation where a joint reaches a limit, or "
+            f"limits is {arguments.shown(given)}; choose 'stop', which ends the simulation where a joint reaches a limit, or "
             "None. For stops that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
     found = PositionLimits.from_robot(robot)
@@ -316,9 +316,9 @@ class SimulationBatch:
 
 def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch:
     """Simulations from many states; see :meth:`twistwrench.Robot.simulate_batch`."""
-    asked = inspect.signature(robot.simulate).bind(*start, **options)
-    asked.apply_defaults()
-    given = asked.arguments
+    bound = inspect.signature(robot.simulate).bind(*start, **options)
+    bound.apply_defaults()
+    given = bound.arguments
     q, dq, shape = _starts(robot, given.pop("q0"), given.pop("dq0"))
     progress = given.pop("progress")
     if progress is not None:
@@ -358,7 +358,7 @@ def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[
 
 def _advance(runs: list[Run]) -> None:
     """Take the steps of all runs side by side as far as they are compiled, stable and not ended; each goes on by itself."""
-    if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].asks_nobody:
+    if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].without_callbacks:
         return
     first = runs[0]
     made = [CompiledSteps.build(run.system, run.method, run.scheme.order, run.h) for run in runs]

@@ -49,11 +49,13 @@ def computed(robot: Robot, given: Inputs, results: list[Array]) -> list[Array]:
     for x, start in zip(flat[:states], arrays, strict=False):
         x[:, 0] = start
     outputs = (*(x[:, 1:] for x in flat[:states]), *flat[states:])
-    take(kernel_of(robot, given.plan), arrays, given.ranks, outputs, given.steps)
+    run_steps(kernel_of(robot, given.plan), arrays, given.ranks, outputs, given.steps)
     return results
 
 
-def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int) -> None:
+def run_steps(
+    kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
+) -> None:
     """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs counts the samples."""
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
         for some, places, count in _slices(kernel, arrays, ranks, outputs, steps):
@@ -65,15 +67,15 @@ def _slices(
 ) -> Iterator[tuple[Sequence[Array], tuple[Array, ...], int]]:
     """Slices of the steps, between which Ctrl-C is handled; each begins where the one before it ended."""
     owner = owner_of(kernel)
-    made = owner.given if owner is not None else None
+    scan = owner.given if owner is not None else None
     samples, kept = outputs[0].shape[:2]
-    if not (owner is not None and isinstance(made, Scan) and samples and kept) or (
-        made.hidden and len(made.table) == 1
+    if not (owner is not None and isinstance(scan, Scan) and samples and kept) or (
+        scan.hidden and len(scan.table) == 1
     ):
         yield arrays, outputs, steps
         return
-    most = max(1, int(IN_ONE_CALL / (owner.cost * len(made.table) * LANES * ALONE)))
-    every, states, rest = steps // kept, list(arrays[: made.visible]), arrays[made.visible :]
+    most = max(1, int(IN_ONE_CALL / (owner.cost * len(scan.table) * LANES * ALONE)))
+    every, states, rest = steps // kept, list(arrays[: scan.visible]), arrays[scan.visible :]
     rows = max(1, most // every)  # kept ones in a slice; a long way from one to the next is cut itself
     for row in range(0, kept, rows):
         begin, end = row * every, min(kept, row + rows) * every
@@ -83,11 +85,11 @@ def _slices(
             last = min(end, first + portion)
             given = (
                 x[(slice(None),) * (x.ndim - rank) + (slice(first, last),)]
-                for x, rank in zip(rest, ranks[made.visible :], strict=True)
+                for x, rank in zip(rest, ranks[scan.visible :], strict=True)
             )
-            said = places[made.visible :] if first == begin else tuple(map(np.empty_like, places[made.visible :]))
-            yield (*states, *given), (*places[: made.visible], *said), last - first
-            states = [x[:, -1].copy() for x in places[: made.visible]]
+            said = places[scan.visible :] if first == begin else tuple(map(np.empty_like, places[scan.visible :]))
+            yield (*states, *given), (*places[: scan.visible], *said), last - first
+            states = [x[:, -1].copy() for x in places[: scan.visible]]
 
 
 def _parts(
@@ -111,11 +113,11 @@ def _parts(
 def kernel_of(robot: Robot, plan: StepPlan) -> Any:
     """The compiled steps of a plan, made once for a robot."""
 
-    def made() -> Any:
+    def build() -> Any:
         robot.engine.require_invertible()
         return compiled(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")
 
-    return robot.engine.cached(plan.key, made)
+    return robot.engine.cached(plan.key, build)
 
 
 def room_for(given: Inputs, out: Any) -> list[Array]:
@@ -163,7 +165,7 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
 #
 # with l and m the cost's own slopes by x0 and by τ. All this is one sweep of reverse mode through the program of the step,
 # so no
-# matrix is made. Slopes by configurations are along robot.add: entries nv, not nq.
+# matrix is scan. Slopes by configurations are along robot.add: entries nv, not nq.
 #
 # Sources: Bryson and Ho, Applied Optimal Control (1975), section 2.2, and Griewank and Walther, Evaluating Derivatives (2008),
 # chapter 3.
@@ -353,7 +355,7 @@ def _swept(
         arrays = [*now, *back[:3], *(x[::-1] if x.ndim == 1 else x[..., ::-1, :] for x in step), *back[3:]]
         ranks = [1, 1, 2, 2, 2, *given.ranks[2:], *[2] * len(costs)]
         rows = result_arrays([(samples, last - first, robot.nv)] * 2, np.dtype(given.dtype))
-        take(kernel, arrays, ranks, (*rows, *(x[:, first:last][:, ::-1] for x in said)), last - first)
+        run_steps(kernel, arrays, ranks, (*rows, *(x[:, first:last][:, ::-1] for x in said)), last - first)
         now = rows[0][:, -1], rows[1][:, -1]
     return now, said
 
@@ -363,7 +365,7 @@ def _between(robot: Robot, given: Inputs, q: Array, dq: Array, step: list[Array]
     samples, n = len(q), step[0].shape[0]
     sizes = [robot.nq, robot.nv, *[robot.nv] * given.plan.says_torques]
     found = result_arrays([(samples, n, size) for size in sizes], np.dtype(given.dtype))
-    take(kernel_of(robot, given.plan), [q, dq, *step], [1, 1, *given.ranks[2:]], found, n)
+    run_steps(kernel_of(robot, given.plan), [q, dq, *step], [1, 1, *given.ranks[2:]], found, n)
     shifted = [np.concatenate([x[:, None], y[:, :-1]], axis=1) for x, y in zip((q, dq), found, strict=False)]
     return shifted[0], shifted[1]
 

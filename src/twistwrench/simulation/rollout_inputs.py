@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-def torque_limits_of(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
+def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
     """Torque limits as an input of the step, (label, array, length of the last axis); nothing where there are none."""
-    if asked is None or asked is False:
+    if given is None or given is False:
         return []
-    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits", robot.model.velocity_names)
+    limits = robot.limits.effort if given is True else _real(given, "torque_limits", robot.model.velocity_names)
     if limits.shape[-1:] != (robot.nv,) and limits.ndim:
         raise ShapeError(
             f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "

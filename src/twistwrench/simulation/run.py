@@ -71,7 +71,7 @@ class Run:
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
         self.doubling = StepDoubling(n, self.h, lagging=scheme.lagging)
-        self.force_check = ForceCheck(ForceQuadrature(system, *scheme.asked, probe_spacing(self.h, end)), self.h)
+        self.force_check = ForceCheck(ForceQuadrature(system, *scheme.quadrature, probe_spacing(self.h, end)), self.h)
         self.contact_durations = ContactDurations([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
         self.accuracy = Accuracy(np.full(robot.nv, np.nan), np.nan)
@@ -84,7 +84,7 @@ class Run:
         if self.stopped:
             return
         if self.compiled is not None:
-            if self.asks_nobody:
+            if self.without_callbacks:
                 run_compiled_blocks(self, self.compiled)
             elif can_bind_calls(self.compiled.kernel):
                 run_callback_blocks(self, self.compiled)
@@ -147,9 +147,9 @@ class Run:
     # ── parts of a step ──
 
     @property
-    def asks_nobody(self) -> bool:
+    def without_callbacks(self) -> bool:
         """True if no Python function gives torques or observes steps; contacts and limits of position may be watched."""
-        looks = self.detector is not None and not self.detector.asks_nobody
+        looks = self.detector is not None and not self.detector.without_callbacks
         return not looks and self.controller is None and not self.system.functions
 
     def time(self, k: int) -> float:
@@ -242,12 +242,12 @@ class Run:
         """A step from y at t, whose rates were computed last: from a time after t to the state then."""
         rate = self.rate.copy()
 
-        def at(s: float) -> Array:
+        def state(s: float) -> Array:
             found = self.scheme.step(t, y, s, rate)
             self.system.manifold.normalise(found[: self.system.nq])
             return found
 
-        return at
+        return state
 
     def locate_event(
         self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]

@@ -350,7 +350,7 @@ class Variational:
     def __init__(self, system: System, order: int) -> None:
         self.system, self.order, self.fractions = system, order, COMPOSITIONS[order]
         parts = np.array(self.fractions)
-        self.asked = np.cumsum(parts) - 0.5 * parts, parts
+        self.quadrature = np.cumsum(parts) - 0.5 * parts, parts
         robot = system.robot
         self.terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
         self.groups = system.manifold.groups
@@ -436,7 +436,7 @@ class Scheme(Protocol):
     """A one-step method."""
 
     order: int
-    asked: tuple[Array, Array]
+    quadrature: tuple[Array, Array]
     """Times of a step at which forces are evaluated, as shares of it, and their weights in the impulse: c and b."""
 
     @property
@@ -455,7 +455,7 @@ class RungeKutta:
     def __init__(self, system: System, tableau: Tableau) -> None:
         self.system, self.tableau, self.order = system, tableau, tableau.order
         self.a, self.b, self.c, self.error, self.dense = tableau.numbers
-        self.asked = self.c, self.b
+        self.quadrature = self.c, self.b
         self.K = np.zeros((len(self.b), system.size))
         """The rates of the stages of the last step."""
 
@@ -476,7 +476,7 @@ class SemiImplicit:
     """
 
     order = SEMI_IMPLICIT_EULER.order
-    asked = np.zeros(1), np.ones(1)
+    quadrature = np.zeros(1), np.ones(1)
 
     def __init__(self, system: System) -> None:
         self.system = system
