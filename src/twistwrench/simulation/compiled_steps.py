@@ -75,8 +75,9 @@ class StepPlan:
     @property
     def key(self) -> tuple[Any, ...]:
         """Plans of one robot with one key are one program."""
-        options = self.method, self.limited, self.frames, self.parameters, self.friction, self.says_torques, self.works
-        return "step", *self.law.key, *options, tuple(contact.key for contact in self.contacts)
+        options = self.method, self.limited, self.frames, self.parameters, self.friction, self.says_torques
+        contacts = tuple(contact.key for contact in self.contacts)
+        return "simulated step" if self.works else "rollout", *self.law.key, *options, contacts
 
     @property
     def state(self) -> Ports:
