@@ -46,22 +46,39 @@ def test_python_blocks_run_one_after_another(page, capsys, tmp_path, monkeypatch
         exec(compile(text, str(page), "exec"), scope)
 
 
-COMMANDS = [
-    pytest.param(line[2:], code, id=line[2:])
+CODES = {
+    line[2:]: code
     for page in PAGES
     for text, code in marked_blocks(page, "console")
     for line in text.splitlines()
     if line.startswith("$ ")
+}
+"""What each command of the pages ends with; one that several pages show is run once."""
+SAID = [
+    (command, text)
+    for page in PAGES
+    for command, text in re.findall(
+        r"^```console[^\n]*\n\$ ([^\n]+)\n```\n\n```text\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
 ]
 
 
-@pytest.mark.parametrize(("command", "code"), COMMANDS)
-def test_commands_run(command, code, tmp_path, monkeypatch):
+@pytest.mark.parametrize("command", CODES)
+def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
+    """Every line that a page shows below a command is in its output, but for … and for how large rounding is."""
+
+    def plain(words):
+        return re.sub(r"[0-9.]+e-1[0-9]", "0", " ".join(words.split()))
+
     monkeypatch.chdir(tmp_path)
     program, *arguments = shlex.split(command)
     assert program == "twistwrench"
     result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == code, result.output
+    assert result.exit_code == CODES[command], result.output
+    said = plain(result.output)
+    for text in (text for shown, text in SAID if shown == command):
+        for line in text.splitlines():
+            assert line == "…" or plain(line) in said, line
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
@@ -85,28 +102,6 @@ def test_the_page_of_quantities_is_the_table():
     assert counts.sub("", committed) == counts.sub("", written), "run `python docs/quantities.py`"
     for old, new in zip(counts.findall(committed), counts.findall(written), strict=True):
         assert abs(int(old.replace(",", "")) - int(new.replace(",", ""))) <= 0.02 * int(new.replace(",", "")) + 2
-
-
-SAID = [
-    pytest.param(command, text, id=command)
-    for page in PAGES
-    for command, text in re.findall(
-        r"^```console[^\n]*\n\$ ([^\n]+)\n```\n\n```text\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
-    )
-]
-
-
-@pytest.mark.parametrize(("command", "text"), SAID)
-def test_commands_say_what_is_shown(command, text, tmp_path, monkeypatch):
-    """Every line that the page shows below a command is in its output, but for … and for how large rounding is."""
-
-    def plain(words):
-        return re.sub(r"[0-9.]+e-1[0-9]", "0", " ".join(words.split()))
-
-    monkeypatch.chdir(tmp_path)
-    said = plain(CliRunner().invoke(main, shlex.split(command)[1:]).output)
-    for line in text.splitlines():
-        assert line == "…" or plain(line) in said, line
 
 
 def kept(name: str) -> dict:
