@@ -99,6 +99,15 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
     (1, 1)
     >>> held.kernel("constrained_dynamics").signature
     '(3),(3),(3)->(3),(2),(2)'
+    >>> found = held.inverse_kinematics(arm.forward_kinematics(q, "link2"), "link2", rows="wx wy wz")
+    >>> bool(found.converged), bool(found.gap < 1e-12)
+    (True, True)
+    >>> swing = held.simulate(q, duration=0.5)
+    >>> len(swing), bool(swing.gap.max() < 1e-12), swing.relative_drift < 1e-6
+    (501, True, True)
+    >>> many = held.rollout([q, q], rest, steps=200, every=10)
+    >>> many.q.shape, bool(many.gap.max() < 1e-12)
+    ((2, 21, 3), True)
     """
 
     def __repr__(self) -> str:

@@ -248,12 +248,6 @@ class ActuationMethods:
         >>> driven = arm.with_actuators({"actuators": {"joint1": {"ratio": 100, "motor": motor}}})
         >>> driven.motor_loads([0, 0], [0, 0], [0, 0]).current.round(3).tolist()
         [2.943]
-        >>> arm = tw.robots.planar_3r().with_actuators({"actuators": {"joint1": {"ratio": 100, "motor": motor}}})
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> loads, tau = held.motor_loads(q, [0, 0, 0], [0, 0, 0]), held.holding_torques(q, ["joint1"]).tau
-        >>> bool(abs(loads.torque[0] - tau[0] / 100) < 1e-12)
-        True
         """
         robot = self._open()
         if not robot.actuators:
