@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import twistwrench as tw
+from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES, Quantity
+from twistwrench.robot.quantity_methods import QuantityMethods
 
 PAGE = Path(__file__).with_name("quantities.md")
 _HEAD = """# Quantities
@@ -87,7 +89,7 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]], right: tuple[int
 
 
 def _name(name: str) -> str:
-    return f"`{name}`" + ("" if hasattr(tw.Robot, name) else "°")
+    return f"`{name}`" + ("" if name in {*vars(QuantityMethods), *vars(DerivativeMethods)} else "°")
 
 
 def _code(names: str) -> str:
