@@ -55,8 +55,14 @@ def test_the_arm_with_functions_of_its_state(names, every, method):
     compare(*both(robot, [1.0, 0.2], [0.0, 1.0], 0.2, 1e-3, method=method, every=every, **options))
 
 
-@pytest.mark.parametrize("name", ["floating base", "planar", "mimic", "driven"])
-@pytest.mark.parametrize("method", METHODS[1:])
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        pytest.param(name, method, marks=() if (i + k) % 2 else pytest.mark.slow)
+        for i, name in enumerate(["floating base", "planar", "mimic", "driven"])
+        for k, method in enumerate(METHODS[1:])
+    ],
+)
 def test_trees_of_all_joints_with_friction_and_wrenches_that_are_functions(name, method):
     robot = tree(name)
     q0, dq0, _ = random_state(robot, np.random.default_rng(3), ())
