@@ -402,16 +402,19 @@ class ForceCheck:
     def note(self, t: float, y: Array, after: Array) -> None:
         """Take note of a step from y at t to the state after it."""
         if self.probes.system.functions:
-            self.note_block(np.array([t]), np.array([y, after]), self.probes.system.held)
+            self._keep(np.array([t]), y[None], after[None], self.probes.system.held[None])
 
     def note_block(self, times: Array, states: Array, held: Array) -> None:
         """Take note of n steps from times (n,) through states (n + 1, size) under torques (nv,) or (n, nv) of a controller."""
         if self.probes.system.functions:
             kept, torques = states.copy(), np.broadcast_to(held, (len(times), held.shape[-1])).copy()
-            self._blocks.append((times, kept[:-1], kept[1:], torques))
-            self._count += len(times)
-            if self._count >= _MOST_KEPT:
-                self._add_up()
+            self._keep(times, kept[:-1], kept[1:], torques)
+
+    def _keep(self, *steps: Array) -> None:
+        self._blocks.append(steps)
+        self._count += len(steps[0])
+        if self._count >= _MOST_KEPT:
+            self._add_up()
 
     def error(self, extent: Extent, end: float) -> Array | None:
         """Error of a run to ``end`` [s], (nv,) rad or m; None where nothing is left out.

@@ -139,19 +139,20 @@ class ControlLaw:
             found = arguments.plain(given, self.what)  # a table would be read by position
         except Exception as problem:
             raise self.failure(t, problem) from problem
+        kinds = "biuf" if self.shape else "iuf"
+        if found.dtype.kind in kinds and found.shape == self.shape and np.isfinite(found).all():
+            return found.astype(float)
         at, expected = f"at t = {printed(t, 9)} s", f"{self.shape}{self.meaning}."
         if found.dtype.kind not in "biuf":
             given, problem = repr(found.tolist()), f", expected real numbers of shape {expected}"
         elif found.shape != self.shape:
             given, problem = f"an array of shape {found.shape}", f", expected {expected}"
-        elif not self.shape and found.dtype.kind == "b":
+        elif found.dtype.kind not in kinds:
             given = str(bool(found))
             problem = ", and takes a number whose sign changes where it happens: q[0] - 0.5, not q[0] > 0.5."
-        elif not np.isfinite(found).all():
+        else:
             where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
             given, problem = str(found), f", not finite{where}."
-        else:
-            return found.astype(float)
         raise SimulationError(f"{self.what} gave {given} {at}{problem}")
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
