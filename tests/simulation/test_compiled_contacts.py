@@ -86,8 +86,14 @@ def runs():
 RUNS = {name: (robot, given) for name, robot, given in runs()}
 
 
-@pytest.mark.parametrize("method", FIXED)
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        pytest.param(name, method, marks=pytest.mark.slow if i and method != "rk4" else ())
+        for i, name in enumerate(RUNS)
+        for method in FIXED
+    ],
+)
 def test_python_s_steps_are_the_same(name, method, monkeypatch):
     """Both round in orders of their own, and contacts double differences some times."""
     robot, given = RUNS[name]
