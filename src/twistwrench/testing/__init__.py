@@ -327,9 +327,7 @@ def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: Ar
 
     Parameters
     ----------
-    robot : Robot
     function : takes batches of q
-    q : (nq,) array_like, configuration
     v : (..., nv) array_like, directions; the identity (nv, nv) gives the derivatives along each joint, first axis
 
     Returns
