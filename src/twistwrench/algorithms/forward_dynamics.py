@@ -151,9 +151,14 @@ def articulated_pays(model: Model) -> bool:
 
 
 def forward_dynamics(
-    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None, added: Array | None = None,
+    model: Model,
+    q: Array,
+    dq: Array,
+    tau: Array,
+    wrenches: Wrenches | None = None,
+    added: Array | None = None,
     friction: bool = False,
-) -> Array:  # fmt: skip
+) -> Array:
     """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR section 8.5.
 
     ``added`` (nv,) is inertia on top, on the diagonal of M; ``friction`` takes off τ what the joints' friction costs.

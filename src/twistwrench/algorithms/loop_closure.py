@@ -321,9 +321,14 @@ def _between_axes(R: Array, k: int) -> Array:
 
 
 def settled(
-    q: Array, gaps: Callable[[Array], Array], slopes: Callable[[Array], tuple[Array, Array]],
-    add: Callable[[Array, Array], Array], sizes: Array, units: Array, tolerance: float,
-) -> tuple[Array, Array]:  # fmt: skip
+    q: Array,
+    gaps: Callable[[Array], Array],
+    slopes: Callable[[Array], tuple[Array, Array]],
+    add: Callable[[Array, Array], Array],
+    sizes: Array,
+    units: Array,
+    tolerance: float,
+) -> tuple[Array, Array]:
     """Configurations near q (n, nq) without gaps, and the largest gap left at each (n,), over its row's unit.
 
     Steps are the least in the kinetic metric, Levenberg and Marquardt's with the square of the gap for a parameter, halved

@@ -193,9 +193,15 @@ def torque_free(
 
 
 def pushed(
-    body: FreeBody, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...], law: WrenchLaw,
+    body: FreeBody,
+    start: tuple[Array, ...],
+    h: float,
+    n: int,
+    every: int,
+    fractions: tuple[float, ...],
+    law: WrenchLaw,
     unseen: Unseen,
-) -> Rows:  # fmt: skip
+) -> Rows:
     """Each fraction of a step: half of it free, the impulse of all of it, the other half free."""
     q, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
@@ -400,9 +406,17 @@ _STAGES = 3.0
 
 
 def fly(
-    inertia: SpatialInertia, T0: ArrayLike, V0: ArrayLike, duration: float, dt: float, wrench: ArrayLike | WrenchLaw | None,
-    *, order: int, tolerance: float | None, every: int,
-) -> Flight:  # fmt: skip
+    inertia: SpatialInertia,
+    T0: ArrayLike,
+    V0: ArrayLike,
+    duration: float,
+    dt: float,
+    wrench: ArrayLike | WrenchLaw | None,
+    *,
+    order: int,
+    tolerance: float | None,
+    every: int,
+) -> Flight:
     """The motion of a body by the arguments of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
     if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):

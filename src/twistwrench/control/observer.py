@@ -230,9 +230,14 @@ class MomentumObserver:
         return watched
 
     def wrench(
-        self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None, *,
+        self,
+        q: ArrayLike,
+        frame: str | None = None,
+        kind: Kind = "body",
+        rows: Rows = None,
+        *,
         residual: ArrayLike | None = None,
-    ) -> ContactWrench:  # fmt: skip
+    ) -> ContactWrench:
         """Contact wrench at a frame that explains the residual, by least squares, with its undetermined part.
 
         Parameters

@@ -123,9 +123,14 @@ class ParsedLink:
         return self.read_shapes()
 
     def finding(
-        self, check: str, matters: bool, sentence: str, numbers: Mapping[str, float], effect: Effect | None = None,
+        self,
+        check: str,
+        matters: bool,
+        sentence: str,
+        numbers: Mapping[str, float],
+        effect: Effect | None = None,
         repair: FileRepair | None = None,
-    ) -> Finding:  # fmt: skip
+    ) -> Finding:
         """Finding on the link's inertia, a warning if it matters."""
         place, severity = self.written or self, Severity.WARNING if matters else Severity.NOTE
         where, effect = f"link {self.name!r}", effect or Effect()

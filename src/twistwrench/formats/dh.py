@@ -29,11 +29,20 @@ TURN = 2 * np.pi + 1e-6
 
 
 def from_dh(
-    table: Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | ArrayLike, *, convention: str,
-    columns: Sequence[str] | None, joint_types: str | Sequence[str], masses: ArrayLike | None, coms: ArrayLike | None,
-    moments_about_com: ArrayLike | None, tool: ArrayLike | None, joint_names: Sequence[str] | None, name: str,
-    gravity: ArrayLike, inertia: str,
-) -> Model:  # fmt: skip
+    table: Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | ArrayLike,
+    *,
+    convention: str,
+    columns: Sequence[str] | None,
+    joint_types: str | Sequence[str],
+    masses: ArrayLike | None,
+    coms: ArrayLike | None,
+    moments_about_com: ArrayLike | None,
+    tool: ArrayLike | None,
+    joint_names: Sequence[str] | None,
+    name: str,
+    gravity: ArrayLike,
+    inertia: str,
+) -> Model:
     """The model of a Denavit–Hartenberg table, by the arguments of :func:`twistwrench.from_dh`."""
     if convention not in CONVENTIONS:
         raise UnknownNameError.from_choices("Denavit–Hartenberg convention", convention, CONVENTIONS)
@@ -198,9 +207,17 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
 
 
 def from_screws(
-    M: ArrayLike | None, Slist: ArrayLike, Mlist: Sequence[ArrayLike] | ArrayLike, Glist: Sequence[ArrayLike] | ArrayLike,
-    *, joint_names: Sequence[str] | None, name: str, gravity: ArrayLike, non_unit_screws: bool, inertia: str,
-) -> Model:  # fmt: skip
+    M: ArrayLike | None,
+    Slist: ArrayLike,
+    Mlist: Sequence[ArrayLike] | ArrayLike,
+    Glist: Sequence[ArrayLike] | ArrayLike,
+    *,
+    joint_names: Sequence[str] | None,
+    name: str,
+    gravity: ArrayLike,
+    non_unit_screws: bool,
+    inertia: str,
+) -> Model:
     """The model of the book's lists, by the arguments of :func:`twistwrench.from_screws`."""
     S, steps = np.asarray(Slist, float), np.asarray(Mlist, float)
     G = np.asarray(Glist, float)

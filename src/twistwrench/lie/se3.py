@@ -27,9 +27,20 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
 __all__ = [
-    "Ad", "ad", "as_scipy", "exp", "from_scipy", "hat", "inverse", "left_jacobian", "left_jacobian_inverse", "log", "pose",
-    "project", "vee",
-]  # fmt: skip
+    "Ad",
+    "ad",
+    "as_scipy",
+    "exp",
+    "from_scipy",
+    "hat",
+    "inverse",
+    "left_jacobian",
+    "left_jacobian_inverse",
+    "log",
+    "pose",
+    "project",
+    "vee",
+]
 
 
 def pose(R: ArrayLike, p: ArrayLike) -> Poses:

@@ -26,9 +26,15 @@ def _on_lists(quantity: str, lists: tuple[ArrayLike, ArrayLike, ArrayLike], **gi
 
 
 def InverseDynamics(
-    thetalist: ArrayLike, dthetalist: ArrayLike, ddthetalist: ArrayLike, g: ArrayLike, Ftip: ArrayLike,
-    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
-) -> JointTorques:  # fmt: skip
+    thetalist: ArrayLike,
+    dthetalist: ArrayLike,
+    ddthetalist: ArrayLike,
+    g: ArrayLike,
+    Ftip: ArrayLike,
+    Mlist: ArrayLike,
+    Glist: ArrayLike,
+    Slist: ArrayLike,
+) -> JointTorques:
     """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip (MR eq. 8.50 to 8.54).
 
     Examples
@@ -184,10 +190,17 @@ def InverseDynamicsTrajectory(
 
 
 def ForwardDynamicsTrajectory(
-    thetalist: ArrayLike, dthetalist: ArrayLike, taumat: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
-    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
-    dt: float, intRes: int,
-) -> tuple[Array, Array]:  # fmt: skip
+    thetalist: ArrayLike,
+    dthetalist: ArrayLike,
+    taumat: ArrayLike,
+    g: ArrayLike,
+    Ftipmat: ArrayLike,
+    Mlist: ArrayLike,
+    Glist: ArrayLike,
+    Slist: ArrayLike,
+    dt: float,
+    intRes: int,
+) -> tuple[Array, Array]:
     """Forward dynamics along rows of torques, each held for ``dt``: the motion by Euler steps, one at a time (MR section 8.5).
 
     Parameters
@@ -278,10 +291,20 @@ def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
 
 
 def ComputedTorque(
-    thetalist: ArrayLike, dthetalist: ArrayLike, eint: ArrayLike, g: ArrayLike,
-    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
-    thetalistd: ArrayLike, dthetalistd: ArrayLike, ddthetalistd: ArrayLike, Kp: ArrayLike, Ki: ArrayLike, Kd: ArrayLike,
-) -> JointTorques:  # fmt: skip
+    thetalist: ArrayLike,
+    dthetalist: ArrayLike,
+    eint: ArrayLike,
+    g: ArrayLike,
+    Mlist: ArrayLike,
+    Glist: ArrayLike,
+    Slist: ArrayLike,
+    thetalistd: ArrayLike,
+    dthetalistd: ArrayLike,
+    ddthetalistd: ArrayLike,
+    Kp: ArrayLike,
+    Ki: ArrayLike,
+    Kd: ArrayLike,
+) -> JointTorques:
     """Computed-torque control (feedback linearization): τ = M (ddtheta_d + Kp e + Ki (eint + e) + Kd de) + h (MR eq. 11.35).
 
     Notes
@@ -322,13 +345,27 @@ def _torque(
 
 
 def SimulateControl(
-    thetalist: ArrayLike, dthetalist: ArrayLike, g: ArrayLike, Ftipmat: ArrayLike,
-    Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike,
-    thetamatd: ArrayLike, dthetamatd: ArrayLike, ddthetamatd: ArrayLike, gtilde: ArrayLike,
-    Mtildelist: ArrayLike, Gtildelist: ArrayLike,
-    Kp: ArrayLike, Ki: ArrayLike, Kd: ArrayLike, dt: float, intRes: int,
-    *, plot: bool = False,
-) -> tuple[Array, Array]:  # fmt: skip
+    thetalist: ArrayLike,
+    dthetalist: ArrayLike,
+    g: ArrayLike,
+    Ftipmat: ArrayLike,
+    Mlist: ArrayLike,
+    Glist: ArrayLike,
+    Slist: ArrayLike,
+    thetamatd: ArrayLike,
+    dthetamatd: ArrayLike,
+    ddthetamatd: ArrayLike,
+    gtilde: ArrayLike,
+    Mtildelist: ArrayLike,
+    Gtildelist: ArrayLike,
+    Kp: ArrayLike,
+    Ki: ArrayLike,
+    Kd: ArrayLike,
+    dt: float,
+    intRes: int,
+    *,
+    plot: bool = False,
+) -> tuple[Array, Array]:
     """Simulation of :func:`ComputedTorque` following a motion from one state, with a model of its own (MR section 11.4).
 
     Torques are held for ``dt``, integrated by ``intRes`` Euler steps.

@@ -101,9 +101,14 @@ _FEW = 40  # readings up to which each is a dot
 
 
 def plot_compensation(
-    log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float], path: str | Path, *,
-    marked: Array, mark: str,
-) -> None:  # fmt: skip
+    log: ReadingLog,
+    sensor: ForceTorqueSensor,
+    noise: tuple[float, float],
+    path: str | Path,
+    *,
+    marked: Array,
+    mark: str,
+) -> None:
     """Plot of readings with what the sensor's load explains (left) and what is left (right), forces above moments.
 
     Parameters

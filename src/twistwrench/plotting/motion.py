@@ -254,9 +254,14 @@ PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_p
 
 
 def _panels(
-    motion: DrawnMotion, path: str | Path, joints: Sequence[str], what: str, draw: Callable[[style.Axes, int], None],
-    seen: dict[str, Any], below: str,
-) -> Path:  # fmt: skip
+    motion: DrawnMotion,
+    path: str | Path,
+    joints: Sequence[str],
+    what: str,
+    draw: Callable[[style.Axes, int], None],
+    seen: dict[str, Any],
+    below: str,
+) -> Path:
     """A panel for each joint, and one legend of what was ``seen`` in any."""
     chosen = _chosen(motion, joints)
     rows, columns = style.panel_grid(len(chosen))

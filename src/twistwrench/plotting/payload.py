@@ -76,10 +76,17 @@ _ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gr
 
 
 def plot_payload(
-    robot: Robot, q: Array, found: LargestPayload, path: str | Path, *,
-    frame: str | None = None, where: str = "", carried: str = "", limits: ArrayLike | None = None,
+    robot: Robot,
+    q: Array,
+    found: LargestPayload,
+    path: str | Path,
+    *,
+    frame: str | None = None,
+    where: str = "",
+    carried: str = "",
+    limits: ArrayLike | None = None,
     chart: PayloadMap | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Plot of one pose with its largest payload, and of the payload map if there is one.
 
     Forces are the robot's on the world at zero moment, along the base's axes. The ellipsoid holds where all torques

@@ -269,9 +269,15 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
     def forward_dynamics(
-        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
-    ) -> ConstrainedMotion:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> ConstrainedMotion:
         """Constrained forward dynamics: q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0.
 
         λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of least norm where rows are redundant or the configuration is
@@ -320,9 +326,16 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
 
     @third_party.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
     def inverse_dynamics(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str] | None = None, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
-    ) -> ConstrainedTorques:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> ConstrainedTorques:
         """Constrained inverse dynamics: τ of the ``actuated`` joints, and λ, for a motion that meets the constraints.
 
         With more motors than degrees of freedom τ is the one of least norm.
@@ -361,9 +374,13 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
 
     def holding_torques(
-        self, q: ArrayLike, actuated: Iterable[str] | None = None, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None,
-    ) -> ConstrainedTorques:  # fmt: skip
+        self,
+        q: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedTorques:
         """Holding torques of static equilibrium: :meth:`inverse_dynamics` at rest, τ = g + A'λ + Σ J'F_by - Σ J'F_on.
 
         Returns
@@ -375,9 +392,15 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return self.inverse_dynamics(q, rest, rest, actuated, wrench_by_robot=by, wrench_on_robot=on)
 
     def joint_wrenches(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str] | None = None, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None,
-    ) -> Array:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> Array:
         """Wrenches across the joints (bearing loads) of a closed robot: what each moving body receives across its joint.
 
         Those of the open robot under λ of :meth:`inverse_dynamics`, a wrench on both links that a closure joins; what the cut
@@ -395,9 +418,16 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return found
 
     def explain(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str] | None = None, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
-    ) -> Explanation:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> Explanation:
         """Why a motor needs its torque: τ of :meth:`inverse_dynamics` split by term and by the link or payload that causes it.
 
         What a part asks of all joints of the open robot, the constraints bring to the motors: τ = f + A'λ is linear in f.
@@ -421,9 +451,15 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
 
     def inverse_dynamics_derivatives(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, actuated: Iterable[str], *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None,
-    ) -> ConstrainedDerivatives:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str],
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedDerivatives:
         """Derivatives of the motors' torques by the motors' own q, dq and ddq, along motions that keep to the constraints.
 
         The other joints' coordinates, velocities and accelerations follow from the constraints. Columns are along

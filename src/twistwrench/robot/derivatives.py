@@ -17,9 +17,15 @@ class DerivativeMethods(RobotBase):
     """Derivatives of a robot's dynamics and kinematics."""
 
     def inverse_dynamics_derivatives(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> tuple[Array, Array]:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array]:
         """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
 
         Wrenches keep their numbers in their frames, which move along. Friction is left out.
@@ -44,9 +50,15 @@ class DerivativeMethods(RobotBase):
         return self._with_wrenches("inverse_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
 
     def forward_dynamics_derivatives(
-        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> tuple[Array, Array, Array]:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
         """Derivatives of forward dynamics, ∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹.
 
         Wrenches keep their numbers in their frames, which move along. Friction is left out.
@@ -70,9 +82,16 @@ class DerivativeMethods(RobotBase):
         return self._with_wrenches("forward_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
 
     def inverse_dynamics_gradient(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, weights: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> tuple[Array, Array, Array]:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
         """Gradient of a weighted sum of torques, ∂(w·τ)/∂(q, dq, ddq), by reverse mode.
 
         At a few times the cost of τ.
@@ -100,10 +119,19 @@ class DerivativeMethods(RobotBase):
         return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
 
     def inverse_dynamics_hessian_product(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, weights: ArrayLike, along_q: ArrayLike, along_dq: ArrayLike,
-        along_ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> tuple[Array, Array, Array]:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        along_q: ArrayLike,
+        along_dq: ArrayLike,
+        along_ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
 
         That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every

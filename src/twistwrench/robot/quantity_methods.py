@@ -129,9 +129,15 @@ class QuantityMethods(DerivativeMethods):
         return self._call("frame_velocity", q, dq, frame=frame, kind=kind, out=out)
 
     def frame_acceleration(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None, kind: Kind = "body", *,
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        frame: str | None = None,
+        kind: Kind = "body",
+        *,
         out: Any = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Acceleration of a frame: the rate dV/dt of its twist, gravity not included.
 
         The rate of a twist's six numbers: the acceleration of a body's point has ω × v beside it, unless ``kind`` is
@@ -146,10 +152,16 @@ class QuantityMethods(DerivativeMethods):
     # ── dynamics ──
 
     def inverse_dynamics(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
         out: Any = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Inverse dynamics: joint torques τ = M q̈ + h + Σ J'F_by - Σ J'F_on of a motion.
 
         Newton-Euler recursion, MR eq. 8.54.
@@ -173,10 +185,16 @@ class QuantityMethods(DerivativeMethods):
         return self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **how)
 
     def forward_dynamics(
-        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
         out: Any = None,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Forward dynamics: joint accelerations q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on) under torques. MR section 8.5.
 
         Parameters
@@ -300,9 +318,15 @@ class QuantityMethods(DerivativeMethods):
         return self._call("regressor", q, dq, ddq, out=out)
 
     def drive_torques(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> tuple[Array, Array]:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array]:
         """Torques in the drives, referred to the joints: the part through the gears, and the part of the rotors before them.
 
         They add up to τ. Divided by the ratio they are the book's τ_gear / G and the rotor's own part of τ_motor. MR
@@ -366,9 +390,13 @@ class QuantityMethods(DerivativeMethods):
         return self._call("wrench_torques", q, F, frame=frame, out=out)
 
     def holding_torques(
-        self, q: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> Array:  # fmt: skip
+        self,
+        q: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> Array:
         """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with the torques of springs. MR section 5.2.
 
         Returns
@@ -385,9 +413,15 @@ class QuantityMethods(DerivativeMethods):
         return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out)
 
     def joint_wrenches(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, out: Any = None,
-    ) -> Array:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> Array:
         """Wrenches across the joints (bearing loads): what each moving body receives across its joint.
 
         Returns

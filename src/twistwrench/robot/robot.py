@@ -246,9 +246,15 @@ class Robot(
         return simulate_batch(self, *start, **options)
 
     def explain(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
-    ) -> Explanation:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> Explanation:
         """Why a joint needs its torque: τ split by term and by the link, rotor or payload that causes it.
 
         Any batch shape; the table and the picture are of one state. Inverse dynamics is linear in the inertial

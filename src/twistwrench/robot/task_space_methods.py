@@ -217,9 +217,15 @@ class ActuationMethods:
 
     @third_party.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
     def motor_loads(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
-    ) -> MotorLoads:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> MotorLoads:
         """Motor loads: torque, speed, current, voltage, power and heat of the motor of each actuator.
 
         MR section 8.9. Rotors are accelerated before the gear; the rest goes through it at its efficiency. Actuators alone
@@ -261,9 +267,15 @@ class ActuationMethods:
 
     @third_party.by_blocks(lambda *_: [()] * 4, _of_powers)
     def power_balance(
-        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, *,
-        wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None, friction: bool = False,
-    ) -> PowerBalance:  # fmt: skip
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> PowerBalance:
         """Power balance of one state under torques τ by source; positive comes in, and the sum is zero.
 
         Constraints take no power. Friction of a closed robot is that of the joints under τ, as in its forward dynamics.

@@ -63,9 +63,18 @@ class TrialStep(StepPlan):
         return Scan(program, (*fed, *[Source("given")] * len(given)), visible=6, table=_rows())
 
     def _attempt(
-        self, angles: Array, _q: Array, dq: Array, q0: Array, dq0: Array, work0: Array, K: Array, row: Array, h: Any,
+        self,
+        angles: Array,
+        _q: Array,
+        dq: Array,
+        q0: Array,
+        dq0: Array,
+        work0: Array,
+        K: Array,
+        row: Array,
+        h: Any,
         *given: Any,
-    ) -> tuple[Array, ...]:  # fmt: skip
+    ) -> tuple[Array, ...]:
         """Rates at a stage, written into K by the first half of a row, and the next stage, by its second half; then judged."""
         *acting, rtol, atol = given
         rate = np.concatenate(self._rates(angles, angles, dq, acting)[0])

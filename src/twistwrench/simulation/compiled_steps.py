@@ -254,8 +254,15 @@ class StepPlan:
         return push, (gaps,)
 
     def _powers(
-        self, plant: Model, at: Array, dq: Array, tau: Array, lost: Array, inputs: dict[str, Array], push: Array | None,
-    ) -> Array:  # fmt: skip
+        self,
+        plant: Model,
+        at: Array,
+        dq: Array,
+        tau: Array,
+        lost: Array,
+        inputs: dict[str, Array],
+        push: Array | None,
+    ) -> Array:
         """Powers of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
         powers = zeros(len(WORKS))
         powers[0], powers[1] = tau @ dq, lost @ dq

@@ -166,9 +166,12 @@ class EventDetector:
     """Events, contacts and limits of position, in this order, and the values they had when last looked at."""
 
     def __init__(
-        self, events: Sequence[Event], split: Callable[[Array], tuple[Array, Array]],
-        limits: PositionLimits | None = None, contacts: Sequence[RobotContact] = (),
-    ) -> None:  # fmt: skip
+        self,
+        events: Sequence[Event],
+        split: Callable[[Array], tuple[Array, Array]],
+        limits: PositionLimits | None = None,
+        contacts: Sequence[RobotContact] = (),
+    ) -> None:
         # The beginning of a contact is an event that ends nothing.
         touches = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
         self.watched, self.events, self.contacts = len(events), (*events, *touches), contacts

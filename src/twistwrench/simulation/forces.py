@@ -342,9 +342,14 @@ class System:
     """True if :meth:`of_many` is available."""
 
     def __init__(
-        self, robot: Robot, *, tau: ControlLaw | None = None, wrenches: Mapping[str, ControlLaw] | None = None,
-        contacts: Sequence[RobotContact] = (), friction: EasedFriction | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        robot: Robot,
+        *,
+        tau: ControlLaw | None = None,
+        wrenches: Mapping[str, ControlLaw] | None = None,
+        contacts: Sequence[RobotContact] = (),
+        friction: EasedFriction | None = None,
+    ) -> None:
         self.robot, self.manifold = robot, Manifold(robot)
         self.nq, self.nv = robot.nq, robot.nv
         self.moving = slice(robot.nq, robot.nq + robot.nv)

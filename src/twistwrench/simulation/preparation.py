@@ -50,12 +50,28 @@ _MOST = 10**8
 
 
 def build_run(
-    robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None, duration: float, dt: float, *, method: str | None,
-    tau: ArrayLike | Function | None, controller: Function | None, wrench_on_robot: Mapping[str, Any] | None,
-    friction: bool, creep: float | None, contacts: Plane | JointStops | Iterable[Plane | JointStops],
-    limits: str | None, events: Event | Function | Iterable[Event | Function], rtol: float, atol: float,
-    max_step: float | None, every: int, progress: Callable[[float], None] | None, loops: Loops | None,
-) -> Run:  # fmt: skip
+    robot: Robot,
+    q0: ArrayLike | None,
+    dq0: ArrayLike | None,
+    duration: float,
+    dt: float,
+    *,
+    method: str | None,
+    tau: ArrayLike | Function | None,
+    controller: Function | None,
+    wrench_on_robot: Mapping[str, Any] | None,
+    friction: bool,
+    creep: float | None,
+    contacts: Plane | JointStops | Iterable[Plane | JointStops],
+    limits: str | None,
+    events: Event | Function | Iterable[Event | Function],
+    rtol: float,
+    atol: float,
+    max_step: float | None,
+    every: int,
+    progress: Callable[[float], None] | None,
+    loops: Loops | None,
+) -> Run:
     """A run that is ready to go, by the arguments of :meth:`twistwrench.Robot.simulate`."""
     method = ADAPTIVE if method is None else method
     if robot.nv == 0:

@@ -52,9 +52,18 @@ class Run:
     """One simulation under way."""
 
     def __init__(
-        self, robot: Robot, system: System, scheme: Scheme, start: Array, end: float, n: int, *, every: int,
-        remarks: list[str], method: str,
-    ) -> None:  # fmt: skip
+        self,
+        robot: Robot,
+        system: System,
+        scheme: Scheme,
+        start: Array,
+        end: float,
+        n: int,
+        *,
+        every: int,
+        remarks: list[str],
+        method: str,
+    ) -> None:
         self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
         self.h = end / n
         self.remarks, self.method = remarks, method

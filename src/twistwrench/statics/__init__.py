@@ -24,8 +24,24 @@ from .payload import (
 )
 
 __all__ = [
-    "Contact", "Equilibrium", "LargestPayload", "LargestWrench", "PayloadMap", "RegionPayload", "TorqueWrench",
-    "WrenchEllipsoid", "WrenchPolytope", "body_equilibrium", "largest_payload", "largest_wrench", "payload_in_region",
-    "payload_map", "robot_equilibrium", "torques_per_kilogram", "weakest_direction", "wrench_ellipsoid",
-    "wrench_from_torques", "wrench_polytope",
-]  # fmt: skip
+    "Contact",
+    "Equilibrium",
+    "LargestPayload",
+    "LargestWrench",
+    "PayloadMap",
+    "RegionPayload",
+    "TorqueWrench",
+    "WrenchEllipsoid",
+    "WrenchPolytope",
+    "body_equilibrium",
+    "largest_payload",
+    "largest_wrench",
+    "payload_in_region",
+    "payload_map",
+    "robot_equilibrium",
+    "torques_per_kilogram",
+    "weakest_direction",
+    "wrench_ellipsoid",
+    "wrench_from_torques",
+    "wrench_polytope",
+]

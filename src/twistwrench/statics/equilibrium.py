@@ -134,9 +134,14 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
 
 
 def robot_equilibrium(
-    robot: Robot, q: ArrayLike, contacts: Sequence[Contact], *,
-    limits: ArrayLike | None = None, wrench_on_robot: Mapping[str, ArrayLike] | None = None, edges: int = 8,
-) -> Equilibrium:  # fmt: skip
+    robot: Robot,
+    q: ArrayLike,
+    contacts: Sequence[Contact],
+    *,
+    limits: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    edges: int = 8,
+) -> Equilibrium:
     """Static equilibrium of a robot: decides if it holds itself at one pose by contacts and by torques within limits.
 
     Forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits, 0 on a floating base, and the
@@ -185,9 +190,15 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
 
 
 def _decide(
-    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, turning: Array, edges: int,
-    names: tuple[str, ...], frame: str,
-) -> Equilibrium:  # fmt: skip
+    contacts: Sequence[Contact],
+    maps: list[Array],
+    load: Array,
+    limits: Array,
+    turning: Array,
+    edges: int,
+    names: tuple[str, ...],
+    frame: str,
+) -> Equilibrium:
     """Cut the cones ever finer until forces inside them, or a motion against cones around them, settle it.
 
     The ``turning`` rows are worked on as forces at the length of the contacts' levers, so that all rows are in N.

@@ -94,9 +94,14 @@ class WrenchEllipsoid:
 
 
 def wrench_ellipsoid(
-    robot: Robot, q: ArrayLike, frame: str | None = None, *,
-    part: str = "force", kind: Kind = "world_aligned", limits: ArrayLike | None = None,
-) -> WrenchEllipsoid:  # fmt: skip
+    robot: Robot,
+    q: ArrayLike,
+    frame: str | None = None,
+    *,
+    part: str = "force",
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> WrenchEllipsoid:
     """Force ellipsoid: the wrenches whose torques have norm at most 1, without gravity (MR section 5.4).
 
     With ``limits`` the ellipsoid lies inside the polytope of :func:`~twistwrench.statics.wrench_polytope` without
@@ -187,9 +192,14 @@ class LargestWrench:
 
 
 def largest_wrench(
-    robot: Robot, q: ArrayLike, direction: ArrayLike, *,
-    frame: str | None = None, kind: Kind = "world_aligned", limits: ArrayLike | None = None,
-) -> LargestWrench:  # fmt: skip
+    robot: Robot,
+    q: ArrayLike,
+    direction: ArrayLike,
+    *,
+    frame: str | None = None,
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> LargestWrench:
     """Largest force or wrench along a direction: the largest s with s · direction within the torque limits, at rest.
 
     Closed form: the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
@@ -218,9 +228,14 @@ def largest_wrench(
 
 
 def weakest_direction(
-    robot: Robot, q: ArrayLike, *,
-    frame: str | None = None, part: str = "force", kind: Kind = "world_aligned", limits: ArrayLike | None = None,
-) -> LargestWrench:  # fmt: skip
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    frame: str | None = None,
+    part: str = "force",
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> LargestWrench:
     """Weakest direction: the one in which the robot at rest can apply least.
 
     The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i
@@ -360,9 +375,15 @@ class WrenchPolytope:
 
 
 def wrench_polytope(
-    robot: Robot, q: ArrayLike, frame: str | None = None, *,
-    part: str = "force", rest: str = "zero", kind: Kind = "world_aligned", limits: ArrayLike | None = None,
-) -> WrenchPolytope:  # fmt: skip
+    robot: Robot,
+    q: ArrayLike,
+    frame: str | None = None,
+    *,
+    part: str = "force",
+    rest: str = "zero",
+    kind: Kind = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> WrenchPolytope:
     """Wrench polytope (force polytope): every x with abs(g(q) + J' F) ≤ limits, at one pose.
 
     Joints without a limit bound nothing. One pose at a time, as poses differ in how many corners they have;

@@ -295,11 +295,18 @@ class PayloadMap:
 
 
 def payload_map(
-    robot: Robot, plane: str = "rz", *,
-    at: float = 0.0, thickness: float = 0.1, cells: int | None = None, samples: int = 200_000,
-    com: ArrayLike = (0.0, 0.0, 0.0), frame: str | None = None, limits: ArrayLike | None = None,
+    robot: Robot,
+    plane: str = "rz",
+    *,
+    at: float = 0.0,
+    thickness: float = 0.1,
+    cells: int | None = None,
+    samples: int = 200_000,
+    com: ArrayLike = (0.0, 0.0, 0.0),
+    frame: str | None = None,
+    limits: ArrayLike | None = None,
     rng: np.random.Generator | int | None = 0,
-) -> PayloadMap:  # fmt: skip
+) -> PayloadMap:
     """Payload map: the best and worst :func:`largest_payload` in each cell of a slice of the workspace.
 
     Parameters

@@ -407,10 +407,21 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
 
 
 def equation_fields(
-    q: Sequence[str], dq: Sequence[str], M: Any, gamma: Any, C: Any, c: Any, g: Any, tau: Any,
-    momenta: Sequence[Any], rates: Sequence[Any], slopes: Sequence[Any], *,
-    explicit_time: Sequence[Line] = (), only: Iterable[str] = STEPS,
-) -> dict[str, Any]:  # fmt: skip
+    q: Sequence[str],
+    dq: Sequence[str],
+    M: Any,
+    gamma: Any,
+    C: Any,
+    c: Any,
+    g: Any,
+    tau: Any,
+    momenta: Sequence[Any],
+    rates: Sequence[Any],
+    slopes: Sequence[Any],
+    *,
+    explicit_time: Sequence[Line] = (),
+    only: Iterable[str] = STEPS,
+) -> dict[str, Any]:
     """The terms as fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines, ``only`` some of them."""
     n = len(q)
     triples = [(i, j, k) for i in range(n) for j in range(n) for k in range(j, n) if gamma[i, j, k] != 0]

@@ -202,9 +202,13 @@ def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
 
 
 def motion_of(
-    model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...], ring: Ring,
-    largest_position: int, largest_rotation: int,
-) -> SymbolicMotion | None:  # fmt: skip
+    model: Model,
+    entries: ModelEntries,
+    coordinates: tuple[Coordinate, ...],
+    ring: Ring,
+    largest_position: int,
+    largest_rotation: int,
+) -> SymbolicMotion | None:
     """Positions and velocities of all bodies; None once an entry of one has more terms than allowed."""
     arithmetic = RingArithmetic(ring, coordinates)
     poses: list[tuple[Array, Array]] = []

@@ -29,9 +29,13 @@ class EquationWriter:
     """Writes sums of one ring as SymPy expressions. ``expressions`` gives the meaning of the ring's symbols."""
 
     def __init__(
-        self, ring: Ring, sums: Array | None = None, *,
-        masses: Iterable[str] = (), expressions: Mapping[str, Any] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        ring: Ring,
+        sums: Array | None = None,
+        *,
+        masses: Iterable[str] = (),
+        expressions: Mapping[str, Any] | None = None,
+    ) -> None:
         self.ring = ring
         given = expressions or {}
         self.symbols = {name: given.get(name, sympy.Symbol(name)) for name in ring.symbols}

@@ -349,9 +349,14 @@ class Fastest(Trajectory):
 
 
 def fastest(
-    robot: Robot, path: JointPath, *, effort: ArrayLike | None = None, velocity: ArrayLike | None = None,
-    acceleration: ArrayLike | None = None, friction: bool = False,
-) -> Fastest:  # fmt: skip
+    robot: Robot,
+    path: JointPath,
+    *,
+    effort: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    friction: bool = False,
+) -> Fastest:
     """Time-optimal time scaling: the shortest motion along a path from rest to rest within the limits.
 
     Parameters

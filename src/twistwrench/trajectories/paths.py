@@ -69,9 +69,13 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
 
 
 def spline(
-    robot: Robot, waypoints: ArrayLike, *, times: ArrayLike | None = None, velocities: ArrayLike | None = None,
+    robot: Robot,
+    waypoints: ArrayLike,
+    *,
+    times: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
     degree: int = 3,
-) -> JointPath:  # fmt: skip
+) -> JointPath:
     """Spline path through waypoints (MR section 9.3, eq. 9.27); s is the share of its length, or of ``times``.
 
     Parameters

@@ -25,9 +25,13 @@ if TYPE_CHECKING:
 
 
 def violations(
-    robot: Robot, trajectory: Trajectory | Motion, bounds: Bounds | None = None, *, friction: bool = False,
+    robot: Robot,
+    trajectory: Trajectory | Motion,
+    bounds: Bounds | None = None,
+    *,
+    friction: bool = False,
     samples: int = 2001,
-) -> tuple[Violation, ...]:  # fmt: skip
+) -> tuple[Violation, ...]:
     """Limits that a motion passes, worst first.
 
     Parameters

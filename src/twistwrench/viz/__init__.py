@@ -11,9 +11,23 @@ from .page import write_page
 from .scene import Scene, Shape, scene_of
 
 __all__ = [
-    "Camera", "DrawnMotion", "Energies", "Scene", "Shape", "draw", "energies", "film", "motion_of", "movie",
-    "plot_phase", "plot_power", "plot_split", "read_motion", "scene_of", "write_page",
-]  # fmt: skip
+    "Camera",
+    "DrawnMotion",
+    "Energies",
+    "Scene",
+    "Shape",
+    "draw",
+    "energies",
+    "film",
+    "motion_of",
+    "movie",
+    "plot_phase",
+    "plot_power",
+    "plot_split",
+    "read_motion",
+    "scene_of",
+    "write_page",
+]
 
 if TYPE_CHECKING:
     from ..plotting.motion import Energies, energies, plot_phase, plot_power, plot_split

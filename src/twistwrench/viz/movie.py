@@ -158,10 +158,16 @@ _PALEST = 0.28
 
 
 def draw(
-    axes: style.Axes, robot: Robot, q: ArrayLike, *,
-    azimuth: float = -0.9, elevation: float = 0.35, floor: float | None = None, inertia: bool = True,
+    axes: style.Axes,
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    azimuth: float = -0.9,
+    elevation: float = 0.35,
+    floor: float | None = None,
+    inertia: bool = True,
     scene: Scene | None = None,
-) -> Camera:  # fmt: skip
+) -> Camera:
     """Draw a robot into Matplotlib's axes, at one configuration or at some of a motion.
 
     Parameters
@@ -225,10 +231,17 @@ _BARS = 12
 
 
 def movie(
-    robot: Robot, time: ArrayLike, q: ArrayLike, path: str | Path, *,
-    dq: ArrayLike | None = None, ddq: ArrayLike | None = None, fps: float = 20.0, speed: float = 1.0,
+    robot: Robot,
+    time: ArrayLike,
+    q: ArrayLike,
+    path: str | Path,
+    *,
+    dq: ArrayLike | None = None,
+    ddq: ArrayLike | None = None,
+    fps: float = 20.0,
+    speed: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
-) -> Path:  # fmt: skip
+) -> Path:
     """Film a motion to a .gif or .mp4; :func:`motion_of` lists the derived quantities.
 
     Parameters
@@ -259,10 +272,14 @@ def movie(
 
 
 def film(
-    motion: DrawnMotion, path: str | Path, *,
-    scene: Scene | None = None, fps: float = 20.0, speed: float = 1.0,
+    motion: DrawnMotion,
+    path: str | Path,
+    *,
+    scene: Scene | None = None,
+    fps: float = 20.0,
+    speed: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
-) -> Path:  # fmt: skip
+) -> Path:
     """Film a :class:`DrawnMotion`; see :func:`movie`.
 
     Parameters

@@ -51,10 +51,15 @@ KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
 def write_page(
-    robot: Robot, path: str | Path, *,
-    motion: DrawnMotion | None = None, q: ArrayLike | None = None,
-    wrench_on_robot: Mapping[str, ArrayLike] | None = None, scene: Scene | None = None, section: str | None = None,
-) -> Path:  # fmt: skip
+    robot: Robot,
+    path: str | Path,
+    *,
+    motion: DrawnMotion | None = None,
+    q: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    scene: Scene | None = None,
+    section: str | None = None,
+) -> Path:
     """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
 
     Parameters
@@ -88,10 +93,14 @@ def write_page(
 
 
 def page_text(
-    robot: Robot, *,
-    motion: DrawnMotion | None = None, q: ArrayLike | None = None,
-    wrench_on_robot: Mapping[str, ArrayLike] | None = None, scene: Scene | None = None, section: str | None = None,
-) -> str:  # fmt: skip
+    robot: Robot,
+    *,
+    motion: DrawnMotion | None = None,
+    q: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    scene: Scene | None = None,
+    section: str | None = None,
+) -> str:
     """The page as text; see :func:`write_page`."""
     require_robot(robot, "page")
     book = None if section is None else section_panel(section)

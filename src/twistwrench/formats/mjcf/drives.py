@@ -199,8 +199,12 @@ def _leaders(name: str, found: Mapping[str, Mimic]) -> set[str]:
 
 
 def add_closures(
-    builder: ModelBuilder, constraints: Sequence[Element], bodies: Sequence[MjcfBody], poses: Sequence[Array], kept: Set[int]
-) -> None:  # fmt: skip
+    builder: ModelBuilder,
+    constraints: Sequence[Element],
+    bodies: Sequence[MjcfBody],
+    poses: Sequence[Array],
+    kept: Set[int],
+) -> None:
     """Offer each loop as two coincident frames; ``poses`` are those of the bodies in the file."""
     numbers = {body.name: k for k, body in enumerate(bodies)}
     for k, one in enumerate(constraints):
