@@ -36,12 +36,6 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     -----
     Conditions: finite, mass ≥ 0, and about the centre of mass positive semidefinite with principal moments that
     obey the triangle inequality, to 1e-6 of their sum, whatever the scale.
-
-    Examples
-    --------
-    >>> from twistwrench import SpatialInertia
-    >>> SpatialInertia.box((1, 2, 3), mass=12).defects()
-    []
     """
     if not np.isfinite(G.parameters).all():
         return ["has a value that is not a finite number"]

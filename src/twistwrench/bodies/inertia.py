@@ -38,6 +38,8 @@ class SpatialInertia:
     SpatialInertia: mass 2 kg, com (0, 0, 0.5) m, about the com Ixx, Iyy, Izz = (0.1, 0.1, 0.02) kg m²
     >>> G.mass, G.com.tolist(), round(float(G.moment_about_origin[0, 0]), 6)
     (2.0, [0.0, 0.0, 0.5], 0.6)
+    >>> G.principal()[0].round(9).tolist(), G.defects()
+    ([0.02, 0.1, 0.1], [])
     """
 
     parameters: Array
@@ -224,11 +226,6 @@ class SpatialInertia:
         ------
         InertiaError
             The inertia is not finite.
-
-        Examples
-        --------
-        >>> SpatialInertia.box((3, 2, 1), mass=12).principal()[0].tolist()
-        [5.0, 10.0, 13.0]
         """
         if not np.isfinite(self.parameters).all():
             raise InertiaError(f"an inertia that has no principal axes: it {self.defects()[0]}.")

@@ -70,6 +70,14 @@ class RigidBody:
     >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
     >>> body.wrench([0, 0, 2, 1, 0, 0], [0, 0, 0, 0, 0, 0]).tolist()  # turning left at speed: a force to the left
     [0.0, 0.0, 0.0, 0.0, 2.4, 0.0]
+    >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
+    >>> ball.acceleration([0, 0, 0, 0, 0, 0], [0, 0, 2, 10, 0, 0]).tolist(), ball.weight(np.eye(4))[5].round(2).item()
+    ([0.0, 0.0, 1.0, 2.0, 0.0, 0.0], -49.05)
+    >>> ball.momentum([1, 0, 0, 0, 2, 0]).tolist(), float(ball.kinetic_energy([1, 0, 0, 0, 2, 0]))
+    ([2.0, 0.0, 0.0, 0.0, 10.0, 0.0], 11.0)
+    >>> V = [0, 0, 3, 0, 0, 0]
+    >>> ball.point_velocity(V, [2, 0, 0]).tolist(), ball.point_acceleration(V, np.zeros(6), [2, 0, 0]).tolist()
+    ([0.0, 6.0, 0.0], [-18.0, 0.0, 0.0])
     """
 
     inertia: SpatialInertia
@@ -94,12 +102,6 @@ class RigidBody:
         Returns
         -------
         F : (..., 6) array, in the body's frame [N m, N]
-
-        Examples
-        --------
-        >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
-        >>> ball.wrench(np.zeros(6), [0, 0, 1, 2, 0, 0]).tolist()
-        [0.0, 0.0, 2.0, 10.0, 0.0, 0.0]
         """
         return self._by_rows(lambda G, V, dV: G @ dV - _ad_transposed(V, G @ V), V=V, dV=dV)
 
@@ -118,11 +120,6 @@ class RigidBody:
         ------
         SingularMassMatrixError
             The body has no extent across some axis, so that nothing can turn it about that.
-
-        Examples
-        --------
-        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).acceleration([0, 0, 0, 0, 0, 0], [0, 0, 2, 10, 0, 0]).tolist()
-        [0.0, 0.0, 1.0, 2.0, 0.0, 0.0]
         """
         moments = self.inertia.principal()[0]
         if moments[0] <= 1e-14 * moments[2] or moments[2] == 0:
@@ -140,11 +137,6 @@ class RigidBody:
         Returns
         -------
         P : (..., 6) array, (angular, linear) [N m s, N s]
-
-        Examples
-        --------
-        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).momentum([1, 0, 0, 0, 2, 0]).tolist()
-        [2.0, 0.0, 0.0, 0.0, 10.0, 0.0]
         """
         return self._by_rows(lambda G, V: G @ V, V=V)
 
@@ -156,11 +148,6 @@ class RigidBody:
         Returns
         -------
         K : (...) array [J]
-
-        Examples
-        --------
-        >>> float(RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).kinetic_energy([1, 0, 0, 0, 2, 0]))
-        11.0
         """
         (V,) = numbers(V=V)
         return 0.5 * np.einsum("...i,...i->...", V, self.momentum(V))
@@ -176,11 +163,6 @@ class RigidBody:
         Returns
         -------
         F : (..., 6) array, (m, f) in {b} [N m, N]
-
-        Examples
-        --------
-        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).weight(np.eye(4))[5].round(2).item()
-        -49.05
         """
         arguments.pose(T_sb, "T_sb")
         T, g = arguments.real(T_sb, "T_sb", 4, 4), arguments.real(gravity, "gravity", 3)
@@ -200,11 +182,6 @@ class RigidBody:
         Returns
         -------
         velocity : (..., 3) array [m/s]
-
-        Examples
-        --------
-        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).point_velocity([0, 0, 1, 0, 0, 0], [2, 0, 0]).tolist()
-        [0.0, 2.0, 0.0]
         """
         (V,), r = numbers(V=V), arguments.real(r, "r", 3)
         return V[..., 3:] + so3.cross(V[..., :3], r)
@@ -217,12 +194,6 @@ class RigidBody:
         Returns
         -------
         acceleration : (..., 3) array [m/s²]
-
-        Examples
-        --------
-        >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
-        >>> ball.point_acceleration([0, 0, 3, 0, 0, 0], np.zeros(6), [2, 0, 0]).tolist()
-        [-18.0, 0.0, 0.0]
         """
         (V, dV), r = numbers(V=V, dV=dV), arguments.real(r, "r", 3)
         V, dV = arguments.together(V=V, dV=dV)

@@ -39,6 +39,18 @@ class DoctorReport:
     findings : tuple of Finding
     checks : tuple of str, those that ran
     subject : Subject, what was read
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> report = tw.doctor(tw.robots.path_of("ur5"))
+    >>> report.exit_code(), sorted(report.to_dict()), report.to_json()[0]
+    (<ExitCode.FINE: 0>, ['checks', 'findings', 'robot', 'source'], '{')
+    >>> report.repaired().nv, report.repaired_text() == tw.robots.path_of("ur5").read_text()
+    (6, True)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report.write(f"{folder}/ur5.urdf")
+    ()
     """
 
     robot: str
@@ -77,12 +89,6 @@ class DoctorReport:
         Returns
         -------
         code : ExitCode
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.doctor(tw.robots.path_of("ur5")).exit_code()
-        <ExitCode.FINE: 0>
         """
         bad = any(strict or finding.severity is not Severity.NOTE for finding in self.findings)
         return ExitCode.NO if bad else ExitCode.FINE
@@ -93,12 +99,6 @@ class DoctorReport:
         Returns
         -------
         report : dict, which ``json.dumps`` takes
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> sorted(tw.doctor(tw.robots.path_of("planar_2r")).to_dict())
-        ['checks', 'findings', 'robot', 'source']
         """
         return {
             "robot": self.robot,
@@ -110,11 +110,9 @@ class DoctorReport:
     def to_json(self) -> str:
         """:meth:`to_dict` as text.
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.doctor(tw.robots.path_of("planar_2r")).to_json()[0]
-        '{'
+        Returns
+        -------
+        text : str
         """
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
 
@@ -140,17 +138,14 @@ class DoctorReport:
     def repaired_text(self) -> str:
         """The text of the file with the repairs: only the numbers concerned, and a comment before each element.
 
+        Returns
+        -------
+        text : str
+
         Raises
         ------
         ValueRangeError
             The robot has no file.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> path = tw.robots.path_of("ur5")
-        >>> tw.doctor(path).repaired_text() == path.read_text()
-        True
         """
         if not self.subject.text:
             raise ValueRangeError(f"robot {self.robot!r} was not read from a file, so there is none to edit.")
@@ -165,18 +160,16 @@ class DoctorReport:
     def repaired(self) -> Robot:
         """The robot that the repaired file describes.
 
+        Returns
+        -------
+        robot : Robot
+
         Raises
         ------
         InertiaError
             A moving body still cannot exist.
         ValueRangeError
             The robot has no file.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.doctor(tw.robots.path_of("ur5")).repaired().nv
-        6
         """
         folders = [] if self.subject.path is None else [self.subject.path.resolve().parent]
         subject = self.subject
@@ -199,13 +192,6 @@ class DoctorReport:
         ------
         ValueRangeError
             The robot has no file, or the path cannot be written or is there already.
-
-        Examples
-        --------
-        >>> import tempfile, twistwrench as tw
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     tw.doctor(tw.robots.path_of("ur5")).write(f"{folder}/ur5.urdf")
-        ()
         """
         text = self.repaired_text()
         target = refuse_existing(path, overwrite=overwrite)

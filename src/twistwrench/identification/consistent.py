@@ -239,6 +239,18 @@ class ConsistentRobot:
     curve : tuple of (γ, share), |τ - τ̂| / |τ| of fifths held out for each strength that was tried
     of_file : float, the same of the file's bodies with friction fitted
     repaired : tuple of str, links whose inertia in the file had to be thickened first
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> from twistwrench.identification.parameters import UnknownParameters
+    >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
+    >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
+    >>> found = ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ())
+    >>> found.value("joint1.viscous"), found.of_joints("offset")
+    (11.0, {'joint1': 13.0, 'joint2': 27.0})
+    >>> found.outside(base.project(fit.values)[:, None] + [-1.0, 1.0], np.ones(base.count))
+    []
     """
 
     base: BaseParameters
@@ -267,15 +279,6 @@ class ConsistentRobot:
         ------
         ValueError
             There is none of that name.
-
-        Examples
-        --------
-        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
-        >>> import twistwrench as tw
-        >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
-        >>> ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ()).value("joint1.viscous")
-        11.0
         """
         return float(self.fit.values[self.base.unknown.names.index(name)])
 
@@ -298,15 +301,6 @@ class ConsistentRobot:
         Returns
         -------
         numbers : {joint: number}
-
-        Examples
-        --------
-        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
-        >>> import twistwrench as tw
-        >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
-        >>> ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ()).of_joints("offset")
-        {'joint1': 13.0, 'joint2': 27.0}
         """
         names = self.base.unknown.names
         return {
@@ -326,16 +320,6 @@ class ConsistentRobot:
         Returns
         -------
         sentences : list of str, one or none
-
-        Examples
-        --------
-        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
-        >>> import twistwrench as tw
-        >>> from twistwrench.identification.parameters import UnknownParameters
-        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r()))
-        >>> found = ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ())
-        >>> found.outside(base.project(fit.values)[:, None] + [-1.0, 1.0], np.ones(base.count))
-        []
         """
         low, high = interval.T
         values = self.base.project(self.fit.values)

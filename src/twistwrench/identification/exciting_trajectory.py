@@ -143,15 +143,7 @@ class ExcitingMotion:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OK only where clearances were looked at, by the file's own shapes; else UNSURE.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> found = tw.identification.exciting_trajectory(tw.robots.pendulum(), 4.0, 2, acceleration=5.0)
-        >>> print(found.verdict)  # one link has nothing to touch
-        OK
-        """
+        """OK only where clearances were looked at, by the file's own shapes; else UNSURE."""
         capsules, unsure = self.constraints.capsules.capsules, list[str]()
         if capsules.assumed and (self.clearances or self.unwatched):
             count, most = len(capsules.assumed), number(1000.0 * capsules.thickness)

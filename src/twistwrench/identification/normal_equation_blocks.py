@@ -129,6 +129,20 @@ class NormalEquationBlocks:
     shown : HeldOutRows, optional, rows of an excerpt, measured and predicted, for pictures
     payload_frame : str or None, frame of the payload that alone is identified
     notes : tuple of str, a sentence for each kind of rows left out and for the gaps of each log
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
+    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+    >>> information = tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+    >>> information.check() < 1e-6, information.identified().base.count
+    (True, 3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     again = tw.identification.NormalEquationBlocks.load(information.save(f"{folder}/week.npz"), arm)
+    >>> bool((again.values == information.values).all())
+    True
     """
 
     robot: Robot
@@ -194,19 +208,14 @@ class NormalEquationBlocks:
         ----------
         test : NormalEquationBlocks, optional, of logs that are only predicted, gathered like this one
 
+        Returns
+        -------
+        found : IdentifiedRobot
+
         Raises
         ------
         TrajectoryError
             The logs are too short to hold a part of them out.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=()).identified().base.count
-        3
         """
         base, (x, sigma) = self.frame.base, block_solution(self)
         among = held_out = _five_fold(self)
@@ -241,16 +250,6 @@ class NormalEquationBlocks:
         Returns
         -------
         difference : float
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> information = tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> information.check() < 1e-6
-        True
         """
         (x, sigma), r = block_solution(self), self.frame.base.count
         deviations = _block_covariance(self, x, sigma).deviations
@@ -260,22 +259,14 @@ class NormalEquationBlocks:
     def save(self, path: str | Path) -> Path:
         """Save as a small file, whole or not at all.
 
+        Returns
+        -------
+        path : Path of the file written
+
         Raises
         ------
         ValueRangeError
             The file cannot be written.
-
-        Examples
-        --------
-        >>> import tempfile, numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 20, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> information = tw.identification.accumulate(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     again = tw.identification.NormalEquationBlocks.load(information.save(f"{folder}/week.npz"), arm)
-        >>> bool((again.values == information.values).all())
-        True
         """
         with replacing(target := as_path(path)) as scratch, scratch.open("wb") as file:
             np.savez(file, **_arrays(self))
@@ -289,17 +280,14 @@ class NormalEquationBlocks:
         ----------
         robot : Robot, the same
 
+        Returns
+        -------
+        information : NormalEquationBlocks
+
         Raises
         ------
         NotFoundError, ShapeError
             There is no such file, or it is none that can be read.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.identification.NormalEquationBlocks.load("none.npz", tw.robots.pendulum())
-        Traceback (most recent call last):
-        twistwrench.errors.NotFoundError: no information 'none.npz'. Give a file that --information wrote.
         """
         path = as_path(path)
         if not path.is_file():

@@ -71,9 +71,15 @@ class UnknownParameters:
     Examples
     --------
     >>> import twistwrench as tw
-    >>> unknown = UnknownParameters(tw.robots.planar_2r())
-    >>> len(unknown.names), unknown.names[-1]
-    (28, 'joint2.offset')
+    >>> unknown = UnknownParameters(tw.robots.pendulum())
+    >>> unknown.names[-1], unknown.scales(*np.ones((3, 1))).shape
+    ('hinge.offset', (14,))
+    >>> unknown.columns(np.arange(14), *np.zeros((3, 5, 1)), np.ones(1)).shape
+    (5, 1, 14)
+    >>> unknown.coulomb_columns(np.arange(14))
+    [(12, array([ True]))]
+    >>> unknown.drive(11, np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1))
+    (array([2.]), array([1.]))
     """
 
     robot: Robot
@@ -195,12 +201,6 @@ class UnknownParameters:
         Returns
         -------
         scales : (p,) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> UnknownParameters(tw.robots.pendulum()).scales(*np.ones((3, 1))).shape
-        (14,)
         """
         mass, length = self.lengths
         by_kind = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
@@ -228,13 +228,6 @@ class UnknownParameters:
         Returns
         -------
         W : (n, nv, k) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> unknown = UnknownParameters(tw.robots.pendulum())
-        >>> unknown.columns(np.arange(14), *np.zeros((3, 5, 1)), np.ones(1)).shape
-        (5, 1, 14)
         """
         W = np.zeros((*dq.shape, len(which)))
         places = self.of_bodies[which]
@@ -252,12 +245,6 @@ class UnknownParameters:
         Returns
         -------
         found : list of (column, joints), with the joints (nv,) bool that the column is in
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> UnknownParameters(tw.robots.pendulum()).coulomb_columns(np.arange(14))
-        [(12, array([ True]))]
         """
         found = []
         for c, k in enumerate(which):
@@ -279,12 +266,6 @@ class UnknownParameters:
         -------
         value : (n,) array
         s : (nv,) array; the column is value s'
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> UnknownParameters(tw.robots.pendulum()).drive(11, np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1))
-        (array([2.]), array([1.]))
         """
         _, kind, place = self._entries[k]
         together = kind.startswith("coupled ")
@@ -341,9 +322,11 @@ class BaseParameters:
     Examples
     --------
     >>> import twistwrench as tw
-    >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum(), friction=()))
+    >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum(), friction=(), known={"rod.mcx": 0.0}))
     >>> base.names
     ('rod.Iyy + hinge.motor_inertia', 'rod.mcx', 'rod.mcz')
+    >>> base.weak_sizes(np.ones(11)).round(3).tolist(), base.project(base.unknown.file_values).shape
+    ([1.414, 0.0, 1.0], (3,))
     """
 
     unknown: UnknownParameters
@@ -360,11 +343,9 @@ class BaseParameters:
         unknown : UnknownParameters
         seed : int, of the states
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=())).count
-        6
+        Returns
+        -------
+        base : BaseParameters
         """
         robot, p = unknown.robot, len(unknown.names)
         nv = robot.nv
@@ -401,13 +382,6 @@ class BaseParameters:
         Returns
         -------
         sizes : (r,) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum(), friction=(), known={"rod.mcx": 0.0}))
-        >>> base.weak_sizes(np.ones(11)).round(3).tolist()
-        [1.414, 0.0, 1.0]
         """
         return np.sqrt(self.grouping**2 @ sizes**2) * np.where(self.held, _HELD, 1.0)
 
@@ -427,13 +401,6 @@ class BaseParameters:
         Returns
         -------
         groups : (r,) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.planar_2r(), motor_inertia=False, friction=()))
-        >>> base.project(base.unknown.file_values).shape
-        (6,)
         """
         return np.asarray(self.grouping @ values)
 

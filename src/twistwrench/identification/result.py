@@ -55,6 +55,23 @@ class IdentifiedRobot:
     folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
     payload_frame : str or None, what carries the payload that alone was sought
     notes : tuple of str, on rows and pauses that were left out of the logs
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, twistwrench as tw
+    >>> arm, t = tw.load(tw.robots.path_of("planar_2r")), np.arange(0, 10, 0.01)
+    >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    >>> tau = 1.2 * tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
+    >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm))
+    >>> found.interval().shape, found.consistent_at(1.0).inertias[0].defects()
+    ((13, 2), [])
+    >>> found.to_dict()["base_parameters"], found.to_json()[0]
+    (13, '{')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     notes = found.write(f"{folder}/new.urdf", f"{folder}/new.yaml")
+    ...     picture, page = found.plot(f"{folder}/fit.svg"), found.report(f"{folder}/report.html")
+    ...     tw.load(f"{folder}/new.urdf").nv, picture.name, page.read_text()[:15]
+    (2, 'fit.svg', '<!doctype html>')
     """
 
     original: Robot
@@ -110,20 +127,14 @@ class IdentifiedRobot:
         ----------
         strength : float or None, γ; None: chosen by rows held out
 
+        Returns
+        -------
+        robot : ConsistentRobot
+
         Raises
         ------
         ValueRangeError
             The strength is none that is offered.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = 1.1 * tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> found.consistent_at(1.0).inertias[0].defects()
-        []
         """
         from .consistent import STRENGTHS
 
@@ -165,16 +176,6 @@ class IdentifiedRobot:
         Returns
         -------
         interval : (r, 2) array
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> found.interval().shape
-        (3, 2)
         """
         half = self.covariance.half_width(level)
         return np.stack([self.values - half, self.values + half], axis=1)
@@ -228,18 +229,6 @@ class IdentifiedRobot:
             The verdict is LOOK AGAIN, or the robot would be no better than the file. Nothing is written then.
         ModelError
             The robot has no file, or its format has no place for a number.
-
-        Examples
-        --------
-        >>> import tempfile, numpy as np, twistwrench as tw
-        >>> arm, t = tw.load(tw.robots.path_of("planar_2r")), np.arange(0, 10, 0.01)
-        >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
-        >>> tau = 1.2 * tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     notes = found.write(f"{folder}/new.urdf", f"{folder}/new.yaml")
-        ...     tw.load(f"{folder}/new.urdf").nv
-        2
         """
         from .write import write_identified
 
@@ -252,23 +241,16 @@ class IdentifiedRobot:
         ----------
         path : str or Path; the suffix determines the format (.png, .pdf, .svg)
 
+        Returns
+        -------
+        path : Path of the file written
+
         Raises
         ------
         MissingExtraError
             Matplotlib is missing.
         ValueRangeError
             The file cannot be written.
-
-        Examples
-        --------
-        >>> import tempfile, numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     found.plot(f"{folder}/fit.svg").name
-        'fit.svg'
         """
         from ..plotting.identification import plot_identification
 
@@ -277,23 +259,16 @@ class IdentifiedRobot:
     def report(self, path: str | Path) -> Path:
         """Report as one page of HTML: the verdict first, then doubts, residuals, pictures and all groups.
 
+        Returns
+        -------
+        path : Path of the file written
+
         Raises
         ------
         MissingExtraError
             Matplotlib is missing.
         ValueRangeError
             The file cannot be written.
-
-        Examples
-        --------
-        >>> import tempfile, numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     found.report(f"{folder}/report.html").read_text()[:15]
-        '<!doctype html>'
         """
         from ..plotting.identification import identification_page
 
@@ -313,16 +288,6 @@ class IdentifiedRobot:
         Returns
         -------
         findings : dict, which ``json.dumps`` takes
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> found.to_dict()["base_parameters"]
-        3
         """
         names = self.original.model.velocity_names
         speeds = dict(zip(names, self.settings.friction_speed.tolist(), strict=True))
@@ -369,15 +334,9 @@ class IdentifiedRobot:
         ----------
         essential : bool, as for :meth:`to_dict`
 
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
-        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
-        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
-        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
-        >>> found.to_json()[0]
-        '{'
+        Returns
+        -------
+        text : str
         """
         return json.dumps(self.to_dict(essential=essential), indent=2, ensure_ascii=False) + "\n"
 

@@ -24,7 +24,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Bounds of a motion: limits of position, velocity, acceleration and torque, (nv,) each, inf where nothing is limited."""
+    """Bounds of a motion: limits of position, velocity, acceleration and torque, (nv,) each, inf where nothing is limited.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> bounds = bounds_of(tw.robots.planar_2r(), velocity=2.0)
+    >>> bounds.excess("velocity", np.array([1.5, 2.5])).tolist()
+    [-0.5, 0.5]
+    >>> bounds.limit("velocity").tolist(), bounds.tolerance("velocity").shape
+    ([2.0, 2.0], (2,))
+    """
 
     lower: Array
     """Least positions [rad or m]."""
@@ -47,13 +57,6 @@ class Bounds:
         Returns
         -------
         excess : (..., nv) array, negative inside; -inf where nothing is limited
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> bounds = bounds_of(tw.robots.planar_2r(), velocity=2.0)
-        >>> bounds.excess("velocity", np.array([1.5, 2.5])).tolist()
-        [-0.5, 0.5]
         """
         if kind == "position":
             return np.asarray(np.maximum(values - self.upper, self.lower - values))
@@ -65,13 +68,6 @@ class Bounds:
         Returns
         -------
         limit : (nv,) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> bounds = bounds_of(tw.robots.planar_2r(), velocity=2.0)
-        >>> bounds.limit("velocity").tolist()
-        [2.0, 2.0]
         """
         return np.asarray({"velocity": self.velocity, "acceleration": self.acceleration, "torque": self.effort}[kind])
 
@@ -81,13 +77,6 @@ class Bounds:
         Returns
         -------
         tolerance : (nv,) array
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> bounds = bounds_of(tw.robots.planar_2r(), velocity=2.0)
-        >>> bounds.tolerance("velocity").shape
-        (2,)
         """
         if kind == "position":
             return Limits(self.lower, self.upper, self.velocity, self.effort).tolerance

@@ -30,7 +30,15 @@ class MimicJoint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Names and units of the entries of q (nq) and of dq (nv) of one robot."""
+    """Names and units of the entries of q (nq) and of dq (nv) of one robot.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> coordinates = Coordinates.from_model(tw.robots.pendulum().model)
+    >>> coordinates.names, coordinates.headers("dq", degrees=True)
+    (('hinge',), ['hinge.vel [deg/s]'])
+    """
 
     names: tuple[str, ...]
     """Entries of q: the joint's name, with a suffix where a joint has several."""
@@ -60,12 +68,6 @@ class Coordinates:
         Returns
         -------
         headers : list of str
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> Coordinates.from_model(tw.robots.pendulum().model).headers("dq", degrees=True)
-        ['hinge.vel [deg/s]']
         """
         q = part == "q"
         names, turning = (self.names, self.angular) if q else (self.velocity_names, self.angular_velocity)
@@ -79,12 +81,6 @@ class Coordinates:
         Returns
         -------
         coordinates : Coordinates
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> Coordinates.from_model(tw.robots.planar_2r().model).names
-        ('joint1', 'joint2')
         """
         found = _CACHE.get(model)
         if found is not None:

@@ -61,11 +61,19 @@ class Motion:
 
     Examples
     --------
-    >>> import numpy as np, twistwrench as tw
+    >>> import tempfile, numpy as np, twistwrench as tw
     >>> t = np.linspace(0, 1, 101)
     >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
     >>> motion.torques().shape, motion.at(0.5)[0].round(3).tolist()
     ((101, 2), [0.25, -0.25])
+    >>> motion.violations(), motion.contradictions, list(motion.terms())
+    ((), (), ['inertia', 'coriolis', 'gravity'])
+    >>> list(motion.columns())[:3], motion.to_pandas().shape, motion.to_xarray().dq.sel(joint="joint2").shape
+    (['time', 'joint1', 'joint2'], (101, 6), (101,))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     table, picture = motion.to_csv(f"{folder}/motion.csv"), motion.plot(f"{folder}/motion.svg")
+    ...     table.read_text().split(",")[0], picture.name
+    ('time', 'motion.svg')
     """
 
     time: Array
@@ -269,14 +277,6 @@ class Motion:
 
         Rates that are not the slope of what they belong to, jumps, angles that are far beyond the robot's limits, time
         that seems to be in ms.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 4, 401)
-        >>> motion = tw.Motion(1000 * t, np.sin(np.outer(t, [1, 2])), robot=tw.robots.planar_2r())
-        >>> [said[:31] for said in motion.contradictions]
-        ['the usual step of time is 10 s,']
         """
         tally = Contradictions(self.coordinates, time_stated=False)
         tally.add(self)
@@ -307,14 +307,6 @@ class Motion:
         -----
         Between two samples q moves along a polynomial of degree 5 in the joint twists that has the velocities and
         accelerations of both (Hermite interpolation); dq and ddq are its derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.at(0.5)[0].round(3).tolist()
-        [0.25, -0.25]
         """
         t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
         q, *rates = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
@@ -338,14 +330,6 @@ class Motion:
         Notes
         -----
         MR section 8.3.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.torques().shape
-        (101, 2)
         """
         return np.asarray(self.robot.inverse_dynamics(self.q, self.dq, self.ddq, friction=friction))
 
@@ -356,14 +340,6 @@ class Motion:
         -------
         terms : {name: (n, nv) array}, ``inertia``, ``coriolis``, ``gravity`` (with springs), and ``friction`` if asked
             for
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> list(motion.terms())
-        ['inertia', 'coriolis', 'gravity']
         """
         robot = self.robot
         gravity = robot.holding_torques(self.q)
@@ -385,14 +361,6 @@ class Motion:
         Returns
         -------
         found : tuple of Violation
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.violations()
-        ()
         """
         check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
         if tau is None:
@@ -412,22 +380,16 @@ class Motion:
         ----------
         path : str or Path; the suffix says the kind (.png, .pdf, .svg)
 
+        Returns
+        -------
+        path : Path of the file written
+
         Raises
         ------
         MissingExtraError
             matplotlib is not installed.
         ValueRangeError
             The file cannot be written.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     motion.plot(f"{folder}/motion.svg").name
-        'motion.svg'
         """
         from ..plotting.motion import plot_motion
 
@@ -445,14 +407,6 @@ class Motion:
         Returns
         -------
         columns : {name: (n,) array}, time first
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> list(motion.columns())[:3]
-        ['time', 'joint1', 'joint2']
         """
         names = self.coordinates
         unit = np.degrees(1.0) if degrees else 1.0
@@ -475,20 +429,14 @@ class Motion:
         ----------
         degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
+        Returns
+        -------
+        path : Path of the file written
+
         Raises
         ------
         ValueRangeError
             Nothing can be written.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
-        time
         """
         path, columns = as_path(path), self.columns(degrees=degrees)
         with csv_table(path, columns) as table:
@@ -506,14 +454,6 @@ class Motion:
         ------
         MissingExtraError
             pandas is not installed.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.to_pandas().shape
-        (101, 6)
         """
         try:
             import pandas
@@ -533,14 +473,6 @@ class Motion:
         ------
         MissingExtraError
             xarray is not installed.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.to_xarray().dq.sel(joint="joint2").shape
-        (101,)
         """
         from .motion_io import labelled_dataset
 

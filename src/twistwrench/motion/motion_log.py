@@ -171,7 +171,15 @@ class _Decoded:
 
 @dataclass(frozen=True, eq=False)
 class MotionLog:
-    """Motion log: a file that has been opened once to read its header; the rows stay in the file."""
+    """Motion log: a file that has been opened once to read its header; the rows stay in the file.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+    >>> log.motion(log.table).q.shape, log.contradictions(), log.hints()
+    ((751, 6), (), ())
+    """
 
     file: MotionFile
     """The file."""
@@ -265,13 +273,6 @@ class MotionLog:
 
         The file is decoded at the first use, which raises TrajectoryError if a value is not a finite number, a row is cut or
         time runs back. Rows whose stamp alone is wrong are left out.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> len(log.table)
-        751
         """
         return self._decoded.table
 
@@ -324,13 +325,6 @@ class MotionLog:
         Returns
         -------
         rows : LogRows
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> log.motion(log.table).q.shape
-        (751, 6)
         """
         return LogRows(table[:, 0].copy(), *(self.columns.in_si(table, part) for part in ("q", "dq", "ddq", "tau")))
 
@@ -363,13 +357,6 @@ class MotionLog:
         Returns
         -------
         sentences : tuple of str
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> log.contradictions()
-        ()
         """
         checked = len(self.coordinates.velocity_names)
         misread = (unused_doubt(self.unused, self.held, checked),) if self.unused else ()
@@ -382,13 +369,6 @@ class MotionLog:
         Returns
         -------
         sentences : tuple of str
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-        >>> log.hints()
-        ()
         """
         return self._decoded.contradictions.hints(limits)
 

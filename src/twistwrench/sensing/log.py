@@ -41,9 +41,15 @@ class ReadingLog:
 
     Examples
     --------
+    >>> from twistwrench.sensing import ForceTorqueSensor
     >>> log = ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
     >>> len(log), log.gravity.tolist()
     (1, [[0.0, 0.0, -9.81]])
+    >>> log.doubts(), log.size_doubts(), log.motion_doubts()
+    ([], [], [])
+    >>> sensor = ForceTorqueSensor(bias=[0, 0, 0, 0, 0, -29.43])
+    >>> log.predicted(sensor)[0, 5].item(), log.compensated(sensor)[0, 5].item()
+    (-29.43, 0.0)
     """
 
     readings: Array
@@ -191,11 +197,6 @@ class ReadingLog:
         Returns
         -------
         doubts : list of str, empty when all look right
-
-        Examples
-        --------
-        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).doubts()
-        []
         """
         return self.size_doubts() + self.motion_doubts()
 
@@ -205,11 +206,6 @@ class ReadingLog:
         Returns
         -------
         doubts : list of str
-
-        Examples
-        --------
-        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).size_doubts()
-        []
         """
         found = []
         centred = self.readings - np.median(self.readings, axis=0)  # a bias may be anything
@@ -233,11 +229,6 @@ class ReadingLog:
         Returns
         -------
         doubts : list of str
-
-        Examples
-        --------
-        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).motion_doubts()
-        []
         """
         found = []
         strength = np.linalg.norm(self.gravity, axis=1)
@@ -260,12 +251,6 @@ class ReadingLog:
         Returns
         -------
         readings : (n, 6) array [N m, N]
-
-        Examples
-        --------
-        >>> from twistwrench.sensing import ForceTorqueSensor
-        >>> ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).predicted(ForceTorqueSensor()).tolist()
-        [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
         """
         return checked_sensor(sensor, "predicted").predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
 
@@ -280,13 +265,6 @@ class ReadingLog:
         -----
         ModelWarning
             The log has motion and the load's inertia is unknown.
-
-        Examples
-        --------
-        >>> from twistwrench.sensing import ForceTorqueSensor
-        >>> log = ReadingLog.from_arrays([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
-        >>> log.compensated(ForceTorqueSensor(bias=[0, 0, 0, 0, 0, -29.43]))[0, 5].item()
-        0.0
         """
         checked_sensor(sensor, "compensated")
         sensor.warn_of_motion(self.V, self.dV)

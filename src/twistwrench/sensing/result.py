@@ -27,6 +27,17 @@ class Identification:
     """Identified sensor: bias and load found from a log, and how well they are known.
 
     Regions are exact for noise that is normal.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia, sensing
+    >>> log = sensing.simulate(sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1))), 12)
+    >>> found = sensing.identify(log)
+    >>> lower, upper = found.interval(found.fit.unknowns.names[0])
+    >>> lower < upper, found.rest(log).shape
+    (True, (12, 6))
+    >>> found.com_region_contains([0, 0, 0.1]), found.region_contains(3.0, [0, 0, 0.1])
+    (True, True)
     """
 
     sensor: ForceTorqueSensor
@@ -85,15 +96,6 @@ class Identification:
         Returns
         -------
         residuals : (n, 6) array, (m, f) [N m, N]
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia, sensing
-        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
-        >>> log = sensing.simulate(tool, 12)
-        >>> found = sensing.identify(log)
-        >>> found.rest(log).shape
-        (12, 6)
         """
         unknowns, factor = self.fit.unknowns, sign_factor(self.sensor.sign)
         explained = unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
@@ -119,16 +121,6 @@ class Identification:
         Returns
         -------
         interval : (float, float), in the unknown's SI unit
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia, sensing
-        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
-        >>> log = sensing.simulate(tool, 12)
-        >>> found = sensing.identify(log)
-        >>> lower, upper = found.interval(found.fit.unknowns.names[0])
-        >>> lower < upper
-        True
         """
         names = self.fit.unknowns.names
         if name not in names:
@@ -166,14 +158,9 @@ class Identification:
     def com_region_contains(self, com: ArrayLike) -> bool:
         """Test if a point is in the joint confidence region of the centre of mass (Fieller's, for three).
 
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia, sensing
-        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
-        >>> log = sensing.simulate(tool, 12)
-        >>> found = sensing.identify(log)
-        >>> found.com_region_contains([0, 0, 0.1])
-        True
+        Returns
+        -------
+        answer : bool
         """
         x, _, C = self._load
         c = np.asarray(com, float)
@@ -190,14 +177,9 @@ class Identification:
         ----------
         mass : float [kg]
 
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia, sensing
-        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
-        >>> log = sensing.simulate(tool, 12)
-        >>> found = sensing.identify(log)
-        >>> found.region_contains(3.0, [0, 0, 0.1])
-        True
+        Returns
+        -------
+        answer : bool
         """
         x, _, C = self._load
         r = np.array([mass, *(mass * np.asarray(com, float))]) - x

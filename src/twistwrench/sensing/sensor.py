@@ -203,6 +203,10 @@ class ForceTorqueSensor:
     >>> sensor = ForceTorqueSensor(load=SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
     >>> sensor.predict(np.eye(3)).round(6).tolist()  # upright: 3 kg hang on it
     [0.0, 0.0, 0.0, 5.0, 0.0, -29.43]
+    >>> sensor.compensate([0, 0, 0, 5, 0, -39.43], np.eye(3)).round(6).tolist()
+    [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
+    >>> sensor.contact_wrench([0, 0, 0, 0, 0, -10]).tolist(), sensor.missing_signals(None, None)
+    ([0.0, 0.0, 0.0, 0.0, 0.0, -10.0], None)
     """
 
     load: SpatialInertia = field(default_factory=SpatialInertia.zero)
@@ -266,13 +270,6 @@ class ForceTorqueSensor:
         ------
         FrameError
             A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other.
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia
-        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
-        >>> sensor.predict(np.eye(3)).round(6).tolist()
-        [0.0, 0.0, 0.0, 5.0, 0.0, -29.43]
         """
         given = self._unlabelled(pose=pose, V=V, dV=dV)
         V, dV = _six(given["V"], "V", _TWIST), _six(given["dV"], "dV", _TWIST)
@@ -309,13 +306,6 @@ class ForceTorqueSensor:
         -----
         ModelWarning
             There is motion and the load's inertia is unknown.
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia
-        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
-        >>> sensor.compensate([0, 0, 0, 5, 0, -39.43], np.eye(3)).round(6).tolist()
-        [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
         """
         given = self._unlabelled(readings=readings, pose=pose, V=V, dV=dV)
         read = np.asarray(_six(given.pop("readings"), "readings", _READING))
@@ -339,13 +329,6 @@ class ForceTorqueSensor:
         ------
         FrameError
             The sensor has a ``frame``, and a labelled wrench is in another.
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia
-        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
-        >>> sensor.contact_wrench([0, 0, 0, 0, 0, -10]).tolist()
-        [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
         """
         given = self._unlabelled(compensated=compensated)["compensated"]
         F = sign_factor(self.sign) * np.asarray(_six(given, "compensated", _READING))
@@ -358,13 +341,6 @@ class ForceTorqueSensor:
         Returns
         -------
         text : str, or None if nothing
-
-        Examples
-        --------
-        >>> from twistwrench import SpatialInertia
-        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
-        >>> sensor.missing_signals(None, None) is None
-        True
         """
         turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
         return _MISSING_INERTIA if self.inertia == "unknown" and turning else None

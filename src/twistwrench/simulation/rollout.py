@@ -29,6 +29,21 @@ class Rollout:
     """Rollout: motions of any batch shape, n states each, the first at time 0.
 
     Printing it says whether all are stable.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> falls = tw.robots.pendulum().rollout([[1.0], [2.0]], [0.0], dt=0.01, steps=100, gradients=True)
+    >>> falls.motion(1)
+    <Motion of 'pendulum': 101 states, 0 to 1 s>
+    >>> falls.to_xarray().q.isel(sample=1, time=-1).sel(coordinate="hinge").shape
+    ()
+    >>> A, B = falls.linearize()
+    >>> slope = np.zeros((2, 101, 1))
+    >>> slope[:, -1] = 1.0                                  # cost: the angles at the end
+    >>> by = falls.gradient(slope)
+    >>> A.shape, B.shape, by.q0.shape, by.tau.shape
+    ((2, 100, 2, 2), (2, 100, 2, 1), (2, 1), (2, 100, 1))
     """
 
     robot: str
@@ -65,17 +80,14 @@ class Rollout:
         ----------
         *index : int, of the motion in the batch
 
+        Returns
+        -------
+        motion : Motion
+
         Notes
         -----
         Its robot is the one that was rolled out, whatever ``parameters=`` said for the sample: for torques with a
         sample's payload, ``motion.with_robot(robot.with_payload(…))``.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> many = tw.robots.planar_2r().rollout([[0, 0], [1, 0]], [0, 0], steps=100)
-        >>> many.motion(1)
-        <Motion of 'planar_2r': 101 states, 0 to 0.1 s>
         """
         if (
             not all(isinstance(k, int | np.integer) for k in index)
@@ -96,13 +108,6 @@ class Rollout:
         Returns
         -------
         dataset : xarray.Dataset, torques of the step that begins at each time, NaN at the last one
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> many = tw.robots.planar_2r().rollout([[0, 0], [1, 0]], [0, 0], steps=100)
-        >>> many.to_xarray().q.isel(sample=1, time=-1).sel(coordinate="joint1").shape
-        ()
         """
         from ..motion.motion_io import labelled_dataset
 
@@ -121,16 +126,6 @@ class Rollout:
         Returns
         -------
         gradient : RolloutGradient
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> fall = tw.robots.pendulum().rollout([1.0], [0.0], dt=0.01, steps=100, gradients=True)
-        >>> slope = np.zeros((101, 1))
-        >>> slope[-1] = 1.0                                     # cost: the angle at the end
-        >>> by = fall.gradient(slope)
-        >>> by.q0.shape, by.tau.shape
-        ((1,), (100, 1))
         """
         given = self._given()
         if not given.plan.says_torques and np.any(tau):
@@ -149,14 +144,6 @@ class Rollout:
         Notes
         -----
         δ are deviations along robot.add, as in :meth:`twistwrench.Robot.linearize`, of which this is the step.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> up = tw.robots.pendulum().rollout([3.14159], [0.0], dt=0.01, steps=5, gradients=True)
-        >>> A, B = up.linearize()
-        >>> A[0].round(4).tolist(), B[0].round(4).tolist()
-        ([[1.001, 0.01], [0.0981, 1.0]], [[0.0001], [0.01]])
         """
         given = self._given()
         if given.kept != given.steps:

@@ -30,8 +30,9 @@ class Contact:
 
     Examples
     --------
-    >>> Contact((0, 0, 0), normal=(0, 0, 2), friction=0.5).edges(4)[1].round(3).tolist()
-    [0.0, 0.5, 1.0]
+    >>> contact = Contact((0, 0, 0), normal=(0, 0, 2), friction=0.5)
+    >>> contact.edges(4)[1].round(3).tolist(), bool(contact.allows([0.4, 0, 1]))
+    ([0.0, 0.5, 1.0], True)
     """
 
     point: Any = (0.0, 0.0, 0.0)
@@ -77,11 +78,6 @@ class Contact:
         Returns
         -------
         forces : (count, 3) array; (1, 3) for μ = 0
-
-        Examples
-        --------
-        >>> Contact(friction=0.5).edges(4).shape
-        (4, 3)
         """
         count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer have no inside
         if self.friction == 0:
@@ -103,11 +99,6 @@ class Contact:
         Returns
         -------
         answer : (...) array of bool
-
-        Examples
-        --------
-        >>> bool(Contact(friction=0.5).allows([0.4, 0, 1]))
-        True
         """
         f = arguments.finite(force, "force", 3)
         along = f @ self.normal

@@ -293,6 +293,13 @@ class WrenchPolytope:
     """Wrench polytope: all x (n,) with ``normals`` @ x ≤ ``offsets``.
 
     A bounded cross-section, times what the structure bears.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
+    >>> found.contains([[0, 0, 0], [0, 0, 100]]).tolist(), round(float(found.support([0, 0, 1])), 6)
+    ([True, False], 50.38)
     """
 
     normals: Array
@@ -325,13 +332,6 @@ class WrenchPolytope:
         Returns
         -------
         answer : (...) array of bool
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
-        >>> found.contains([[0, 0, 0], [0, 0, 100]]).tolist()
-        [True, False]
         """
         x = arguments.finite(x, "x", self.normals.shape[1])
         return np.all(x @ self.normals.T <= self.offsets + slack, axis=-1)
@@ -346,13 +346,6 @@ class WrenchPolytope:
         Returns
         -------
         largest : (...) array, inf where the structure bears part of the direction
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
-        >>> round(float(found.support([0, 0, 1])), 6)
-        50.38
         """
         d = arguments.finite(direction, "direction", self.normals.shape[1])
         most = (d @ self.vertices.T).max(axis=-1)

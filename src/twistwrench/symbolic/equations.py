@@ -63,6 +63,22 @@ class Equations:
     Made by :func:`twistwrench.symbolic.lagrange` and ``derive``. Of a robot, and of a Lagrangian that is ½ q̇'M q̇ less
     a potential, h = c + g: ``split`` is then False. Of one with terms linear in the rates (a magnetic force) or with time in
     it, h has more in it; ``tau`` has it all.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+    >>> print(equations.text(["gravity_forces"]))
+    gravity_forces: g, what is left at rest
+      g₁ = m₁ L₁ g sin(θ₁)
+    >>> equations.step("gravity-forces") is equations.chosen(["gravity_forces"])[0]
+    True
+    >>> "documentclass" in equations.latex(), "$" in equations.markdown(), "<math" in equations.html()
+    (True, True, True)
+    >>> "def inverse_dynamics(" in equations.numpy_source(), "void pendulum_inverse_dynamics(" in equations.c_source()
+    (True, True)
+    >>> equations.function("inverse_dynamics")([0.0], [0.0], [1.0]).tolist()
+    [1.0]
     """
 
     name: str
@@ -137,13 +153,6 @@ class Equations:
         Returns
         -------
         step : Step
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> equations.step("gravity-forces").name
-        'gravity_forces'
         """
         for step in self.steps:
             if step.name == str(name).replace("-", "_"):
@@ -156,13 +165,6 @@ class Equations:
         Returns
         -------
         steps : tuple of Step
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> [step.name for step in equations.chosen(["gravity_forces"])]
-        ['gravity_forces']
         """
         names = [steps] if isinstance(steps, str) or not isinstance(steps, Iterable | None) else steps
         return self.steps if names is None else tuple(map(self.step, names))
@@ -170,13 +172,9 @@ class Equations:
     def text(self, steps: Iterable[str] | None = None) -> str:
         """Plain text with Greek letters.
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> print(equations.text(["gravity_forces"]))
-        gravity_forces: g, what is left at rest
-          g₁ = m₁ L₁ g sin(θ₁)
+        Returns
+        -------
+        text : str
         """
         notation = Text()
         parts = []
@@ -192,36 +190,27 @@ class Equations:
         ----------
         document : bool, a document that compiles; False: what goes between
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> equations.latex().startswith(r"\documentclass")
-        True
+        Returns
+        -------
+        text : str
         """
         return latex_document(self, self.chosen(steps), Latex(), whole=document)
 
     def markdown(self, steps: Iterable[str] | None = None) -> str:
         """Markdown with formulas between dollars, as GitHub and notebooks show them.
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> "$" in equations.markdown(["gravity_forces"])
-        True
+        Returns
+        -------
+        text : str
         """
         return markdown_document(self, self.chosen(steps), Latex())
 
     def html(self, steps: Iterable[str] | None = None) -> str:
         """HTML page that needs nothing else: formulas are MathML, which browsers show without scripts.
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> "<math" in equations.html(["gravity_forces"])
-        True
+        Returns
+        -------
+        text : str
         """
         return html_page(self, self.chosen(steps))
 
@@ -236,13 +225,6 @@ class Equations:
         ------
         ValueRangeError
             No source can hold the equations, as :meth:`function`.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> "def inverse_dynamics(" in equations.numpy_source()
-        True
         """
         return numpy_source(self)
 
@@ -261,13 +243,6 @@ class Equations:
         ------
         ValueRangeError
             A prefix begins no name in C, or as :meth:`function`.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> "void pendulum_inverse_dynamics(" in equations.c_source()
-        True
         """
         return c_source(self, prefix)
 
@@ -289,13 +264,6 @@ class Equations:
         ------
         ValueRangeError
             No source can hold the equations (Max, Piecewise, what SymPy leaves as a derivative).
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
-        >>> equations.function("inverse_dynamics")([0.0], [0.0], [1.0]).tolist()
-        [1.0]
         """
         if not isinstance(name, str) or name not in FUNCTIONS:
             raise UnknownNameError.from_choices("function", name, FUNCTIONS)

@@ -37,7 +37,14 @@ _ALPHA = {"looks": 1.0, "inertia": 0.3}
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Camera that looks at a point of the base frame from some distance, turned about z and raised."""
+    """Camera that looks at a point of the base frame from some distance, turned about z and raised.
+
+    Examples
+    --------
+    >>> camera = Camera(np.zeros(3), 2.0)
+    >>> camera.axes().shape, camera.project([0.0, 0.0, 0.0])[1].item()
+    ((3, 3), 2.0)
+    """
 
     target: Array
     """The point it looks at (3,) [m]."""
@@ -54,11 +61,6 @@ class Camera:
         Returns
         -------
         axes : (3, 3) array, in the base frame
-
-        Examples
-        --------
-        >>> Camera(np.zeros(3), 2.0).axes().shape
-        (3, 3)
         """
         c, s = np.cos(self.elevation), np.sin(self.elevation)
         ca, sa = np.cos(self.azimuth), np.sin(self.azimuth)
@@ -77,12 +79,6 @@ class Camera:
         -------
         places : (..., 2) array, in metres at the target
         depths : (...) array [m]
-
-        Examples
-        --------
-        >>> places, depths = Camera(np.zeros(3), 2.0).project([0.0, 0.0, 0.0])
-        >>> places.tolist(), float(depths)
-        ([0.0, 0.0], 2.0)
         """
         seen = (np.asarray(points) - self.target) @ self.axes().T
         away = np.maximum(self.distance - seen[..., 2], 1e-3 * self.distance)

@@ -192,7 +192,17 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Scene: a robot and its shapes."""
+    """Scene: a robot and its shapes.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> scene = scene_of(tw.robots.planar_2r())
+    >>> scene.body_poses([0.0, 0.0]).shape, scene.bounds([0.0, 0.0]).shape
+    ((2, 4, 4), (2, 3))
+    >>> len(scene.decimated(100).shapes) == len(scene.shapes)
+    True
+    """
 
     robot: Robot
     """The robot."""
@@ -243,12 +253,6 @@ class Scene:
         Returns
         -------
         T : (nbodies, 4, 4) array; those of rotors, never drawn, are NaN
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> scene_of(tw.robots.planar_2r()).body_poses([0.0, 0.0]).shape
-        (2, 4, 4)
         """
         poses = np.asarray(self.robot.link_poses(q), float)
         place = {link: k for k, link in enumerate(self.robot.link_names)}
@@ -278,12 +282,6 @@ class Scene:
         Returns
         -------
         corners : (2, 3) array, the lowest and the highest corner in the base frame [m]
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> scene_of(tw.robots.planar_2r()).bounds([0.0, 0.0]).shape
-        (2, 3)
         """
         poses = self.body_poses(q)
         corners = []
@@ -306,13 +304,6 @@ class Scene:
         Returns
         -------
         scene : Scene
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> scene = scene_of(tw.robots.planar_2r())
-        >>> len(scene.decimated(100).shapes) == len(scene.shapes)
-        True
         """
         total = sum(len(s.surface.faces) for s in self.shapes if s.layer == "looks")
         if total <= most:
