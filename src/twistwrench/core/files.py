@@ -25,22 +25,14 @@ _PATIENCE = 10.0
 
 
 def as_path(path: Any) -> Path:
-    """The caller's path, a text or a Path. Raises ValueRangeError for anything else, and for an empty text.
-
-    >>> as_path("motion.csv").suffix
-    '.csv'
-    """
+    """The caller's path, a text or a Path. Raises ValueRangeError for anything else, and for an empty text."""
     if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
         raise ValueRangeError(f"path is {shown(path)}: give the path of a file, a text or a pathlib.Path.")
     return Path(path)
 
 
 def is_stream(path: Path) -> bool:
-    """True if the path exists and can be read only once: a pipe, a terminal or another device.
-
-    >>> is_stream(Path("/dev/null")), is_stream(Path("."))
-    (True, False)
-    """
+    """True if the path exists and can be read only once: a pipe, a terminal or another device."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):
@@ -135,9 +127,6 @@ def picture_path(path: str | Path) -> str:
     """The file a picture goes to: ``path``, with .png added if it has no suffix.
 
     Raises :class:`~twistwrench.ValueRangeError` for a suffix that is none of :data:`PICTURES`.
-
-    >>> picture_path("torques"), picture_path("torques.svg")
-    ('torques.png', 'torques.svg')
     """
     text, suffix = str(as_path(path)), Path(path).suffix.lower()
     if not suffix:
@@ -156,10 +145,6 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
     Both map what the user calls a file (``--csv``, ``ROBOT``) to its path, None where it was not given. Links count as what
     they lead to; devices, such as /dev/null, may be shared. Pass a picture's path through :func:`picture_path` first.
     Raises :class:`~twistwrench.ValueRangeError`.
-
-    >>> check_outputs({"--csv": "log.csv", "--plot": "log.png"}, {"LOG": "log.csv"})
-    Traceback (most recent call last):
-    twistwrench.errors.ValueRangeError: --csv 'log.csv' would overwrite the file of LOG. Give another name.
     """
     others = {name: Path(path) for name, path in inputs.items() if path is not None}
     for name, given in outputs.items():
@@ -188,10 +173,6 @@ def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
     """The path, unless a file is there already and ``overwrite`` is False: files of robots are made by hand.
 
     Devices, such as /dev/stdout, may be written to. Raises :class:`~twistwrench.ValueRangeError`.
-
-    >>> refuse_existing(__file__, overwrite=False)  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    twistwrench.errors.ValueRangeError: ... is there already. Give another name, or overwrite=True.
     """
     target = as_path(path)
     if target.is_file() and not overwrite:

@@ -72,11 +72,7 @@ def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> s
 
 
 def in_file(value: float) -> str:
-    """A number in a text that programs read: ten digits.
-
-    >>> in_file(1 / 3), in_file(-9.81), in_file(2.0)
-    ('0.3333333333', '-9.81', '2')
-    """
+    """A number in a text that programs read: ten digits."""
     return f"{value:.10g}"
 
 
@@ -84,9 +80,6 @@ def torque(value: float) -> str:
     """A computed torque, force, angle or length, with zeros at the end for easy comparison within a column.
 
     Three decimals at most: nobody looks closer in N m, N, rad and m.
-
-    >>> torque(-62.2001), torque(0.0123456), torque(1e-5), torque(3e9), torque(float("inf"))
-    ('-62.20', '0.012', '0', '3e+09', '–')
     """
     if not 5e-4 <= abs(value) < _IN_FULL:
         return number(value, decimals=3)
@@ -94,11 +87,7 @@ def torque(value: float) -> str:
 
 
 def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, decimals: int | None = None) -> str:
-    """A number with its unit; an unknown one has none.
-
-    >>> quantity(62.2648, "N m"), quantity(-90.0, "°"), quantity(None, "N m")
-    ('62.26 N m', '-90°', '–')
-    """
+    """A number with its unit; an unknown one has none."""
     text = number(value, digits, decimals=decimals)
     return text if text == MISSING else f"{text}{unit if unit == '°' else f' {unit}'}"
 
@@ -129,11 +118,7 @@ def percent_of_limit(share: SupportsFloat | None) -> str:
 
 
 def deviation(sigma: float, decimals: int = 3) -> str:
-    """A standard deviation: two digits, zeros included, and ``decimals`` at most.
-
-    >>> deviation(123.4), deviation(0.01234), deviation(0.0996), deviation(2e-6), deviation(0.0)
-    ('120', '0.012', '0.10', '<0.001', '0')
-    """
+    """A standard deviation: two digits, zeros included, and ``decimals`` at most."""
     if not math.isfinite(sigma):
         return MISSING
     least = 10.0**-decimals
@@ -145,11 +130,7 @@ def deviation(sigma: float, decimals: int = 3) -> str:
 
 
 def estimate(value: float, sigma: float) -> tuple[str, str]:
-    """An estimate and its standard deviation, or half of its interval: both end at the deviation's second digit.
-
-    >>> estimate(2.00345, 0.0123), estimate(3452.0, 123.0), estimate(1.5, float("inf"))
-    (('2.003', '0.012'), ('3450', '120'), ('1.5', '–'))
-    """
+    """An estimate and its standard deviation, or half of its interval: both end at the deviation's second digit."""
     if not (math.isfinite(sigma) and sigma > 0 and math.isfinite(value)):
         return number(value), number(sigma, 2)
     places = _decimals(sigma)
@@ -159,29 +140,17 @@ def estimate(value: float, sigma: float) -> tuple[str, str]:
 
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
-    """An estimate with its standard deviation, or half of its interval, in one text.
-
-    >>> plus_minus(2.00345, 0.0123, "kg")
-    '2.003 ± 0.012 kg'
-    """
+    """An estimate with its standard deviation, or half of its interval, in one text."""
     return " ± ".join(estimate(float(value), float(sigma))) + (f" {unit}" if unit else "")
 
 
 def seconds(time: float, decimals: int = 3) -> str:
-    """A time within a motion, without its unit; four decimals tell the rows of a fast log apart.
-
-    >>> seconds(1.80849), seconds(1.80849, 4)
-    ('1.808', '1.8085')
-    """
+    """A time within a motion, without its unit; four decimals tell the rows of a fast log apart."""
     return f"{time:.{decimals}f}"
 
 
 def residual(value: float) -> str:
-    """A quantity that should be zero.
-
-    >>> residual(0.00000123), residual(0.0)
-    ('1.2e-06', '0')
-    """
+    """A quantity that should be zero."""
     return f"{value:.1e}" if value else "0"
 
 

@@ -30,11 +30,7 @@ _LOST = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
 
 
 def harmless_text(text: str) -> str:
-    r"""Text of one line that no spreadsheet reads as a formula; :func:`unescape_cell` restores the text.
-
-    >>> harmless_text("=1+1"), harmless_text("elbow"), harmless_text("two\nlines")
-    ("'=1+1", 'elbow', '"two\\nlines"')
-    """
+    """Text of one line that no spreadsheet reads as a formula; :func:`unescape_cell` restores the text."""
     if _LOST.search(text):
         return json.dumps(text, ensure_ascii=False)
     return f"'{text}" if _RUN.match(text) else text
@@ -54,19 +50,7 @@ def unescape_cell(cell: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class CsvWriter:
-    """Writer of rows to a CSV file that is open for bytes; lines end in a newline.
-
-    >>> import numpy as np
-    >>> file = io.BytesIO()
-    >>> writer = CsvWriter(file)
-    >>> writer.row(["joint", "a,b", "=x"])
-    >>> writer.row(["elbow", 0.1, None])
-    >>> writer.numbers(np.array([[1.0, -0.1]]))
-    >>> print(file.getvalue().decode().rstrip())
-    joint,"a,b",'=x
-    elbow,0.1,
-    1.0,-0.1
-    """
+    """Writer of rows to a CSV file that is open for bytes; lines end in a newline."""
 
     file: BinaryIO
 

@@ -16,20 +16,12 @@ _QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_LONGEST}}}(?:[^{q}\\]|\\.)+{
 
 
 def clipped(text: str) -> str:
-    """A text of another author's file, shortened for messages.
-
-    >>> len(clipped("0 " * 100_000))
-    201
-    """
+    """A text of another author's file, shortened for messages."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def with_clipped_quotations(message: str) -> str:
-    """The message with long quotations cut short.
-
-    >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
-    221
-    """
+    """The message with long quotations cut short."""
     return re.sub(_QUOTED, lambda found: f"{found[0][: _LONGEST + 1]}…{found[0][-1]}", message)
 
 

@@ -173,11 +173,7 @@ class Workers:
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
     ) -> Iterator[Result | Failure]:
-        """``function`` of each item, in the order of the items; errors of one do not stop the others.
-
-        >>> list(Workers().results(abs, [-1, 2]))
-        [1, 2]
-        """
+        """``function`` of each item, in the order of the items; errors of one do not stop the others."""
         tell = progress or (lambda _share: None)
         work = partial(_result_or_failure, function)  # which travels to other processes
         if self.client is None:
@@ -211,10 +207,6 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
     """Workers of one kind: this process by default, a number of processes of this machine, or a cluster by its address.
 
     Raises MissingExtraError without Dask, ValueRangeError where both are given or nothing answers at the address.
-
-    >>> with workers_of() as team:
-    ...     list(team.results(len, ["ab", "c"]))
-    [2, 1]
     """
     if workers is None and scheduler is None:
         yield Workers()
@@ -276,11 +268,7 @@ class _LazyModule:
 
 
 def lazy_module(name: str) -> Any:
-    """Module of that name, imported when one of its names is first used.
-
-    >>> lazy_module("math").sqrt(4.0)
-    2.0
-    """
+    """Module of that name, imported when one of its names is first used."""
     return _LazyModule(name)
 
 
@@ -297,12 +285,6 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
     For blocks that hand somebody else's bytes to somebody else's parser, and for nothing more: a mistake of our own in such
     a block would be called a mistake of the file. ``KeyboardInterrupt`` and ``SystemExit`` pass. ``error_of`` makes the error
     from the reason in words.
-
-    >>> from twistwrench.errors import ModelError
-    >>> with third_party_errors(lambda reason: ModelError(f"the file cannot be read: {reason}.")):
-    ...     float("four")
-    Traceback (most recent call last):
-    twistwrench.errors.ModelError: the file cannot be read: ValueError: could not convert string to float: 'four'.
     """
     try:
         yield
@@ -314,9 +296,6 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
 
 def reason_of(problem: Exception) -> str:
     """Reason of an error in one line without a full stop: the system's for files, else the kind of the error and its message.
-
-    >>> reason_of(RecursionError("maximum recursion depth exceeded"))
-    'its entries are nested too deeply'
     """
     if isinstance(problem, RecursionError):
         return "its entries are nested too deeply"
@@ -350,11 +329,6 @@ def captured_stderr() -> Iterator[ForeignOutput]:
     r"""Capture the process's standard error (file descriptor 2) in the block, that of C and C++ included.
 
     Other threads that write there meanwhile are kept too. Nothing is kept where the process has no standard error.
-
-    >>> with captured_stderr() as said:
-    ...     _ = os.write(2, b"Error: no such mesh\n")
-    >>> str(said)
-    'Error: no such mesh'
     """
     found = ForeignOutput()
     with contextlib.suppress(Exception):

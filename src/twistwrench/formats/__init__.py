@@ -47,9 +47,6 @@ def load_model(
     With ``quiet``, remarks are not issued as warnings; they are in the model's defects all the same. Raises
     :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for a file that cannot be read, and other
     :class:`~twistwrench.ModelError` for an inconsistent robot, each with the file's name and the line.
-
-    >>> load_model('<robot name="stone"><link name="stone"/></robot>').tip
-    'stone'
     """
     if format is not None and format not in (*FORMATS, "usd"):
         choices = ", ".join(map(repr, (*FORMATS, "usd")))

@@ -29,11 +29,7 @@ IN_MJCF = sorted(ENTRIES, key=lambda name: ENTRIES[name][0] != ENTRIES[name][1])
 
 
 def tensor_of(entry: Callable[[str], float]) -> Array:
-    """The symmetric tensor (3, 3) of its entries by name.
-
-    >>> tensor_of({"ixx": 1.0, "ixy": 0.1, "ixz": 0.2, "iyy": 2.0, "iyz": 0.3, "izz": 3.0}.get).tolist()
-    [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]]
-    """
+    """The symmetric tensor (3, 3) of its entries by name."""
     I = np.zeros((3, 3))
     for name, (i, j) in ENTRIES.items():
         I[i, j] = I[j, i] = entry(name)
@@ -41,11 +37,7 @@ def tensor_of(entry: Callable[[str], float]) -> Array:
 
 
 def entries_of(I: Array) -> dict[str, float]:
-    """The six entries of a tensor (3, 3) by name.
-
-    >>> entries_of(np.diag([1.0, 2.0, 3.0]))["iyy"]
-    2.0
-    """
+    """The six entries of a tensor (3, 3) by name."""
     return {name: float(I[at]) for name, at in ENTRIES.items()}
 
 

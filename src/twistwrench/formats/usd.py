@@ -39,10 +39,7 @@ _SINGLE = 1e-5
 
 
 def open_stage(path: Path, folders: Sequence[Path]) -> Any:
-    """The stage of a file whose layers all lie below ``folders``.
-
-    Raises :class:`~twistwrench.MissingExtraError` and :class:`~twistwrench.RobotFileError`.
-    """
+    """The stage of a file whose layers all lie below ``folders``. Raises MissingExtraError and RobotFileError."""
     try:
         from pxr import Usd
     except ImportError:

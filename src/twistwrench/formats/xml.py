@@ -321,11 +321,7 @@ class _TreeMaker:
 
 
 def without_loose_declaration(body: str) -> str:
-    """Text with blanks for a declaration that newer versions of expat refuse; positions stay.
-
-    >>> without_loose_declaration('<?xml version="1"?><robot/>').strip()
-    '<robot/>'
-    """
+    """Text with blanks for a declaration that newer versions of expat refuse; positions stay."""
     return (
         _VERSION_ONE.sub(lambda found: re.sub(r"\S", " ", found[0]), body, count=1)
         if body.startswith("<?xml")
@@ -376,11 +372,7 @@ def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes
 
 
 def figures(values: ArrayLike) -> str:
-    """Numbers with blanks between, the fewest digits that are the same doubles; no minus before a zero.
-
-    >>> figures([1, -0.0, 0.1, 1e-9])
-    '1 0 0.1 1e-09'
-    """
+    """Numbers with blanks between, the fewest digits that are the same doubles; no minus before a zero."""
     return " ".join(_figure(float(x)) for x in np.ravel(np.asarray(values, float)))
 
 

@@ -46,13 +46,7 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)"
 
 
 def in_si(value: object, kind: str, where: str) -> float:
-    """The number in SI units. Raises :class:`~twistwrench.ModelError` naming ``where``, and the units that are known.
-
-    >>> in_si("33.3 g cm^2", "inertia", "the rotor")
-    3.33e-06
-    >>> in_si("1 mN·m/A", "torque constant", "the motor")
-    0.001
-    """
+    """The number in SI units. Raises ModelError naming ``where``, and the units that are known."""
     known = UNITS[kind]
     first = next(iter(known))
     if isinstance(value, int | float) and not isinstance(value, bool):

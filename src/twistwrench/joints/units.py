@@ -18,21 +18,13 @@ _UNITS: dict[str, tuple[str, str]] = {
 
 
 def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
-    """The unit of one entry of q, dq, ddq or tau, of a joint that turns there or slides; angles in ``degrees`` if so.
-
-    >>> unit_of("tau", True), unit_of("dq", False), unit_of("dq", True, degrees=True)
-    ('N m', 'm/s', '°/s')
-    """
+    """The unit of one entry of q, dq, ddq or tau, of a joint that turns there or slides; angles in ``degrees`` if so."""
     unit = _UNITS[part][not turns]
     return unit.replace("rad", "°") if degrees else unit
 
 
 def units_of(part: str, turning: Iterable[bool]) -> tuple[str, ...]:
-    """Units of the entries of q, dq, ddq or tau, angular and linear.
-
-    >>> units_of("tau", (True, False))
-    ('N m', 'N')
-    """
+    """Units of the entries of q, dq, ddq or tau, angular and linear."""
     return tuple(unit_of(part, bool(turns)) for turns in turning)
 
 
@@ -47,9 +39,5 @@ def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -
 
 
 def torque_word(unit: str) -> str:
-    """Label of an axis of torques in that unit.
-
-    >>> torque_word("N m"), torque_word("N")
-    ('torque [N m]', 'force [N]')
-    """
+    """Label of an axis of torques in that unit."""
     return f"{'torque' if unit == _UNITS['tau'][0] else 'force'} [{unit}]"

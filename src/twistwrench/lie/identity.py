@@ -27,10 +27,6 @@ def product(A: Array, B: Array) -> Array:
 
 
 def pose_rows(R: Any, p: Any) -> Array:
-    """The pose (4, 4) of three rows of a rotation and a position, lists or tuples of floats that were checked before.
-
-    >>> pose_rows([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [1, 2, 3])[:3, 3].tolist()
-    [1.0, 2.0, 3.0]
-    """
+    """The pose (4, 4) of three rows of a rotation and a position, lists or tuples of floats that were checked before."""
     (a, b, c), (x, y, z) = R, p
     return np.array([[*a, x], [*b, y], [*c, z], [0.0, 0.0, 0.0, 1.0]])

@@ -24,11 +24,7 @@ def frame_name(name: object, role: str) -> str:
 
 
 def symbol(letter: str, *frames: str) -> str:
-    """Letter with its frames as in the book: T_ab, F_b, T_tool0_base.
-
-    >>> symbol("T", "a", "b"), symbol("T", "tool0", "base")
-    ('T_ab', 'T_tool0_base')
-    """
+    """Letter with its frames as in the book: T_ab, F_b, T_tool0_base."""
     return f"{letter}_{('' if all(len(f) == 1 for f in frames) else '_').join(frames)}"
 
 

@@ -58,10 +58,6 @@ def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
 
     Links that are fixed together and were described one by one are so again; what a link got since, as a payload at a site or
     by a repair, is counted with the link whose joint moves it.
-
-    >>> import twistwrench as tw
-    >>> [(joint.name, joint.fixed) for joint in disassemble(tw.robots.planar_2r().model).joints]
-    [('joint1', False), ('joint2', False), ('tip_joint', True)]
     """
     return _Disassembly(model, extra).parts()
 
@@ -234,14 +230,7 @@ def _matters(rest: SpatialInertia, whole: SpatialInertia) -> bool:
 
 
 def reassemble(found: ModelParts) -> Model:
-    """Model of its parts, without checks and remarks.
-
-    >>> import twistwrench as tw
-    >>> from twistwrench.model.parts import disassemble
-    >>> arm = tw.robots.ur5().model
-    >>> reassemble(disassemble(arm)).joint_names == arm.joint_names
-    True
-    """
+    """Model of its parts, without checks and remarks."""
     tree = find_tree(found.links, found.joints)
     model = assemble(
         found.name, found.links, tree, find_drives(found.joints), floating_base=found.floating, snap=found.snap,

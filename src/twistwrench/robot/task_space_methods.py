@@ -315,12 +315,7 @@ class ActuationMethods:
 
 
 def require_robot(robot: object, what: str) -> Robot:
-    """``robot``, which must be one. Raises ValueRangeError.
-
-    >>> require_robot([0.1, 0.2], "fastest")
-    Traceback (most recent call last):
-    twistwrench.errors.ValueRangeError: fastest: the robot is [0.1, 0.2]: give a tw.Robot, as tw.load(path) makes one.
-    """
+    """``robot``, which must be one. Raises ValueRangeError."""
     if isinstance(robot, RobotBase):
         return cast("Robot", robot)
     advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"

@@ -146,12 +146,7 @@ _ROUNDING = 4e-15
 
 
 def write_mjcf(model: Model) -> Written:
-    """The MJCF file of a model. Each moving body has the inertia of all that is fixed to it.
-
-    >>> import twistwrench as tw
-    >>> write_mjcf(tw.robots.planar_3r().model).lost
-    ()
-    """
+    """The MJCF file of a model. Each moving body has the inertia of all that is fixed to it."""
     return _MjcfWriter(disassemble(model)).write()
 
 

@@ -25,12 +25,7 @@ _NONE = 1e16
 
 
 def write_sdf(model: Model) -> Written:
-    """The SDF file of a model. Fixed links without mass become frames, for simulators refuse them as links.
-
-    >>> import twistwrench as tw
-    >>> write_sdf(tw.robots.panda().model).lost
-    ()
-    """
+    """The SDF file of a model. Fixed links without mass become frames, for simulators refuse them as links."""
     return _SdfWriter(disassemble(model)).write()
 
 

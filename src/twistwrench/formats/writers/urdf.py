@@ -20,12 +20,7 @@ _NONE = 1e16
 
 
 def write_urdf(model: Model) -> Written:
-    """The URDF file of a model. Links keep their own inertias, and fixed joints stay.
-
-    >>> import twistwrench as tw
-    >>> write_urdf(tw.robots.panda().model).lost
-    ()
-    """
+    """The URDF file of a model. Links keep their own inertias, and fixed joints stay."""
     return _UrdfWriter(disassemble(model)).write()
 
 
