@@ -98,10 +98,6 @@ class UnknownNameError(TwistWrenchError, KeyError):
         name : what was given
         choices : iterable of str
 
-        Returns
-        -------
-        error : UnknownNameError
-
         Examples
         --------
         >>> print(UnknownNameError.from_choices("joint", "elbo", ["elbow", "wrist"]))
@@ -177,10 +173,6 @@ class MissingExtraError(TwistWrenchError, ImportError):
         package : str
         extra : str, which brings it
         purpose : str, what it is needed for
-
-        Returns
-        -------
-        error : MissingExtraError
 
         Examples
         --------

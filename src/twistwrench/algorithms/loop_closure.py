@@ -5,10 +5,9 @@ Projection: with M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the le
     (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q),  g the gaps of the loops
     (2)  dq ← dq - M⁻¹A'S⁻¹ A dq
 
-(1) is taken twice with the matrices of the first q, Newton's method simplified: gaps of a step are small, and each
-time shrink by the square of what was moved. (2) is exact at the q found. Source: Hairer, Lubich and Wanner, Geometric
-Numerical Integration, section IV.4, projection methods; in the metric of M the projection is the same in any
-coordinates.
+(1) is taken twice with the matrices of the first q, Newton's method simplified: gaps of a step are small, and each time
+shrink by the square of what was moved. (2) is exact at the q found. Source: Hairer, Lubich and Wanner, Geometric
+Numerical Integration, section IV.4, projection methods; in the metric of M the projection is the same in any coordinates.
 """
 
 from __future__ import annotations

@@ -82,6 +82,13 @@ class MomentumObserver:
     >>> end = arm.simulate([0.5, 0.5], duration=1.0, dt=0.002, controller=observer.watch(held), wrench_on_robot=push)
     >>> np.allclose(observer.residual, arm.wrench_torques(end.q[-1], push["tip"]), atol=2e-3)
     True
+    >>> observer.wrench(end.q[-1], rows="vx vy").rank
+    2
+    >>> observer.over([0, 0.01], [[0, 0]] * 2, [[0, 0]] * 2, [[29.43, 9.81]] * 2).shape
+    (2, 2)
+    >>> observer.reset()
+    >>> observer.update(0.0, [0, 0], [0, 0], [0, 0]).tolist()
+    [0.0, 0.0]
     """
 
     def __init__(self, robot: Robot, gain: ArrayLike, *, friction: bool = False) -> None:
@@ -107,17 +114,7 @@ class MomentumObserver:
         return self._residual.copy()
 
     def reset(self) -> None:
-        """Forget all: the next :meth:`update` is the first.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> observer = MomentumObserver(arm, gain=50.0)
-        >>> observer.reset()
-        >>> observer.residual.tolist()
-        [0.0, 0.0]
-        """
+        """Forget all: the next :meth:`update` is the first."""
         self._last, self._residual = None, np.zeros(self.robot.nv)
 
     def update(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
@@ -131,14 +128,6 @@ class MomentumObserver:
         Returns
         -------
         residual : (nv,) array, estimate of τ_ext [N m, sliding joints: N]
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> observer = MomentumObserver(arm, gain=50.0)
-        >>> observer.update(0.0, [0, 0], [0, 0], [0, 0]).tolist()
-        [0.0, 0.0]
         """
         now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
@@ -165,14 +154,6 @@ class MomentumObserver:
         Returns
         -------
         residuals : (n, nv) array [N m, sliding joints: N]
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> observer = MomentumObserver(arm, gain=50.0)
-        >>> observer.over([0, 0.01], [[0, 0]] * 2, [[0, 0]] * 2, [[29.43, 9.81]] * 2).shape
-        (2, 2)
         """
         t = arguments.finite(times, "MomentumObserver: times")
         if t.ndim != 1 or not len(t):
@@ -205,15 +186,6 @@ class MomentumObserver:
         Notes
         -----
         The observer is up to date when the controller is called, so that it may use :attr:`residual`.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> observer = MomentumObserver(arm, gain=50.0)
-        >>> law = observer.watch(lambda t, q, dq: arm.gravity_forces(q))
-        >>> law(0.0, [0, 0], [0, 0]).round(2).tolist()
-        [29.43, 9.81]
         """
         if not callable(controller):
             raise ValueRangeError(
@@ -250,14 +222,6 @@ class MomentumObserver:
         Returns
         -------
         found : ContactWrench
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> observer = MomentumObserver(arm, gain=50.0)
-        >>> observer.wrench([0, 1], rows="vx vz", residual=[1.0, 0.0]).rank
-        1
         """
         robot, chosen = self.robot, list(row_numbers(rows))
         if not isinstance(kind, str) or kind not in KINDS:

@@ -295,8 +295,7 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
 
 
 def reason_of(problem: Exception) -> str:
-    """Reason of an error in one line without a full stop: the system's for files, else the kind of the error and its message.
-    """
+    """Reason of an error in one line without a full stop: the system's for files, else its kind and its message."""
     if isinstance(problem, RecursionError):
         return "its entries are nested too deeply"
     if isinstance(problem, MemoryError):

@@ -91,11 +91,6 @@ class Verdict:
         Returns
         -------
         verdict : Verdict
-
-        Examples
-        --------
-        >>> print(Verdict.from_reasons(over=["elbow: 120 % of its limit"]))
-        OVER LIMIT: elbow: 120 % of its limit
         """
         for word, reasons in ((Word.LOOK_AGAIN, look_again), (Word.OVER_LIMIT, over), (Word.UNSURE, unsure)):
             if reasons:

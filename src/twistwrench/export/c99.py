@@ -173,14 +173,9 @@ def export_c(
     Parameters
     ----------
     path : str or Path, a folder, or the .c file
-    prefix : str, optional, what the functions' names begin with; None: the robot's name
     test : bool, write a program that compares the functions with the kernels, too
     label : str, what the user calls ``path``, for messages
     inputs : {what the user calls it: path}, optional, files that were read: no output may overwrite them
-
-    Returns
-    -------
-    paths : tuple of Path, what was written
 
     Raises
     ------
@@ -219,11 +214,6 @@ def export_cuda(
     Parameters
     ----------
     path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
-    prefix : str, optional, first part of the kernels' names; None: the robot's name
-
-    Returns
-    -------
-    paths : tuple of Path, the files written
 
     Raises
     ------

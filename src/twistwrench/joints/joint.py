@@ -142,10 +142,6 @@ class Joint:
     def is_configuration(self, q: Array) -> bool:
         """True if coordinates are a configuration: a quaternion of zeros is not a rotation.
 
-        Parameters
-        ----------
-        q : (..., nq) array
-
         Returns
         -------
         answer : bool
@@ -321,10 +317,6 @@ class Joint:
     def to_pinocchio(self, q: Array) -> Array:
         """Coordinates in Pinocchio's order.
 
-        Parameters
-        ----------
-        q : (..., nq) array
-
         Returns
         -------
         q : (..., nq) array
@@ -333,10 +325,6 @@ class Joint:
 
     def from_pinocchio(self, q: Array) -> Array:
         """Coordinates from Pinocchio's order.
-
-        Parameters
-        ----------
-        q : (..., nq) array
 
         Returns
         -------
@@ -356,10 +344,6 @@ class Joint:
     def to_mujoco(self, q: Array) -> Array:
         """Coordinates in MuJoCo's order.
 
-        Parameters
-        ----------
-        q : (..., nq) array
-
         Returns
         -------
         q : (..., nq) array
@@ -368,10 +352,6 @@ class Joint:
 
     def from_mujoco(self, q: Array) -> Array:
         """Coordinates from MuJoCo's order.
-
-        Parameters
-        ----------
-        q : (..., nq) array
 
         Returns
         -------

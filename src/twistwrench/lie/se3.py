@@ -171,8 +171,7 @@ def left_jacobian(V: ArrayLike) -> Array:
     """Left Jacobian of SE(3): J with exp(V + dV) = exp(J dV) exp(V) to first order, [[J, 0], [Q, J]].
 
     Q is the derivative of the SO(3) Jacobian along v, because ad(omega, v) is [omega + ε v] with ε² = 0. At every
-    angle. Source: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014, for
-    Q.
+    angle. Source: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014, for Q.
 
     Returns
     -------

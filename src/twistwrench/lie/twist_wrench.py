@@ -97,6 +97,8 @@ class Wrench(Labelled):
     >>> F = Wrench.of_force([0, 3, 0], "s", at=[2, 0, 0])
     >>> F.values.tolist(), F.kind
     ([0.0, 0.0, 6.0, 0.0, 3.0, 0.0], 'pure force')
+    >>> bool(F.is_reciprocal_to(Twist([1, 0, 0, 0, 0, 0], "s")))
+    True
     """
 
     _kind: ClassVar[str] = "wrench"
@@ -175,12 +177,6 @@ class Wrench(Labelled):
         ------
         FrameError
             The frames are not the same.
-
-        Examples
-        --------
-        >>> from twistwrench import Twist
-        >>> bool(Wrench([0, 0, 0, 0, 0, 1], "b").is_reciprocal_to(Twist([0, 0, 1, 0, 0, 0], "b")))
-        True
         """
         power = self @ V
         norm = np.linalg.norm

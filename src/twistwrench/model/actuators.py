@@ -18,9 +18,7 @@ __all__ = ["Actuator", "Motor", "Rotor"]
 
 @dataclass(frozen=True)
 class Motor:
-    """Direct-current motor, or a servo motor by its equivalent one.
-
-    MR section 8.9.1.
+    """Direct-current motor, or a servo motor by its equivalent one. MR section 8.9.1.
 
     Examples
     --------
@@ -29,6 +27,8 @@ class Motor:
     25.0
     >>> round(float(motor.greatest_torque(speed=430.0)), 9)  # the voltage, not the current, is the limit here
     1.0
+    >>> float(motor.current(torque=0.5)), float(motor.heat(current=10.0))
+    (5.0, 50.0)
     """
 
     torque_constant: float
@@ -56,11 +56,6 @@ class Motor:
         Returns
         -------
         current : (...) array [A]
-
-        Examples
-        --------
-        >>> float(Motor(torque_constant=0.5).current(2.0))
-        4.0
         """
         return np.asarray(torque, float) / self.torque_constant
 
@@ -76,11 +71,6 @@ class Motor:
         Returns
         -------
         voltage : (...) array [V]
-
-        Examples
-        --------
-        >>> float(Motor(torque_constant=0.1, resistance=0.5).voltage_at(current=10.0, speed=200.0))
-        25.0
         """
         i, w, di = (np.asarray(x, float) for x in (current, speed, current_rate))
         return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
@@ -95,11 +85,6 @@ class Motor:
         Returns
         -------
         heat : (...) array [W]
-
-        Examples
-        --------
-        >>> float(Motor(torque_constant=0.5, resistance=2.0).heat(3.0))
-        18.0
         """
         return np.asarray(self.resistance * np.asarray(current, float) ** 2)
 
@@ -119,11 +104,6 @@ class Motor:
         -----
         Where the motor runs faster than the voltage allows without a load, it is negative: it brakes. Beyond its top
         speed, either way, nothing is allowed: -inf.
-
-        Examples
-        --------
-        >>> float(Motor(torque_constant=0.1, current_peak=20.0).greatest_torque(speed=0.0))
-        2.0
         """
         w = np.asarray(speed, float)
         by_current = self.torque_constant * (self.current_peak if current is None else current)

@@ -55,8 +55,15 @@ class ModelBuilder:
     >>> builder.add_link("base")
     >>> builder.add_link("rod", SpatialInertia.from_com(1.0, (0, 0, -0.5), 0.1 * np.eye(3)))
     >>> builder.add_joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0))
-    >>> builder.build().tip
-    'rod'
+    >>> builder.add_configuration("up", {"hinge": [np.pi]})
+    >>> builder.add_closure("weld", OfferedClosure("base", "rod"))
+    >>> builder.remark("the rod is an example")
+    >>> builder.note("joint 'hinge'", "is one too")
+    >>> model = builder.build(quiet=True)
+    >>> model.tip, model.configurations["up"].round(2).tolist(), model.closures["weld"].frame_b
+    ('rod', [3.14], 'rod')
+    >>> model.defects
+    ('the rod is an example', "joint 'hinge' is one too")
     """
 
     def __init__(self, name: str, source: str = "") -> None:
@@ -84,14 +91,6 @@ class ModelBuilder:
         Parameters
         ----------
         *texts : str, sentences
-
-        Examples
-        --------
-        >>> builder = ModelBuilder("point")
-        >>> builder.add_link("base")
-        >>> builder.remark("this is an example")
-        >>> builder.build(quiet=True).defects
-        ('this is an example',)
         """
         self._remarks.extend(texts)
 
@@ -102,14 +101,6 @@ class ModelBuilder:
         ----------
         subject : object, whose text names it
         text : str, the rest of the sentence
-
-        Examples
-        --------
-        >>> builder = ModelBuilder("point")
-        >>> builder.add_link("base")
-        >>> builder.note("link 'base'", "is an example")
-        >>> builder.build(quiet=True).defects
-        ("link 'base' is an example",)
         """
         self._remarks.append(ModelNote(str(subject), text))
 
@@ -268,16 +259,6 @@ class ModelBuilder:
         ----------
         name : str
         positions : {joint: its coordinates} [rad, m]; joints that are left out are neutral
-
-        Examples
-        --------
-        >>> builder = ModelBuilder("slider")
-        >>> builder.add_link("rail")
-        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
-        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
-        >>> builder.add_configuration("out", {"slide": [0.5]})
-        >>> builder.build().configurations["out"].tolist()
-        [0.5]
         """
         self._additions.configurations[name] = dict(positions)
 
@@ -288,17 +269,6 @@ class ModelBuilder:
         ----------
         name : str
         closure : OfferedClosure
-
-        Examples
-        --------
-        >>> from twistwrench.model.model import OfferedClosure
-        >>> builder = ModelBuilder("slider")
-        >>> builder.add_link("rail")
-        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
-        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
-        >>> builder.add_closure("weld", OfferedClosure("rail", "cart"))
-        >>> builder.build().closures["weld"].frame_b
-        'cart'
         """
         self._additions.closures[name] = closure
 
@@ -319,8 +289,6 @@ class ModelBuilder:
         Parameters
         ----------
         floating_base : bool, let the root link float
-        lock : {joint: position}, optional, joints that are fixed [rad, m]
-        tip : str, optional, the frame meant when none is named
         mimic : "follow" or "independent"
         snap : float, entries of fixed rotations this near to 0 or ±1 are set to it
         gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what was described

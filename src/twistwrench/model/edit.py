@@ -63,10 +63,6 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
 def with_gravity(model: Model, g: ArrayLike) -> Model:
     """Model in another gravity.
 
-    Parameters
-    ----------
-    g : (3,) array_like, gravity in the base frame [m/s²]
-
     Examples
     --------
     >>> import twistwrench as tw
@@ -116,10 +112,6 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
 
 def gravity_vector(g: ArrayLike) -> Array:
     """Gravity as a read-only array of finite numbers.
-
-    Parameters
-    ----------
-    g : (3,) array_like, gravity in the base frame [m/s²]
 
     Returns
     -------

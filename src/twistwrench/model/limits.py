@@ -92,19 +92,11 @@ class Limits:
 
         Parameters
         ----------
-        positions
-            (..., nv) the coordinate of each velocity [rad or m], see :meth:`Model.positions`.
+        positions : (..., nv) array_like, the coordinate of each velocity [rad or m], see :meth:`Model.positions`
 
         Returns
         -------
-        Array
-            (..., nv) of bool. NaN is beyond no limit.
-
-        Examples
-        --------
-        >>> limits = Limits(np.array([0.0]), np.array([1.5]), np.array([np.inf]), np.array([np.inf]))
-        >>> limits.exceeded([1.6]).tolist()
-        [True]
+        exceeded : (..., nv) array of bool; NaN is beyond no limit
         """
         x, most = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - most) | (x > self.upper + most))

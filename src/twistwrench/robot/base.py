@@ -212,7 +212,6 @@ class RobotBase:
         Parameters
         ----------
         rng : numpy Generator or seed, optional
-        size : int or tuple of int, batch shape
 
         Returns
         -------
@@ -280,8 +279,7 @@ class RobotBase:
         """Parameters that can be inputs of a kernel (masses, inertias, lengths, friction), with the robot's own numbers.
 
         Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
-        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a
-        payload.
+        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a payload.
 
         Parameters
         ----------

@@ -98,7 +98,6 @@ class DerivativeMethods(RobotBase):
 
         Parameters
         ----------
-        weights : (nv,) array_like, w
         out : triple of arrays, optional, takes the results
 
         Returns
@@ -134,12 +133,10 @@ class DerivativeMethods(RobotBase):
     ) -> tuple[Array, Array, Array]:
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
 
-        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every
-        robot.
+        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every robot.
 
         Parameters
         ----------
-        weights : (nv,) array_like, w
         along_q, along_dq, along_ddq : (nv,) array_like, the direction's parts
         out : triple of arrays, optional, takes the results
 

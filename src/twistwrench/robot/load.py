@@ -75,8 +75,6 @@ def load(
     model : str, optional, read one model of an SDF world, or one articulation of a USD stage
     include_paths : folders, besides that of the file, from which included files, layers and meshes may be read
     max_bodies : int, more bodies are refused
-    lock : {joint: position}, optional, joints that are fixed [rad, m]
-    tip : str, optional, the frame meant when none is named
     mimic : "follow" or "independent", whether mimic joints fold into their leaders or are joints like any other
     snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
     gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what the file says, else (0, 0, -9.81)
@@ -157,7 +155,6 @@ def from_screws(
     Slist : (6, n) array_like, space screw axes as columns, at the home configuration
     Mlist : n + 1 poses (4, 4), of each link frame in the one before
     Glist : n spatial inertias (6, 6), each in its link frame
-    joint_names : sequence of n str, optional
     name : str, the robot's
     non_unit_screws : bool, accept screws that are not of unit length as they are, lengths kept
 
@@ -213,7 +210,6 @@ def from_dh(
     coms : (n, 3) array_like, optional, in link frame {i} [m]
     moments_about_com : (n, 3, 3) array_like, optional, about the centre of mass along the axes of {i} [kg m²]
     tool : (4, 4) array_like, optional, pose in {n}
-    joint_names : sequence of n str, optional
     name : str, the robot's
 
     Returns

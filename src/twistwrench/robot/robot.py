@@ -300,10 +300,6 @@ class Robot(
 
         Slow, and without any of the recursions by which the terms are computed elsewhere.
 
-        Returns
-        -------
-        terms : ClosedForm
-
         Examples
         --------
         >>> import twistwrench as tw

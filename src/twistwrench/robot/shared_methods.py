@@ -148,10 +148,6 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
             about z.
         pose : (4, 4) array_like, optional, of {c} in {a}; None: {a} itself
 
-        Returns
-        -------
-        closed : ClosedRobot
-
         Raises
         ------
         ConstraintError
@@ -193,10 +189,6 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
             ``"vz"`` is along the frame's own z (``"body"``), wherever that points. A hand that stays on a level table
             wants the world's, ``kind="world_aligned"``.
 
-        Returns
-        -------
-        closed : ClosedRobot
-
         Raises
         ------
         ConstraintError
@@ -230,12 +222,7 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         Parameters
         ----------
         path : str or Path, a folder, or the .c file; the header goes beside it
-        prefix : str, optional, what the functions' names begin with; None: the robot's name
         test : bool, write a program that compares the functions with the kernels, too
-
-        Returns
-        -------
-        paths : tuple of Path, what was written
 
         Raises
         ------
@@ -271,11 +258,6 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         Parameters
         ----------
         path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
-        prefix : str, optional, first part of the kernels' names; None: the robot's name
-
-        Returns
-        -------
-        paths : tuple of Path, the files written
 
         Raises
         ------
@@ -352,7 +334,6 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         events : ``tw.simulation.Event`` or function of (t, q, dq), one or several
         rtol, atol : float, tolerances of dopri5
         max_step : float, optional, the longest step of dopri5 [s]
-        every : int, keep one state in so many
         progress : callable, optional, told the part that is done, 0 to 1
 
         Returns
@@ -415,7 +396,6 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
         dt : float, time step [s]
         steps : int, optional, how many; give this or ``duration``
         duration : float, optional [s]
-        every : int, keep one state in so many
         method : "semi_implicit" or "rk4", the integrator
         wrench_on_robot : {frame: (6,) or (..., steps, 6)}, optional, (m, f) in that frame [N m, N]
         parameters : {name: (...)}, optional, names of :meth:`twistwrench.Robot.varying`, as a payload's mass for each sample

@@ -56,8 +56,6 @@ def random_robot(
 
     Parameters
     ----------
-    joints : int, how many, fixed and mimic ones counted
-    kinds : sequence of str, joint types to choose from
     floating_base : bool, let the root link float
     mimic : "follow" or "independent", which frees its followers
 
@@ -81,11 +79,6 @@ def random_builder(
     rng: np.random.Generator | int | None = None, joints: int = 7, kinds: Sequence[str] = KINDS
 ) -> ModelBuilder:
     """Description of a random robot, as :func:`random_robot` builds it.
-
-    Parameters
-    ----------
-    joints : int, how many, fixed and mimic ones counted
-    kinds : sequence of str, joint types to choose from
 
     Returns
     -------
@@ -194,10 +187,6 @@ class State(NamedTuple):
 def random_state(robot: Robot, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()) -> State:
     """Random state: a configuration inside the limits, velocities and accelerations of order 1.
 
-    Parameters
-    ----------
-    size : int or tuple of int, batch shape
-
     Returns
     -------
     state : State, q (*size, nq), dq and ddq (*size, nv)
@@ -222,7 +211,6 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
 
     Parameters
     ----------
-    actual, desired : array_like of one shape
     scale : float, optional, in place of the largest entry
 
     Returns
@@ -255,7 +243,6 @@ def assert_close(
 
     Parameters
     ----------
-    actual, desired : array_like of one shape
     rtol : float, the largest gap
     what : str, what is compared
     scale : float, optional, in place of the largest entry of ``desired``

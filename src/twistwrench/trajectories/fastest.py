@@ -366,10 +366,6 @@ def fastest(
     velocity : (nv,) array_like, optional, velocity limits that stand in for the robot's own [rad/s, m/s]
     acceleration : (nv,) array_like, optional, acceleration limits [rad/s², m/s²]
 
-    Returns
-    -------
-    motion : Fastest
-
     Raises
     ------
     PathError

@@ -42,10 +42,6 @@ class JointPath:
 def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     """Straight line in joint space, q0 ⊕ s (q1 ⊖ q0); floating and planar joints follow a constant twist. MR section 9.2.
 
-    Parameters
-    ----------
-    q0, q1 : (nq,) array_like, configurations at the ends
-
     Examples
     --------
     >>> import twistwrench as tw
@@ -191,7 +187,6 @@ def follow_poses(
     Parameters
     ----------
     poses : function, maps s (m,) from 0 to 1 to (m, 4, 4), as :func:`screw_path` and :func:`straight_path` do
-    q0 : (nq,) array_like, configuration at the start
     tolerance : float, how far the frame may be off between places [m, rad]
 
     Raises

@@ -136,10 +136,6 @@ class Trajectory:
     def sample(self, dt: float) -> Motion:
         """Samples of the trajectory as a :class:`twistwrench.Motion`, every ``dt`` and at its end.
 
-        Parameters
-        ----------
-        dt : float, above 0 [s]
-
         Examples
         --------
         >>> import twistwrench as tw
@@ -176,7 +172,6 @@ class Trajectory:
 
         Parameters
         ----------
-        dt : float, above 0 [s]
         degrees : bool, angles in degrees
 
         Examples
@@ -213,7 +208,6 @@ def move(
 
     Parameters
     ----------
-    q0, q1 : (nq,) array_like, configurations at the ends
     scaling : optional, s(t); None: a quintic one that takes the time the robot's limits ask for
     waypoints : (m, nq) array_like, optional, between the ends
 
