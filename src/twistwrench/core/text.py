@@ -21,7 +21,11 @@ def clipped(text: str) -> str:
 
 
 def with_clipped_quotations(message: str) -> str:
-    """The message with long quotations cut short."""
+    """The message with long quotations cut short.
+
+    >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
+    221
+    """
     return re.sub(_QUOTED, lambda found: f"{found[0][: _LONGEST + 1]}…{found[0][-1]}", message)
 
 

@@ -39,5 +39,9 @@ def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -
 
 
 def torque_word(unit: str) -> str:
-    """Label of an axis of torques in that unit."""
+    """Label of an axis of torques in that unit.
+
+    >>> torque_word("N m"), torque_word("N")
+    ('torque [N m]', 'force [N]')
+    """
     return f"{'torque' if unit == _UNITS['tau'][0] else 'force'} [{unit}]"
