@@ -156,11 +156,17 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "thetastart": "(n,) array_like, joint angles at the start",
     },
     "motion": {
+        "degrees": "bool, angles are in degrees wherever the column does not name its unit",
         "kind": '"position", "velocity", "acceleration" or "torque"',
         "limits": "Limits, optional; those of velocity help to tell a jump from a fast motion",
         "model": "Model",
     },
-    "plotting": {"path": "str or Path; the suffix says the kind (.png, .pdf, .svg)", "report": "TorqueReport"},
+    "plotting": {
+        "joints": "sequence of str, those that are drawn; none: all",
+        "motion": "DrawnMotion",
+        "path": "str or Path; the suffix says the kind (.png, .pdf, .svg)",
+        "report": "TorqueReport",
+    },
     "robot": {
         "every": "int, keep one state in so many",
         "joint_names": "sequence of n str, optional",
@@ -171,8 +177,10 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "V": "(..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]",
         "axes": "slice, which of the six are looked at; ``slice(3, 6)`` for the forces",
         "com": "(3,) array_like, in {f} [m]",
+        "gravity": "(..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}",
         "log": "ReadingLog",
         "noise": "(moment [N m], force [N]), standard deviations of a reading",
+        "point": "(..., 3) array_like, in the frame of F [m]",
         "pose": "(..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf",
         "sensor": "ForceTorqueSensor",
     },
@@ -195,9 +203,12 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "t": "(...) array_like [s]",
     },
     "viz": {
+        "fps": "float, pictures a second of film",
         "path": "str or Path, .gif or .mp4",
         "motion": "DrawnMotion",
+        "progress": "callable, optional, told how many of how many pictures are drawn",
         "scene": "Scene, optional, the robot's looks",
+        "speed": "float, seconds of motion that a second of film shows",
     },
 }
 """The same of one room, in place of the general one."""

@@ -368,10 +368,7 @@ def read_subject(
     model: str | None = None,
     max_bodies: int = MOST_BODIES,
 ) -> Subject:
-    """Read a file leniently: impossible bodies are accepted, and notes are left to the checks.
-
-    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ModelError` for files that are not robots.
-    """
+    """Read a file, impossible bodies accepted; raises NotFoundError, and ModelError for files that are not robots."""
     of = source.model.name if isinstance(source, Robot) else None
     if isinstance(source, Robot):
         path = Path(source.model.source) if source.model.source else None

@@ -180,10 +180,6 @@ class DoctorReport:
     def write(self, path: str | Path, *, overwrite: bool = False) -> tuple[Finding, ...]:
         """Write the file with the repairs; everything else stays as it is, byte for byte.
 
-        Parameters
-        ----------
-        overwrite : bool, whether a file that is there is replaced
-
         Returns
         -------
         findings : tuple of Finding, those that were repaired

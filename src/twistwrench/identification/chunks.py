@@ -197,10 +197,7 @@ class SteadyWindow:
 def steady_windows(
     source: LogSource, clock: LogClock, core: int, margin: int, begin: int, end: int
 ) -> Iterator[SteadyWindow]:
-    """Windows of about ``core`` rows from ``begin`` to ``end`` of a log, with ``margin`` more on either side.
-
-    The steady clock of each stretch begins at its first stamp.
-    """
+    """Windows of about ``core`` rows from ``begin`` to ``end``, ``margin`` more on either side, on its stretch's clock."""
     model = source.robot.model
     for rows, _ in windows(end - begin, core, 0):
         a, b = begin + rows.start, begin + rows.stop
@@ -308,10 +305,7 @@ class RowFrame:
 
 
 def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, list[Array]]]:
-    """The rows that are the chunk's own, in portions of states that stay in the processor's cache.
-
-    Each has times (n,) [s], and of each joint the entries (n, r_j + 1), torques in the last column.
-    """
+    """The chunk's own rows in portions: times (n,) [s], and of each joint the entries (n, r_j + 1), torques last."""
     from scipy.interpolate import CubicSpline
 
     cutoff, rate = frame.settings.cutoff, 1.0 / chunk.step

@@ -241,10 +241,7 @@ Made = TypeVar("Made")
 
 
 class BoundedMemory(Generic[Made]):
-    """Cache of objects by key, up to a number of bytes; the last one is kept whatever its size.
-
-    Room is made beforehand for one more as large as the largest.
-    """
+    """Cache of objects by key, up to a number of bytes with room for one more as large as the largest; the last one stays."""
 
     def __init__(self, most: int, size: Callable[[Made], int]) -> None:
         self._most, self._size = most, size

@@ -170,10 +170,7 @@ def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
 
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
-    """Cut-offs worth trying [Hz]: steps of a third of a decade or less, up to a tenth of the slowest rate.
-
-    At each of them there are ``rows`` rows at least.
-    """
+    """Cut-offs [Hz] with ``rows`` rows at least: steps of a third of a decade or less, up to a tenth of the slowest rate."""
     most = 0.1 * min(s.rate for s in samples)
     whole = min((s.seconds for s in samples if not s.cut), default=np.inf)
     pieces = 0.5 * max((s.seconds for s in samples if s.cut), default=np.inf)  # the shorter ones have no rows then

@@ -41,10 +41,7 @@ _SAME = 1e-6  # m: two origins are one
 
 @dataclass(frozen=True, eq=False)
 class LinkCapsules:
-    """Capsules around the links of a robot, in the frames of the links.
-
-    A frame without mass and shape has a capsule of radius 0 at its origin.
-    """
+    """Capsules around a robot's links, in the links' frames; of radius 0 at the origin of a frame without mass and shape."""
 
     links: Array  # (k,), the number of each one's link
     ends: Array  # (k, 2, 3) [m]
@@ -55,10 +52,7 @@ class LinkCapsules:
 
     @classmethod
     def from_robot(cls, robot: Robot) -> LinkCapsules:
-        """Capsules around the shapes that the robot's file gives its links: those for contact, else those to be seen.
-
-        Bodies of which a link with mass has none have assumed ones.
-        """
+        """Capsules around the file's shapes, for contact, else to be seen; assumed ones of bodies with a link that has none."""
         described = read_subject(robot).robot
         names, frames = robot.link_names, robot.model.frames
         found, lacking = list[tuple[int, Array, float]](), list[str]()

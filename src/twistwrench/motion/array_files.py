@@ -115,10 +115,7 @@ Reader = Callable[[Path], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
 
 
 def array_file(path: Path) -> ArrayFile | None:
-    """The file of arrays, or None where its name and first bytes are of no such file.
-
-    Raises NotFoundError, MissingExtraError where a package is missing, and TrajectoryError for what cannot be read.
-    """
+    """The file of arrays, None for other files; raises NotFoundError, MissingExtraError and TrajectoryError."""
     suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
     reader = _READERS.get(suffix)
     if reader is None:

@@ -316,10 +316,7 @@ class Assignment:
                 self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
 
     def check_complete(self, look: Callable[[int], Array]) -> None:
-        """Raise TrajectoryError where coordinates have no column, or rates only some.
-
-        ``look`` gives the first numbers of a column: joints are offered to be held still unless a column that varies is unused.
-        """
+        """Raise TrajectoryError where coordinates have no column or rates only some; ``look`` gives a column's numbers."""
         missing = [name for k, name in enumerate(self.names["q"]) if k not in self.given["q"]]
         if missing:
             near = _alike(missing, self.extra)

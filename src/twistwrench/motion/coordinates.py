@@ -114,10 +114,7 @@ class Coordinates:
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
-    """Velocities and accelerations (n, nv) of the joints from q and its time derivatives (n, nq), entry by entry.
-
-    They are the same for one-degree joints. Planar and floating joints count dq in the child's frame.
-    """
+    """Joint velocities and accelerations (n, nv) from rates of q (n, nq); planar and floating joints in the child's frame."""
     velocities, accelerations = [np.zeros((len(q), 0))], [np.zeros((len(q), 0))]
     for b in model.leaders:
         here = b.places[0]

@@ -97,10 +97,7 @@ _GAPS = ("nan", "inf", "infinity")
 def blame(
     text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
 ) -> TrajectoryError:
-    """The error of the first bad line of ``text``, whose first line has number ``line``.
-
-    Only called once a block is known to be bad, so it may be slow.
-    """
+    """The error of the first bad line of ``text``, whose first line has number ``line`` of the file."""
     decimal_comma = dialect.has_decimal_commas(text)
     lines = text.decode("utf-8", "replace").split("\n")
 
@@ -297,10 +294,7 @@ class EmptyTableError(TrajectoryError):
 
 @contextmanager
 def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
-    """Errors of a table: ``what`` was expected, in the form ``form``.
-
-    Raises NotFoundError, and ValueRangeError in place of TrajectoryError.
-    """
+    """Errors of a table of ``what`` in a ``form``: NotFoundError, and ValueRangeError in place of TrajectoryError."""
     try:
         yield
     except NotFoundError:

@@ -151,10 +151,7 @@ class RunningOutliers:
 
 
 def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
-    """Residuals (n, k) over their spread (n, k), and as they are, (n, k, 2).
-
-    0 but where they are beyond 6 of it and the farthest for their neighbourhood.
-    """
+    """Residuals over their spread, and as they are, (n, k, 2); 0 but where beyond 6 of it and the farthest near by."""
     from scipy.ndimage import maximum_filter1d
 
     found = np.zeros((*residual.shape, 2))
@@ -408,10 +405,7 @@ def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
 
 
 def noise_gain(order: int, strength: float, step: float) -> float:
-    """Standard deviation of the spline's derivative of that ``order`` for white noise of unit standard deviation.
-
-    Found by differentiating a unit pulse on a uniform grid: a linear filter gains the norm of its pulse response.
-    """
+    """Standard deviation of the spline's derivative of that ``order`` for white unit noise: the norm of its pulse response."""
     half = _SPLINE_MARGIN + (margin_of(strength) if strength else 0)
     t = np.arange(2 * half + 1) * step
     pulse = np.zeros(len(t))

@@ -120,10 +120,7 @@ _KEPT_IN_MEMORY = 1 << 24
 
 @dataclass(frozen=True, eq=False)
 class TextSource:
-    """A file that can be read from any place, any number of times.
-
-    What is not plain text on disk is copied once: into memory, or into a nameless temporary file if it is long.
-    """
+    """A file readable from any place, any number of times; copied to memory or a temporary file where it is not plain text."""
 
     path: Path
     size: int

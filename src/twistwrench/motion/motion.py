@@ -143,10 +143,8 @@ class Motion:
 
         Parameters
         ----------
-        robot : Robot, that moves
         columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, where names do not say it
         rate : float, optional, samples a second of a file without a column of time [Hz]
-        degrees : bool, angles are in degrees wherever the column does not name its unit
 
         Raises
         ------
@@ -181,10 +179,8 @@ class Motion:
         ----------
         frame : pandas.DataFrame, with the time as its index or as a column
             Seconds, dates or time spans. An index that only counts rows is none.
-        robot : Robot, that moves
         columns : {joint: column}, optional, as for :meth:`from_file`
         rate : float, optional, samples a second where there is no time [Hz]
-        degrees : bool, angles are in degrees wherever the column does not name its unit
 
         Raises
         ------

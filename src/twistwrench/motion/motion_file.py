@@ -181,10 +181,7 @@ def is_recording(path: Path) -> bool:
 
 
 def ros_file(path: Path) -> ArrayFile:
-    """Stamps, positions, velocities and efforts of the topic of joint states that has most messages.
-
-    Raises NotFoundError, MissingExtraError where a package is missing, and TrajectoryError for what cannot be read.
-    """
+    """Joint states of the topic with most messages; raises NotFoundError, MissingExtraError and TrajectoryError."""
     if not path.exists():
         raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, a .bag, or a rosbag2 folder.")
     messages: dict[str, list[Any]] = {}

@@ -72,10 +72,7 @@ _HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
 def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
-    """File of a DataFrame: its index if it is a time, its numeric columns, and a note on others.
-
-    Raises ShapeError for other objects.
-    """
+    """File of a DataFrame: its index if it is a time, its numeric columns, and a note on others; raises ShapeError."""
     if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
         raise ShapeError(
             f"Motion.from_dataframe: the frame is {arguments.shown(frame)}: give a pandas DataFrame with a column "

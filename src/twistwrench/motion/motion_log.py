@@ -37,10 +37,7 @@ _ROUNDED = 0.65
 
 @dataclass
 class DuplicateTimestamps:
-    """Rows of one time in a log: repeated rows are dropped, others are replaced by their mean.
-
-    The mean is the best estimate of readings that a coarse clock does not tell apart.
-    """
+    """Rows of one time in a log: repeated rows are dropped, others replaced by their mean, the best estimate there is."""
 
     dropped: int = 0
     averaged: int = 0
@@ -212,8 +209,6 @@ class MotionLog:
             A CSV file (see :meth:`CsvFile.open <twistwrench.motion.csv_reader.CsvFile.open>` for what is understood), an
             archive that ``simulate --npz`` wrote, npz, npy, MAT, HDF5, parquet, feather, MCAP, or a bag of ROS (with the
             extra ``logs``); several files of one motion as ``a.csv+b.csv``.
-        model : Model, of the robot that moves
-        degrees : bool, angles are in degrees wherever the column does not name its unit
         locked : sequence of str, joints whose columns are ignored
         columns : {name: column}, optional, which column is which, where its name does not say so
             ``{"elbow": "pos3", "elbow.vel": "w3"}``; ``.acc``, ``.tau`` and ``time`` likewise.

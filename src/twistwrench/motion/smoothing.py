@@ -40,10 +40,7 @@ _DECAY = 28.0
 
 
 def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
-    """The smoothed values of one column, or of several alike; t (n,), x (n,) or (n, k) → as x.
-
-    ``step`` is the usual time step.
-    """
+    """The smoothed values of columns alike; t (n,), x (n,) or (n, k) → as x. ``step`` is the usual time step."""
     if strength == 0.0 or len(x) < 4:
         return x.copy()
     from scipy.linalg import solveh_banded
@@ -128,10 +125,7 @@ def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
-    """The column with lone samples far off replaced by what lies between their neighbours.
-
-    One glitch shall not keep its whole column from being smoothed.
-    """
+    """The column, lone samples far off, which would keep it from being smoothed, replaced by what lies between neighbours."""
     from scipy.ndimage import maximum_filter1d
 
     for _ in range(2):
@@ -208,10 +202,7 @@ def stretch_edges(t: Array) -> list[int]:
 
 
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
-    """First and second derivatives at the samples of quintic splines through each stretch between pauses.
-
-    (n,), (n, k) → (n, k) twice.
-    """
+    """First and second derivatives (n, k) at the samples (n, k) of quintic splines through each stretch between pauses."""
     parts = [_spline_rates(t[a:b], x[a:b]) for a, b in pairwise(stretch_edges(t))]
     if len(parts) == 1:
         return parts[0]

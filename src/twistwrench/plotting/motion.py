@@ -60,10 +60,6 @@ def energies(motion: DrawnMotion) -> Energies:
 
     Works are integrals by the trapezoidal rule over the samples kept.
 
-    Parameters
-    ----------
-    motion : DrawnMotion
-
     Returns
     -------
     energies : Energies
@@ -93,11 +89,6 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     """Plot of what the torque of each joint is made of, over time; the terms add up to τ.
 
     MR eq. 8.1, with payload, wrenches, springs and friction apart.
-
-    Parameters
-    ----------
-    motion : DrawnMotion
-    joints : sequence of str, those that are drawn; none: all
 
     Examples
     --------
@@ -131,10 +122,6 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     """Plot of the power of each joint, and of work and energies over time.
 
     Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain.
-
-    Parameters
-    ----------
-    motion : DrawnMotion
 
     Examples
     --------
@@ -185,11 +172,6 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
     Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near
     them.
-
-    Parameters
-    ----------
-    motion : DrawnMotion
-    joints : sequence of str, those that are drawn; none: all
 
     Examples
     --------

@@ -62,10 +62,7 @@ def driven_entries(model: Model) -> Array:
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
-    """Entries of τ, (nv,) of bool, that are driven and loaded by ``peaks`` (nv,) [N m or N].
-
-    The load of an elastic joint is its motor's too.
-    """
+    """Entries of τ, (nv,) bool, that are driven and loaded by ``peaks`` (nv,) [N m or N]; an elastic joint's motor with it."""
     size = np.abs(np.asarray(peaks, float))
     entry = {body.joint.name: body.places[1] for body in model.leaders}
     for motor, actuator in model.actuators.items():
@@ -329,10 +326,7 @@ def reach(model: Model) -> float:
 
 
 def parse_payload(text: str, tip: str | None = None) -> Payload:
-    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` asked for if it names no frame.
-
-    Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
-    """
+    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if it names no frame; raises ValueRangeError, which shows the form."""
     form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
     numbers, at, frame = text.partition("@")
     mass, *place = parse_numbers(numbers, "payload", form, 1, 4)
@@ -345,10 +339,7 @@ def parse_payload(text: str, tip: str | None = None) -> Payload:
 
 
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
-    """Read ``FRAME:m,m,m,f,f,f`` each, adding up those on one frame.
-
-    Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
-    """
+    """Read ``FRAME:m,m,m,f,f,f`` each, adding up those on one frame; raises ValueRangeError, which shows the form."""
     form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
     found: dict[str, Array] = {}
     for text in texts:
@@ -461,11 +452,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
 
 
 def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
-    """The joints whose coordinates move nothing between the frames ``base`` and ``tip``.
-
-    Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, and
-    :class:`~twistwrench.ValueRangeError` where no joint is between them.
-    """
+    """Joints that move nothing between two frames; raises UnknownNameError, and ValueRangeError if no joint is between."""
 
     def above(frame: str) -> set[int]:
         found, k = set(), model.frame(frame).body

@@ -176,10 +176,7 @@ class Contenders:
             self._kept = -np.partition(-self._kept, _MOST - 1, axis=0)[:_MOST]
 
     def result(self) -> Array:
-        """Each column's largest values, falling, and -inf at last for runs that do not count; (runs, columns).
-
-        Of very many runs the first few thousand.
-        """
+        """Largest values (runs, columns), falling, of the first few thousand runs; -inf at last for runs that do not count."""
         last = self._held.max(axis=0, keepdims=True) if len(self._held) else self._held
         last = _own(last, self._before[None], np.full_like(last, -np.inf))
         return -np.sort(-np.concatenate([self._kept, last]), axis=0)[:_MOST]
@@ -279,10 +276,7 @@ class PeakSearch:
         self.speed.add(core.time, np.abs(core.dq), core.dq)
 
     def estimate(self, joint: int, steady: float) -> PeakEstimate:
-        """The joint's peak; ``steady`` is its part there that does not depend on accelerations.
-
-        Draws come from a fixed seed, so that the same log always gives the same numbers.
-        """
+        """The joint's peak, by draws from a fixed seed; ``steady`` is its part there that does not depend on accelerations."""
         found = self.around[joint]
         assert found is not None
         motion, row = found

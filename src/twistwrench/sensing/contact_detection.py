@@ -52,10 +52,7 @@ _ROUNDING = 1e-12  # of the variances: the least eigenvalue that a covariance sc
 
 
 def residual_moment(F: ArrayLike) -> Array:
-    """The moment about the line of action (...,) [N m] of wrenches F (..., 6).
-
-    A point contact without grip has none: what it is more than noise denies that there is one point.
-    """
+    """The moment about the line of action (...,) [N m] of wrenches F (..., 6): none of a point contact without grip."""
     m, f, size = _halves(F)
     return np.asarray((m * f).sum(-1) / size)
 
@@ -65,7 +62,6 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
 
     Parameters
     ----------
-    point : (..., 3) array_like, in the frame of F [m]
     normal : (..., 3) array_like, of the plane through ``point``
 
     Returns
@@ -115,10 +111,6 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
 def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
     """Contact point estimate: the point of the line of action of F that is nearest to a point.
 
-    Parameters
-    ----------
-    point : (..., 3) array_like, in the frame of F [m]
-
     Returns
     -------
     contact : (..., 3) array [m]
@@ -133,10 +125,7 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
 
 
 def _line(F: ArrayLike) -> tuple[Array, Array]:
-    """Point nearest to the origin and direction (..., 3) of lines of action; NaN without a force.
-
-    :func:`twistwrench.lie.axis.line_of_action` for streams: a row of zeros does not raise here.
-    """
+    """Point nearest to the origin, and direction, (..., 3) of lines of action; of a row of zeros NaN, no error."""
     m, f, size = _halves(F)
     return so3.cross(f, m) / size[..., None] ** 2, f / size[..., None]
 

@@ -52,7 +52,6 @@ def write_sensor(
 
     Parameters
     ----------
-    path : str or Path, the file that is written
     uncertainty : Uncertainty, optional, how well it is known, as :attr:`Identification.uncertainty` has it
         Covariance and degrees of freedom, which :func:`~twistwrench.sensing.contact_detection.compensation` needs for its
         rate of false alarms to hold. Whether the load's rotational inertia is known goes with it.
@@ -124,10 +123,7 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
 
 
 def read_sensor_file(path: str | Path) -> SensorFile:
-    """Read what :func:`write_sensor` wrote, with the uncertainty of the sensor if the file has it.
-
-    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`.
-    """
+    """Read a file of :func:`write_sensor` with its uncertainty, if any; raises NotFoundError and ValueRangeError."""
     if not isinstance(path, str | Path):
         raise ShapeError(f"read_sensor takes the path of a sensor file, got {type(path).__name__}.")
     path = Path(path)
@@ -357,10 +353,6 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
 
 def write_log(log: ReadingLog, path: str | Path) -> None:
     """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``.
-
-    Parameters
-    ----------
-    path : str or Path, the file that is written
 
     Raises
     ------

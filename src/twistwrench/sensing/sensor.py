@@ -258,10 +258,6 @@ class ForceTorqueSensor:
     ) -> Array:
         """Predicted reading when nothing touches the load; arguments broadcast.
 
-        Parameters
-        ----------
-        gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
-
         Returns
         -------
         reading : (..., 6) array, (m, f) in the sensor's axes [N m, N]
@@ -296,7 +292,6 @@ class ForceTorqueSensor:
         readings : (..., 6) array_like or Wrench [N m, N]
             A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is
             turned.
-        gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
 
         Returns
         -------

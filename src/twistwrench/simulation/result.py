@@ -26,7 +26,20 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationResult:
-    """Simulated motion of n states, the first at time 0. Printing it shows its end and the drift."""
+    """Simulated motion of n states, the first at time 0. Printing it shows its end and the drift.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     again = SimulationResult.load(swing.to_npz(f"{folder}/swing.npz"))
+    ...     table, picture = swing.to_csv(f"{folder}/swing.csv"), swing.plot(f"{folder}/swing.svg")
+    ...     bool((again.q == SimulationResult.load(table).q).all()), picture.name
+    (True, 'swing.svg')
+    >>> again.with_robot(tw.robots.pendulum()).motion
+    <Motion of 'pendulum': 101 states, 0 to 0.1 s>
+    """
 
     robot: str
     """The robot's name."""
@@ -133,12 +146,9 @@ class SimulationResult:
     def with_robot(self, robot: Robot) -> SimulationResult:
         """Return the result with the robot that was simulated, for a result from a file.
 
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> swing.with_robot(tw.robots.pendulum()).motion
-        <Motion of 'pendulum': 101 states, 0 to 0.1 s>
+        Returns
+        -------
+        result : SimulationResult
         """
         if require_robot(robot, "SimulationResult.with_robot").coordinate_names != self.coordinate_names:
             raise ValueRangeError(
@@ -153,18 +163,14 @@ class SimulationResult:
         ----------
         degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
+        Returns
+        -------
+        path : Path of the file written
+
         Notes
         -----
         Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and
         momentum; text in comments before the header. Degrees come back with the rounding of the conversion.
-
-        Examples
-        --------
-        >>> import tempfile, twistwrench as tw
-        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     bool((SimulationResult.load(swing.to_csv(f"{folder}/swing.csv")).q == swing.q).all())
-        True
         """
         from .result_files import write_csv
 
@@ -173,13 +179,9 @@ class SimulationResult:
     def to_npz(self, path: str | Path) -> Path:
         """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
 
-        Examples
-        --------
-        >>> import tempfile, twistwrench as tw
-        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     bool((SimulationResult.load(swing.to_npz(f"{folder}/swing.npz")).q == swing.q).all())
-        True
+        Returns
+        -------
+        path : Path of the file written
         """
         from .result_files import write_npz
 
@@ -189,13 +191,9 @@ class SimulationResult:
     def load(path: str | Path) -> SimulationResult:
         """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called, without its robot.
 
-        Examples
-        --------
-        >>> import tempfile, twistwrench as tw
-        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     SimulationResult.load(swing.to_npz(f"{folder}/swing.npz")).robot
-        'pendulum'
+        Returns
+        -------
+        result : SimulationResult
         """
         from .result_files import read
 
@@ -204,13 +202,9 @@ class SimulationResult:
     def plot(self, path: str | Path) -> Path:
         """Plot of joints, energies and drift; the suffix says the kind (.png, .pdf, .svg).
 
-        Examples
-        --------
-        >>> import tempfile, twistwrench as tw
-        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     swing.plot(f"{folder}/swing.svg").name
-        'swing.svg'
+        Returns
+        -------
+        path : Path of the file written
         """
         from ..plotting.simulation import plot_simulation
 

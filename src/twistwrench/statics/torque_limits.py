@@ -145,10 +145,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
 
 
 def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
-    """``q`` (nq,) of finite numbers; an error names ``what`` takes one pose only, and ``why``.
-
-    Raises ShapeError, ValueRangeError.
-    """
+    """``q`` (nq,), finite; ShapeError and ValueRangeError name ``what`` takes one pose only, and ``why``."""
     array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 1:
         raise ShapeError(

@@ -522,10 +522,7 @@ KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 
 
 def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
-    """Name the model's numbers, those that ``symbols`` chooses: kinds, names, ``"all"`` or ``"none"``.
-
-    Raises :class:`~twistwrench.UnknownNameError` for names that the robot does not have.
-    """
+    """Name the model's numbers that ``symbols`` chooses: kinds, names, ``"all"`` or ``"none"``; raises UnknownNameError."""
     every = Namer(model).entries()
     chosen = _chosen(symbols, every.parameters)
 

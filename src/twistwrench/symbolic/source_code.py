@@ -213,10 +213,7 @@ def _number(x: Any) -> str:
 
 
 def c_source(equations: Equations, prefix: str | None = None) -> str:
-    """One file. ``prefix`` begins the names of its functions; without it, the name of the robot.
-
-    Raises ValueRangeError for a prefix that is not a C identifier, and for functions that math.h does not have.
-    """
+    """One file, names with a ``prefix`` or the robot's; ValueRangeError for no C identifier, and functions not in math.h."""
     if prefix is None:
         prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
         prefix = prefix if re.match(r"[A-Za-z]", prefix) else f"robot_{prefix}"

@@ -94,10 +94,7 @@ def force_scale(robot: Robot, scene: Scene) -> float:
 
 
 def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
-    """Metres drawn for a kilogram, and how many directions the tip can be moved in; 0 and 0 without a tip.
-
-    The mass ellipsoid is then about an eighth of the robot.
-    """
+    """Metres drawn for a kilogram, the ellipsoid an eighth of the robot, and the tip's free directions; 0, 0 without one."""
     if robot.model.tip is None:
         return 0.0, 0
     q = robot.random_configuration(0, _POSES)

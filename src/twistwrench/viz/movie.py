@@ -246,9 +246,6 @@ def movie(
     q : (n, nq) array_like, configurations
     dq : (n, nv) array_like, optional, velocities [rad/s, m/s]
     ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²]
-    fps : float, pictures a second of film
-    speed : float, seconds of motion that a second of film shows
-    progress : callable, optional, told how many of how many pictures are drawn
 
     Raises
     ------
@@ -277,12 +274,6 @@ def film(
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Film a :class:`DrawnMotion`; see :func:`movie`.
-
-    Parameters
-    ----------
-    fps : float, pictures a second of film
-    speed : float, seconds of motion that a second of film shows
-    progress : callable, optional, told how many of how many pictures are drawn
 
     Examples
     --------
@@ -320,10 +311,7 @@ def film(
 
 
 def movie_path(path: str | Path) -> str:
-    """The file a film goes to: ``path``, with .gif added if it has no suffix.
-
-    Raises ValueRangeError for a suffix that is none of :data:`MOVIES`, MissingExtraError where its maker is not there.
-    """
+    """Path of a film, .gif if it has no suffix; raises ValueRangeError for one not of :data:`MOVIES`, and MissingExtraError."""
     text, suffix = str(path), Path(path).suffix.lower()
     if suffix and suffix not in MOVIES:
         raise ValueRangeError(

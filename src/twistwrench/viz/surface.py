@@ -156,10 +156,7 @@ def box(size: ArrayLike) -> Surface:
 
 
 def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | None]]:
-    """The surfaces in a mesh file, one of each colour; the colour is None where the file gives none.
-
-    Raises MissingExtraError without trimesh, and ModelError for what cannot be read.
-    """
+    """Surfaces in a mesh file, one of each colour or None; raises MissingExtraError and, if unreadable, ModelError."""
     try:
         import trimesh
     except ImportError:
