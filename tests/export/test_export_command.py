@@ -71,7 +71,7 @@ def test_the_command_it_prints_checks_the_export(run):
         (["--c", "arm.c", "--quantity", "mass"], ["no quantity named 'mass'", "mass_matrix"]),
         (["--c", "arm.c", "--quantity", "jacobian:frame"], ["'frame' is not OPTION=VALUE"]),
         (["--c", "arm.c", "--quantity", "jacobian:"], ["is not OPTION=VALUE"]),
-        (["--c", "arm.c", "--quantity", "jacobian:kind=body,kind=space"], ["gives kind twice"]),
+        (["--c", "arm.c", "--quantity", "jacobian:kind=body,kind=space"], ["kind is given twice"]),
         (["--c", "arm.c", "--quantity", "mass_matrix:color=red"], ["takes no option 'color'"]),
         (["--c", "nowhere/arm.c"], ["'nowhere/arm.c'", "no such folder"]),
         (["--c", "nowhere"], ["--c 'nowhere'", "neither a folder", "planar_2r.c"]),
