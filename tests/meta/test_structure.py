@@ -16,9 +16,9 @@ FILES = sorted(SOURCE.rglob("*.py"))
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
 LAYOUT = (tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER, tokenize.COMMENT)
 
-MOST_FILES = 315
+MOST_FILES = 302
 """Files of the package."""
-IMPORTS = 0.090
+IMPORTS = 0.088
 """Share of import statements in the lines of code."""
 SELF_ANY = 0
 """Functions with an argument ``self: Any``."""
@@ -26,7 +26,7 @@ FIRST_WORDS = ("What", "How", "Where", "Whether", "Which", "Of", "That", "Those"
 FIRST = 0.0
 """Share of docstrings that begin with one of those words."""
 VAGUE = ("of", "at", "take", "made", "told", "said", "asked", "kept", "held", "felt")
-MOST_VAGUE = 59
+MOST_VAGUE = 13
 """Functions that have one of those names."""
 LONGER: dict[str, int] = {}
 """Files of more than 600 lines, with the most that each may have."""

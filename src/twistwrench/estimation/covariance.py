@@ -124,9 +124,13 @@ def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array
     place = cluster_numbers(label)
     order = np.argsort(place, kind="stable")
     parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
-    pairs = [(Q.T @ Q, Q.T @ left[rows].reshape(-1)) for rows in parts for Q in (columns(rows),)]
-    M, s = zip(*pairs, strict=True)
-    return np.stack(M), np.stack(s)
+    first = columns(parts[0])
+    p = first.shape[1]
+    M, s = np.zeros((len(parts), p, p)), np.zeros((len(parts), p))
+    for g, rows in enumerate(parts):
+        Q = columns(rows) if g else first
+        M[g], s[g] = Q.T @ Q, Q.T @ left[rows].reshape(-1)
+    return M, s
 
 
 def cluster_numbers(label: Array) -> Array:

@@ -417,15 +417,15 @@ class SettingRows:
     def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
         """By predictions of torques below the highest cut-off; the lowest that is nearly as good as any."""
         torques = [torques_below(s, max(self.tried)) for s in self.samples]
-        trials = (Trial(self, replace(settings, cutoff=cutoff)) for cutoff in self.tried)
-        scores = np.array([self._judged_score(prior, blocks, trial, torques) for trial in trials])
+        tried = [replace(settings, cutoff=cutoff) for cutoff in self.tried]
+        scores = np.array([self._judged_score(prior, blocks, each, torques) for each in tried])
         return self.tried[int(np.flatnonzero(scores <= scores.min() + _WORTH * len(self.dead))[0])]
 
     def _judged_score(
-        self, prior: Prior, blocks: tuple[int, ...], trial: Trial, torques: Sequence[tuple[Array, Array]]
+        self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
     ) -> float:
         """The sum of log |residual|² over the joints, of torques that are given with their times for each log."""
-        settings, judged = trial.settings, self.judged(trial.settings.cutoff)
+        trial, judged = Trial(self, settings), self.judged(settings.cutoff)  # one trial at a time is in memory
         tau = np.concatenate(
             [
                 np.stack([np.interp(s.time + settings.shift, time, x) for x in tau.T], axis=1)
