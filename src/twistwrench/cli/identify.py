@@ -187,14 +187,15 @@ LARGE = 1 << 26
 
 def robot_from_portions(robot: Robot, given: Given, options: dict[str, Any]) -> identification.IdentifiedRobot:
     """Robot identified from all rows of the logs and those of ``--add``; ``options`` are those of :func:`accumulate`."""
-    accumulate = partial(identification.accumulate, robot, **options)
     with workers_of(given.workers, given.scheduler) as team:
         before = None if given.add is None else identification.NormalEquationBlocks.load(given.add, robot)
         if before is not None and (twice := sorted(set(before.logs) & set(given.logs))):
             raise ValueRangeError(f"{given.add} has the rows of {twice[0]!r} already. Leave that log out.")
-        information = accumulate(given.logs, like=before, client=team.client)
+        information = identification.accumulate(robot, given.logs, like=before, client=team.client, **options)
         information = information if before is None else before + information
-        tested = accumulate(given.tests, like=information, client=team.client) if given.tests else None
+        tested = None
+        if given.tests:
+            tested = identification.accumulate(robot, given.tests, like=information, client=team.client, **options)
     found = information.identified(tested)
     if given.information is not None:
         information.save(given.information)
@@ -275,7 +276,7 @@ def write_robot(
         return []
     if strength is not None:
         found.__dict__["consistent"] = found.consistent_at(strength)
-    before = options.actuator_file and actuator_content(options.actuator_file)
+    before = actuator_content(options.actuator_file) if options.actuator_file else None
     names = ["+".join(Path(part).name for part in log.split("+")) for log in given.logs]
     return list(found.write(given.out, given.actuators_out, given=before, logs=names, force=given.force))
 

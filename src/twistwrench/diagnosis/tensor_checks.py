@@ -291,7 +291,9 @@ def reference_of(link: ParsedLink) -> Array | None:
 
 def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair | None:
     """Repair by the tensor that an entry error explains, if there is one."""
-    return error and _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
+    if error is None:
+        return None
+    return _repair(link, "slip", f"one slip explains it: {error.sentence}", error.tensor)
 
 
 def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> FileRepair:

@@ -117,8 +117,8 @@ class StepPlan:
             return Scan(program, fed, visible=len(self.state) + self.works, hidden=hidden, table=table)
         names = [*(name for name, _ in self.state), *["peak"] * self.works, *self._reports]
         program = trace(self._semi_implicit, [("angles", self.state[0][1]), *self.state, *self.given], names)
-        fed = self._fed + [Source("given")] * len(self.given)
-        return Scan(program, tuple(fed), visible=len(self.state) + self.works)
+        fed = (*self._fed, *[Source("given")] * len(self.given))
+        return Scan(program, fed, visible=len(self.state) + self.works)
 
     def one_stage(self) -> Scan:
         """Loop over Runge-Kutta stages: sums are states; start of the step and row of the tableau are inputs."""

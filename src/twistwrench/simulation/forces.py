@@ -144,16 +144,16 @@ class ControlLaw:
             return found.astype(float)
         at, expected = f"at t = {printed(t, 9)} s", f"{self.shape}{self.meaning}."
         if found.dtype.kind not in "biuf":
-            given, problem = repr(found.tolist()), f", expected real numbers of shape {expected}"
+            given, fault = repr(found.tolist()), f", expected real numbers of shape {expected}"
         elif found.shape != self.shape:
-            given, problem = f"an array of shape {found.shape}", f", expected {expected}"
+            given, fault = f"an array of shape {found.shape}", f", expected {expected}"
         elif found.dtype.kind not in kinds:
             given = str(bool(found))
-            problem = ", and takes a number whose sign changes where it happens: q[0] - 0.5, not q[0] > 0.5."
+            fault = ", and takes a number whose sign changes where it happens: q[0] - 0.5, not q[0] > 0.5."
         else:
             where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
-            given, problem = str(found), f", not finite{where}."
-        raise SimulationError(f"{self.what} gave {given} {at}{problem}")
+            given, fault = str(found), f", not finite{where}."
+        raise SimulationError(f"{self.what} gave {given} {at}{fault}")
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
         """Values of the function at times (m,) and states (m, nq), (m, nv), with their shape checked together."""

@@ -126,7 +126,7 @@ def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops 
     elif run.method == ADAPTIVE:
         run_adaptive(run, Stepper(system, *options, trials=TrialSteps.build(system, tolerances)))
     else:
-        steps = CompiledSteps if not system.functions else CallbackSteps
+        steps: type[CompiledSteps | ClosedSteps] | None = CallbackSteps if system.functions else CompiledSteps
         if loops is not None:
             steps = ClosedSteps if run.detector is None and run.controller is None else None
         run.compiled = None if steps is None else steps.build(system, run.method, run.scheme.order, run.h)

@@ -246,8 +246,9 @@ class Record:
         k = self.count
         if k == len(self._parts[0]):
             self._grow(k + 1)
-        for part, given in zip(self._parts, (t, y, ddq, tau), strict=True):
-            part[k] = given
+        given: tuple[Any, ...] = (t, y, ddq, tau)
+        for part, value in zip(self._parts, given, strict=True):
+            part[k] = value
         self.count = k + 1
 
     def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:

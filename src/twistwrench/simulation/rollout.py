@@ -217,10 +217,21 @@ def build_rollout(
     kind: type[Result], robot: Robot, inputs: Inputs, q: Array, dq: Array, tau: list[Array], **more: Any
 ) -> Result:
     """The result of inputs, with what its kind has beside."""
-    known = {"times": inputs.times, "dt": inputs.dt, "steps": inputs.steps, "method": inputs.plan.method}
-    names = {"coordinate_names": robot.coordinate_names, "velocity_names": robot.model.velocity_names}
-    more = {"tau": tau[0] if tau else None, "remarks": inputs.remarks, **more}
-    return kind(robot=robot.name, simulated=robot, q=q, dq=dq, **names, **known, **more)
+    return kind(
+        robot=robot.name,
+        simulated=robot,
+        times=inputs.times,
+        dt=inputs.dt,
+        steps=inputs.steps,
+        method=inputs.plan.method,
+        q=q,
+        dq=dq,
+        tau=tau[0] if tau else None,
+        coordinate_names=robot.coordinate_names,
+        velocity_names=robot.model.velocity_names,
+        remarks=inputs.remarks,
+        **more,
+    )
 
 
 def _meaningless(q: Array, dq: Array) -> Array:

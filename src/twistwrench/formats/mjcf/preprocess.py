@@ -89,8 +89,8 @@ def disabled_by(root: Element) -> set[str]:
         for flag in option.all("flag"):
             found |= {name for name, value in flag.attributes.items() if value.strip() == "disable"}
             found -= {name for name, value in flag.attributes.items() if value.strip() == "enable"}
-    for flag, forces in (("passive", {"spring", "damper"}), ("constraint", {"equality", "frictionloss"})):
-        found |= forces if flag in found else set()
+    for group, forces in (("passive", {"spring", "damper"}), ("constraint", {"equality", "frictionloss"})):
+        found |= forces if group in found else set()
     return found
 
 
