@@ -102,6 +102,14 @@ def test_a_payload_on_the_base_stays_with_the_base(rng):
     assert loaded.bodies == model.bodies
 
 
+def test_a_payload_on_the_base_is_where_its_frame_is(rng):
+    model = chain(rng, "fr").build()
+    pose = model.frame("l1").pose
+    gained = with_payload(model, ROUND, "l1").base_inertia.parameters - model.base_inertia.parameters
+    assert np.abs(ROUND.in_frame(pose).parameters - ROUND.parameters).max() > 0.1
+    np.testing.assert_allclose(gained, ROUND.in_frame(pose).parameters, rtol=0, atol=1e-12)
+
+
 def test_a_payload_must_be_able_to_exist(rng):
     model = chain(rng, "r").build()
     with pytest.raises(InertiaError, match=r"payload at 'l1'.*triangle"):

@@ -130,6 +130,8 @@ def test_it_attaches_to_sites_too():
     joined = robot.attach(hand, "camera", prefix="g_")
     q = joined.random_configuration(0)
     close(joined.forward_kinematics(q, "g_world"), joined.forward_kinematics(q, "camera"))
+    placed = robot.attach(hand, "camera", POSE, prefix="g_")
+    close(placed.forward_kinematics(q, "g_world"), placed.forward_kinematics(q, "camera") @ POSE)
 
 
 def limited(model):
@@ -180,6 +182,28 @@ def test_a_subtree_has_the_torques_of_the_whole_at_rest_above(bundled, name, bas
     to_base = tw.se3.inverse(robot.forward_kinematics(whole, base))
     for frame in part.link_names:
         close(part.forward_kinematics(q, frame), to_base @ robot.forward_kinematics(whole, frame))
+
+
+def test_gravity_below_a_joint_that_follows_with_an_offset_is_turned_by_it():
+    """The follower is at 0.4 rad where its leader is neutral."""
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="1"/><origin xyz="0.1 0.2 0.3"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name in "abcd"
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>{mimic}</joint>'
+        for name, parent, child, mimic in (
+            ("leads", "a", "b", ""),
+            ("follows", "b", "c", '<mimic joint="leads" multiplier="-2" offset="0.4"/>'),
+            ("last", "c", "d", ""),
+        )
+    )
+    robot = tw.load(f'<robot name="offset">{links}{joints}</robot>')
+    part = robot.chain("c")
+    close(part.gravity, robot.forward_kinematics([0, 0], "c")[:3, :3].T @ robot.gravity)
+    close(part.holding_torques([0.3]), robot.holding_torques([0, 0.3])[1:])
 
 
 def test_a_chain_leaves_out_what_branches_off():

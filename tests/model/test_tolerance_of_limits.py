@@ -27,3 +27,11 @@ def test_it_scales_with_the_limits(lower, upper):
 @pytest.mark.parametrize(("lower", "upper"), [(-np.inf, np.inf), (0.0, 0.0), (0.0, np.inf)])
 def test_without_a_size_it_is_that_of_one(lower, upper):
     assert tolerance(lower, upper) == TOLERANCE
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-3.0, 2.0), (0.5, 4.0), (0.0, 0.0)])
+def test_a_joint_at_either_limit_or_beyond_by_less_does_not_exceed_it(lower, upper):
+    limits, one = Limits(np.array([lower]), np.array([upper]), NONE, NONE), tolerance(lower, upper)
+    at = np.array([lower - 0.5 * one, lower, upper, upper + 0.5 * one])
+    assert not limits.exceeded(at[:, None]).any()
+    assert limits.exceeded([[lower - 2 * one], [upper + 2 * one]]).all()

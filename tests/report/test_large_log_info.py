@@ -40,3 +40,20 @@ def test_zeros_and_columns_of_few_steps_are_worth_a_word(tmp_path):
     assert said.count("exactly 0 in 50 % of the rows") == 1
     assert said.count("no more than 20 steps of its grid in all") == 1
     assert LogQuality.from_file(tmp_path / "log.csv").columns[0].zeros == 0.5
+
+
+def test_a_step_of_exactly_three_usual_ones_is_a_gap_and_no_jitter(tmp_path):
+    t = np.cumsum([0.0, *[0.25] * 10, 0.75, *[0.25] * 10, 0.5])
+    np.savetxt(tmp_path / "log.csv", np.column_stack([t, np.sin(t)]), delimiter=",", header="time,x", comments="")
+    found = LogQuality.from_file(tmp_path / "log.csv")
+    assert (found.gaps, found.longest, found.rate) == (1, 0.75, 4.0)
+    assert found.jitter == np.std([0.25] * 20 + [0.5])
+
+
+def test_what_rests_at_zero_is_not_cut_off_there(tmp_path):
+    t = np.arange(1000) * 0.01
+    table = np.column_stack([t, np.maximum(0.0, np.sin(t)), np.maximum(-0.5, np.sin(t))])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,one_way,clipped", comments="")
+    one_way, clipped = LogQuality.from_file(tmp_path / "log.csv").columns
+    assert one_way.cut == 0.0 and one_way.zeros > 0.3
+    assert clipped.cut == np.mean(table[:, 2] == -0.5) > 0.2

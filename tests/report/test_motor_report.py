@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,68 @@ def test_the_picture_is_drawn(tmp_path):
     one = tmp_path / "one.yaml"
     one.write_text("actuators: {wrist_2_joint: {motor: {torque_constant: 0.1 N m/A}}}")
     assert run("--actuators", one, "--motor-plot", tmp_path / "one.svg").exit_code == 0
+
+
+@pytest.mark.parametrize("friction", [True, False])
+def test_the_title_says_where_friction_is_left_out(robot, friction):
+    from twistwrench.plotting.torques import report_title
+
+    load = LoadCase(robot, (Payload(5.0),), friction=friction)
+    plan = Differentiation.plan(MotionLog.open(MOTION, robot.model), robot.model)
+    said = report_title(analyse(load, plan, robot.limits))
+    assert said == "ur5 · ur5_demo · payload 5 kg" + ("" if friction else " · without friction")
+
+
+def test_limits_of_torque_are_drawn_on_the_sides_that_come_near_them(robot, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    from twistwrench.plotting import style
+    from twistwrench.plotting.torques import plot_report
+
+    drawn, report = [], analysed(robot, 5.0)[0]
+    monkeypatch.setattr(style, "save", lambda figure, _path: drawn.append(figure))
+    plot_report(report, tmp_path / "torques.png")
+    sides = []
+    for k, (joint, axis) in enumerate(zip(report.joints, drawn[0].axes[:6], strict=True)):
+        least, greatest = report.envelope[1][:, k].min(), report.envelope[2][:, k].max()
+        levels = [line.get_ydata()[0] for line in axis.lines]
+        for side, extreme in ((-1, -least), (1, greatest)):
+            assert (side * joint.limit in levels) == (extreme >= 0.3 * joint.limit)
+        sides.append((-least >= 0.3 * joint.limit, greatest >= 0.3 * joint.limit))
+    assert {(True, False), (False, True)} & set(sides)
+
+
+def test_regions_of_motors_are_the_same_turned_by_half_a_turn(robot, tmp_path, monkeypatch):
+    """A motor that runs backwards has the same limits the other way."""
+    pytest.importorskip("matplotlib")
+    from twistwrench.plotting import style
+    from twistwrench.plotting.torques import plot_motors
+
+    drawn = []
+    monkeypatch.setattr(style, "save", lambda figure, _path: drawn.append(figure))
+    plot_motors(analysed(robot, 5.0)[0], tmp_path / "motors.png")
+    regions = [path.vertices for axis in drawn[0].axes for c in axis.collections for path in c.get_paths()]
+    assert len(regions) == 2 * 6
+    for corners in regions:
+        assert corners.min(axis=0) == pytest.approx(-corners.max(axis=0), rel=1e-9)
+        right, left = (corners[corners[:, 0] * side > 0.9 * corners[:, 0].max()] for side in (1, -1))
+        assert right[:, 1].max() == pytest.approx(-left[:, 1].min(), rel=1e-9)
+        assert right[:, 1].min() == pytest.approx(-left[:, 1].max(), rel=1e-9)
+
+
+@pytest.mark.parametrize(("way", "push", "beyond"), [(1, -1, 0), (-1, 1, 0), (1, 1, 2), (-1, -1, 2)])
+def test_near_its_no_load_speed_a_motor_brakes_and_does_not_drive(robot, tmp_path, monkeypatch, way, push, beyond):
+    pytest.importorskip("matplotlib")
+    from twistwrench.plotting import style
+    from twistwrench.plotting.torques import plot_motors
+
+    drawn, report = [], analysed(robot, 5.0)[0]
+    monkeypatch.setattr(style, "save", lambda figure, _path: drawn.append(figure))
+    motor = replace(report.motors[0].motor, speed=np.inf, resistance=0.5, voltage=48.0)
+    speed, torque = 0.95 * 48.0 / motor.torque_constant, 0.9 * motor.torque_constant * motor.current_peak
+    use = replace(report.motors[0], motor=motor, speed=way * np.full(2, speed), torque=push * np.full(2, torque))
+    plot_motors(replace(report, motors=(use,)), tmp_path / "motors.png")
+    red = [len(line.get_xdata()) for line in drawn[0].axes[0].lines if line.get_label() == "beyond the motor"]
+    assert sum(red) == beyond
 
 
 def test_errors_of_the_command(tmp_path):

@@ -70,6 +70,14 @@ def test_simulations_have_tables():
     assert fall.stopped in fall._repr_html_()
 
 
+def test_a_simulations_table_has_start_end_lowest_and_highest_in_that_order():
+    swing = tw.robots.pendulum().simulate([1.0], [2.0], duration=1.0)
+    q = swing.q[:, 0]
+    assert q.max() > q[0] + 0.01  # up first, then down
+    start, end, lowest, highest = map(float, cells(swing)[1:5])
+    np.testing.assert_allclose([start, end, lowest, highest], [q[0], q[-1], q.min(), q.max()], rtol=1e-3, atol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["ur5", "quadruped", "floating_box"])
 def test_info_is_what_json_takes(name):
     robot = getattr(tw.robots, name)()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from peers import mujoco_model
@@ -395,3 +397,12 @@ def test_a_step_that_does_not_fill_the_duration_is_shortened_and_said(pendulum):
 def test_the_same_call_gives_the_same_bits(ur5):
     one, other = (ur5.simulate(np.ones(6), None, 0.2, 0.01) for _ in range(2))
     np.testing.assert_array_equal(one.q, other.q)
+
+
+def test_energy_that_is_lost_is_drift_as_much_as_energy_that_is_gained():
+    swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.5)
+    ramp = np.linspace(0.0, 0.5, len(swing))
+    for sign in (1, -1):
+        found = replace(swing, kinetic_energy=swing.kinetic_energy + sign * ramp)
+        moved = max(found.kinetic_energy.max(), np.ptp(found.potential_energy))
+        assert found.relative_drift == pytest.approx(0.5 / moved, rel=1e-3)

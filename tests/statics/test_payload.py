@@ -71,6 +71,12 @@ def test_a_robot_too_weak_for_itself_holds_nothing(arm):
     assert "not limited at this pose" in str(upright)
 
 
+def test_it_says_on_which_side_the_limit_is_and_which_joint_cannot_hold_the_robot(arm):
+    assert str(statics.largest_payload(arm, [np.pi, 0.0], limits=STRONG)).endswith("then joint2 is at -20")
+    said = str(statics.largest_payload(arm, [0.0, 0.0], limits=[50.0, 5.0]))
+    assert said.startswith("no payload: joint2 needs 9.81 of 5 ")  # joint1 needs more, and has it
+
+
 def test_a_joint_that_gives_nothing_and_a_robot_without_joints(arm):
     found = statics.largest_payload(arm, [0.0, 0.0], limits=[50.0, 0.0])
     assert found.mass == 0
@@ -156,6 +162,18 @@ def test_the_map_keeps_to_the_samples_and_to_the_workspace(bundled):
     assert np.nanmin(found.worst) == masses.min()
     slab = statics.payload_map(ur5, "xz", thickness=0.2, cells=20, samples=5000)
     assert 0 < slab.samples < 5000
+
+
+@pytest.mark.parametrize(("plane", "across", "along"), [("xz", 1, (0, 2)), ("yz", 0, (1, 2)), ("xy", 2, (0, 1))])
+def test_a_slab_has_the_tips_within_half_its_thickness_on_the_axes_of_its_name(bundled, plane, across, along):
+    ur5 = bundled("ur5")
+    found = statics.payload_map(ur5, plane, at=0.2, thickness=0.3, cells=10, samples=2000)
+    p = ur5.forward_kinematics(ur5.random_configuration(np.random.default_rng(0), 2000))[:, :3, 3]
+    p = p[np.abs(p[:, across] - 0.2) <= 0.15]
+    assert found.samples == len(p)
+    for edges, axis in zip(found.edges, along, strict=True):
+        assert edges[0] == p[:, axis].min()
+        assert edges[-2] <= p[:, axis].max() <= edges[-1] + 1e-9
 
 
 def test_the_maps_cells_are_filled_however_few_samples_there_are(bundled):

@@ -153,6 +153,14 @@ def test_nothing_drives_a_floating_base(bundled):
     assert_allclose(effort_limits(box), 0)
 
 
+def test_a_contact_stays_where_it_was_made():
+    point, normal = np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, 2.0])
+    contact = statics.Contact(point, normal)
+    point[:], normal[:] = 5.0, 1.0
+    assert contact.point.tolist() == [0.1, 0.2, 0.3]
+    assert contact.normal.tolist() == [0.0, 0.0, 1.0]
+
+
 # ── errors ──
 
 

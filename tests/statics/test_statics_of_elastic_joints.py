@@ -44,3 +44,9 @@ def test_the_torques_that_hold_it_push_on_nothing():
     q[6:] += 1e-3
     found = statics.wrench_from_torques(robot, q, robot.holding_torques(q))
     assert np.abs(found.wrench).max() < 1e-8
+
+
+def test_the_lower_limit_of_a_joint_and_its_motor_holds():
+    _, robot, q = elastic(2)
+    limits = np.array([100.0, 30.0, 100, 100, 100, 100, 20.0, 90.0])
+    assert statics.largest_payload(robot, q, limits=limits).limits[:2].tolist() == [20.0, 30.0]
