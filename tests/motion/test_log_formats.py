@@ -157,3 +157,37 @@ def test_log_info_says_what_is_in_a_file(tmp_path):
     said = " ".join(shown.output.split())  # lines are as wide as a terminal
     assert "one number throughout" in said and "1 gap, " in said and "1 stamp repeated" in said
     assert CliRunner().invoke(main, ["log", "info", str(tmp_path / "none.csv")]).exit_code == 2
+
+
+def test_the_longer_arrays_of_a_file_are_the_motion(tmp_path):
+    """As many columns of calibration, which are shorter, are none of it."""
+    np.savez(tmp_path / "log.npz", joint=Q, time=TIME, anchor=np.zeros((10, 3)))
+    motion = tw.Motion.from_file(tmp_path / "log.npz", ARM)
+    assert (motion.q == Q).all() and (motion.time == TIME).all()
+
+
+@pytest.mark.usefixtures("reading")
+def test_dates_of_a_long_array_are_seconds_since_its_first(tmp_path):
+    rows = np.zeros(len(TIME), [("time", "M8[us]"), *((name, float) for name in NAMES)])
+    rows["time"] = np.datetime64("2026-01-01") + np.round(1e6 * TIME).astype("m8[us]")
+    rows[NAMES[0]], rows[NAMES[1]] = Q.T
+    np.save(tmp_path / "log.npy", rows)
+    motion = tw.Motion.from_file(tmp_path / "log.npy", ARM)
+    assert np.allclose(motion.time, TIME, atol=1e-9) and (motion.q == Q).all()
+
+
+def test_matlab_4_gives_the_same_motion(tmp_path):
+    from scipy.io import savemat
+
+    savemat(tmp_path / "log.mat", {"t": TIME[:, None], "q": Q, "tau": TAU}, format="4")
+    motion = tw.Motion.from_file(tmp_path / "log.mat", ARM)
+    assert (motion.q == Q).all() and (motion.tau == TAU).all()
+
+
+@pytest.mark.usefixtures("reading")
+def test_the_row_of_a_number_that_is_not_finite_is_counted_from_the_first(tmp_path):
+    q = Q.copy()
+    q[20, 1] = np.nan
+    np.savez(tmp_path / "log.npz", time=TIME, joint=q)
+    with pytest.raises(tw.TrajectoryError, match="row 21, column 'joint2' is nan"):
+        tw.Motion.from_file(tmp_path / "log.npz", ARM)

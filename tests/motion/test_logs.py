@@ -91,6 +91,7 @@ DIALECTS = {
     "UTF-16": table(EXACT).encode("utf-16"),
     "UTF-16 of the other order": b"\xfe\xff" + table(EXACT).encode("utf-16-be"),
     "UTF-16 without a mark": table(EXACT, "\t").encode("utf-16-le"),
+    "UTF-16 of the other order without a mark": table(EXACT, "\t").encode("utf-16-be"),
     "gzip": gzip.compress(table(EXACT).encode()),
     "gzip of UTF-16": gzip.compress(table(EXACT).encode("utf-16")),
     "Windows' line ends": table(EXACT, end="\r\n"),

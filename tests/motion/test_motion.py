@@ -7,6 +7,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench import trajectories, viz
+from twistwrench.motion.bounds import LimitCheck, bounds_of
 from twistwrench.testing import random_robot
 
 T = np.linspace(0.0, 1.0, 201)
@@ -328,3 +329,15 @@ def test_errors_on_a_data_frame_advise_in_python(names, says):
         tw.Motion.from_dataframe(frame, tw.robots.planar_2r())
     assert says in str(caught.value)
     assert "--" not in str(caught.value)
+
+
+def test_a_limit_that_is_passed_twice_alike_is_told_by_the_first_time():
+    robot = tw.robots.panda()
+    t, zero = np.linspace(0, 1, 5), np.zeros((5, 7))
+    v = zero.copy()
+    v[[1, 3], 1] = 2 * robot.limits.velocity[1]
+    q = zero + 0.5 * (robot.limits.lower + robot.limits.upper)
+    check = LimitCheck(robot.model, bounds_of(robot))
+    for rows in (slice(0, 3), slice(3, 5)):  # a long log comes in portions
+        check.add(t[rows], q[rows], v[rows], zero[rows], zero[rows])
+    assert {x.kind: x.time for x in check.violations()}["velocity"] == t[1]

@@ -165,3 +165,10 @@ def test_a_wrong_gain_is_no_contact_and_not_ok(channel):
         assert found.doubtful
         assert found.doubts and "gain or cross-talk" in found.doubts[0]
         assert not found.hits.any()
+
+
+def test_the_axes_of_many_covariances_are_those_of_the_middle_one():
+    known = contact_detection.CollisionThreshold.predictive(np.diag(SIX**2), None, 1e-3)
+    S = np.array([1.0, 4.0, 25.0])[:, None, None] * np.diag(SIX**2)
+    many = contact_detection.CollisionThreshold.predictive(S, None, 1e-3)
+    np.testing.assert_allclose(many.per_axis, 2.0 * known.per_axis, rtol=1e-12)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 
 import numpy as np
 import pytest
+from sensor_logs import AT_REST, BIAS
 
 import twistwrench as tw
 from twistwrench.lie import quaternion
@@ -235,6 +237,14 @@ def test_swapped_forces_and_moments_are_recognised():
         assert "Forces and moments seem swapped" in verdict(np.roll(readings, 3, axis=1), R), seed
         both = verdict(-np.roll(readings, 3, axis=1), R)
         assert "exchanged and sign='by_sensor'" in both
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_swapped_forces_and_moments_have_their_bias_swapped_too(seed):
+    R = orientations(np.random.default_rng(seed), 12)
+    readings = simulate(AT_REST, R, rng=seed).readings
+    said = verdict(np.roll(readings, 3, axis=1), R, bias=np.roll(BIAS, 3))
+    assert re.search(r"seem swapped.* what is left is noise of 0\.[23]\d* N and 0\.0[01]\d* N m", said), said
 
 
 def test_gravity_that_points_up_is_as_good_as_the_other_sign_at_rest():

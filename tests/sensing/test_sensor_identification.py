@@ -201,3 +201,15 @@ def test_too_few_readings():
     with pytest.raises(tw.ValueRangeError, match="2 readings, and 10 unknowns need at least 3"):
         identify(simulate(tool(), 2))
     identify(simulate(tool(), 3))
+
+
+def test_a_turned_mounting_is_found_from_a_log_in_fast_motion():
+    """Centripetal accelerations are several times gravity: the first guess of the mounting has to take them off."""
+    rng = np.random.default_rng(0)
+    load = tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1), 0.02 * np.eye(3))
+    sensor = ForceTorqueSensor(load, np.ones(6), mounting=tw.so3.exp([0, 0, 2.8]))
+    g, V, dV = rng.normal(size=(40, 3)), 4 * rng.normal(size=(40, 6)), rng.normal(size=(40, 6))
+    g *= 9.81 / np.linalg.norm(g, axis=1, keepdims=True)
+    readings = sensor.predict(np.eye(3), V, dV, gravity=g) + 0.01 * rng.normal(size=(40, 6))
+    found = identify(ReadingLog.from_arrays(readings, gravity=g, V=V, dV=dV), inertia=True, orientation=True)
+    np.testing.assert_allclose(found.sensor.mounting, sensor.mounting, atol=1e-3)

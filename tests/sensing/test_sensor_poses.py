@@ -71,3 +71,25 @@ def test_what_is_no_proposal_is_said(arguments, said):
 
 def test_counts_may_be_of_any_integer_type():
     np.testing.assert_array_equal(propose_poses(np.int64(5)).gravity, propose_poses(5).gravity)
+
+
+@pytest.mark.parametrize(("sign", "factor"), [("on_sensor", 1), ("by_sensor", -1)])
+def test_a_simulated_touch_is_in_the_readings_with_their_sign(sign, factor):
+    touch = np.array([0.1, -0.2, 0.3, 4.0, -5.0, 6.0])
+    log = simulate(tool(sign=sign), 30, motion=2.0, noise=(0, 0), touch={4: touch})
+    expected = np.zeros((30, 6))
+    expected[4] = factor * touch
+    np.testing.assert_allclose(log.compensated(tool(sign=sign)), expected, atol=1e-9)
+
+
+def test_rates_of_a_simulated_motion_are_its_slopes():
+    log = simulate(tool(), 4001, motion=2.0, noise=(0, 0))
+    np.testing.assert_allclose(log.dV[1:-1], np.gradient(log.V, log.time, axis=0)[1:-1], atol=1e-4)
+
+
+def test_poses_that_were_read_count_as_those_proposed():
+    whole = propose_poses(8)
+    log = ReadingLog.from_arrays(np.zeros((4, 6)), gravity=whole.gravity[:4])
+    rest = propose_poses(4, log=log)
+    np.testing.assert_allclose(rest.gravity, whole.gravity[4:], atol=1e-12)
+    np.testing.assert_allclose(rest.mass_deviation, whole.mass_deviation[4:], rtol=1e-9)
