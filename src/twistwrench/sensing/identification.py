@@ -343,12 +343,14 @@ def _ways(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
 
 def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> str | None:
     """A slip that explains the log surely better ``than`` what there is."""
-    if (free := free_bias(found, problem)) is not None:
+    free = free_bias(found, problem)
+    exchanged = swapped(problem, free or than)
+    if free is not None and exchanged is None:
         return (
             f"The bias given does not fit: left free, it comes out as {listed_bias(free.fit.estimate[:6])} [N m, N], and what "
             f"is left goes from {_noise(found)} to {_noise(free)}. Give no bias, or that of today."
         )
-    if (exchanged := swapped(problem, than)) is not None:
+    if exchanged is not None:
         return (
             "Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and "
             f"sign={exchanged.sign!r} what is left is {_noise(exchanged)}. Exchange the names of the columns."
