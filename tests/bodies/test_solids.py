@@ -321,3 +321,9 @@ def test_what_a_repair_moved():
     assert bad.after.mass == 2.0
     assert_close(bad.moved, np.diag([0.5, 0.5, 0.0]), TOL)
     assert "triangle" in str(bad)
+
+
+def test_the_change_of_a_repair_is_a_share_of_the_largest_moment_before():
+    bad = SpatialInertia.from_com(2.0, moment_about_com=np.diag([-3.0, 4.0, 5.0])).repair()
+    assert_close(bad.after.moment_about_com, np.diag([0.0, 6.0, 6.0]), TOL)
+    assert abs(bad.largest - 3 / 5) < 1e-12

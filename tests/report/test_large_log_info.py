@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from twistwrench.cli.main import main
 from twistwrench.reports import log_quality
-from twistwrench.reports.log_quality import LogQuality
+from twistwrench.reports.log_quality import LogQuality, MeasuredTally
 
 
 def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
@@ -57,3 +57,15 @@ def test_what_rests_at_zero_is_not_cut_off_there(tmp_path):
     one_way, clipped = LogQuality.from_file(tmp_path / "log.csv").columns
     assert one_way.cut == 0.0 and one_way.zeros > 0.3
     assert clipped.cut == np.mean(table[:, 2] == -0.5) > 0.2
+
+
+def test_a_measured_torque_is_cut_off_at_the_end_where_it_is():
+    t = np.arange(1000) * 0.01
+    computed = 10 * np.sin(np.column_stack([t, t]))
+    measured = np.column_stack([np.minimum(computed[:, 0], 5.0), np.maximum(computed[:, 1], -5.0)])
+    tally = MeasuredTally(2)
+    tally.add(t, computed, measured, np.zeros_like(computed))
+    upper, lower = tally.result(("upper", "lower"), ("N m", "N m"))
+    assert upper.cut > 0.2 and upper.cut_at == 5.0
+    assert lower.cut > 0.2 and lower.cut_at == -5.0
+    assert "upper is exactly 5 N m" in upper.cut_words
