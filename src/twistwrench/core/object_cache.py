@@ -48,11 +48,12 @@ def folder() -> Path | None:
         return None
     try:
         place = Path(chosen).expanduser() if chosen else _usual()
-        for missing in [p for p in (place, *place.parents) if not p.exists()][::-1]:
-            missing.mkdir(mode=0o700, exist_ok=True)
-        if not place.is_dir():
-            raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
+        if not place.exists():
+            for missing in [p for p in (place, *place.parents) if not p.exists()][::-1]:
+                missing.mkdir(mode=0o700, exist_ok=True)
         about = place.stat()
+        if not stat.S_ISDIR(about.st_mode):
+            raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
     except (OSError, RuntimeError) as problem:  # RuntimeError: no home for ~
         if chosen:  # a home that is not there or cannot be written to is nobody's mistake
             _remark(
@@ -112,9 +113,9 @@ def _remark(text: str) -> None:
         warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
 
 
-def load(key: str) -> bytes | None:
-    """The code stored under ``key``, or None; a damaged entry is removed."""
-    place = folder()
+def load(key: str, place: Path | None = None) -> bytes | None:
+    """The code stored under ``key``, or None; a damaged entry is removed. ``place`` is the folder if the caller has it."""
+    place = place or folder()
     if place is None:
         return None
     entry = place / key

@@ -143,7 +143,7 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
         return None
     written = _written(options)
     try:
-        if written is None or not Path(source).is_file() or object_cache.folder() is None:
+        if written is None or not Path(source).is_file() or (folder := object_cache.folder()) is None:
             return None
         data, version = read_bytes(Path(source)), _version()
     except (OSError, ValueError):  # which loading explains; or the library's own files are in an archive
@@ -151,7 +151,7 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
     if b"<robot" not in data or b"<mujoco" in data or b"<sdf" in data:
         return None
     key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
-    kept = object_cache.load(key)
+    kept = object_cache.load(key, folder)
     return CacheEntry(data, key, None if kept is None else literal_eval(kept.decode()))
 
 
