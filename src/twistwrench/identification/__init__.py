@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut, HeldOutRows
-from ..log_checks.fit_doubts import Doubt
+from ..log_checks.doubts import Doubt
 from .consistent import ConsistentRobot
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings

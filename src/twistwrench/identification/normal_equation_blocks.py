@@ -26,7 +26,8 @@ from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
 from ..estimation.covariance import GroupCovariance, sandwich_covariance
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
-from ..log_checks.fit_doubts import Doubt, left_unexplained
+from ..log_checks.doubts import Doubt
+from ..log_checks.fit_doubts import left_unexplained
 from ..robot import Robot
 from ..typing import Array
 from .chunks import FASTER, RowFrame
@@ -505,7 +506,7 @@ def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str,
         arrays["sizes"],
         **{name: said[name] for name in _PLAIN},
         logs=tuple(said["logs"]),
-        doubts=tuple(Doubt(**{**d, "joints": tuple(d["joints"])}) for d in said["doubts"]),
+        doubts=tuple(Doubt.from_saved(d) for d in said["doubts"]),
         payload_frame=said["payload"],
         notes=tuple(said.get("notes", ())),
         shown=HeldOutRows(*(arrays[f"shown_{k}"] for k in _SHOWN)) if "shown_time" in arrays else None,

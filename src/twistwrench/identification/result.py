@@ -21,7 +21,7 @@ from ..errors import UnknownNameError, ValueRangeError
 from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Information, NormalEquations, Prior
-from ..log_checks.fit_doubts import Doubt
+from ..log_checks.doubts import Doubt
 from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array

@@ -17,7 +17,8 @@ from ..core.third_party import Failure, Workers
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..estimation.cross_validation import HeldOut, HeldOutRows
 from ..estimation.least_squares import Method
-from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, Doubt, contradiction
+from ..log_checks.doubts import Doubt
+from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, contradiction
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot

@@ -15,6 +15,7 @@ from ..estimation.cross_validation import FOLDS, HeldOut
 from ..estimation.least_squares import NormalEquations, Prior
 from ..model.model import BASE
 from ..typing import Array
+from .doubts import Doubt
 from .noise import quantum
 from .rate_checks import LEFT_OUT, SINGLE_ROW
 
@@ -29,27 +30,6 @@ OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
 """Ratio of the residual of other logs to that of the training logs, and least residual, from which the logs differ."""
 
 
-@dataclass(frozen=True)
-class Doubt:
-    """A doubt about a log.
-
-    Attributes
-    ----------
-    kind : str, one word for the cause, such as ``sign`` or ``late``
-    sentence : str, with the evidence
-    joints : tuple of str, those concerned
-    refuses : bool, whether no number can be trusted while it stands
-    """
-
-    kind: str
-    sentence: str
-    joints: tuple[str, ...] = ()
-    refuses: bool = False
-
-    def __str__(self) -> str:
-        return self.sentence
-
-
 _HARMLESS = ("velocity column", "acceleration column", "velocities make", SINGLE_ROW)
 """Words of contradictions that change nothing here: rates are derived from positions, and single rows hardly count."""
 
@@ -57,7 +37,7 @@ _HARMLESS = ("velocity column", "acceleration column", "velocities make", SINGLE
 def contradiction(sentence: str, log: str = "") -> Doubt:
     """The doubt about columns of a log that contradict each other, as reading it found."""
     refuses = not any(word in sentence for word in _HARMLESS)
-    return Doubt("contradiction", f"{log}: {sentence}" if log else sentence, refuses=refuses)
+    return Doubt("contradiction", f"{log}: {sentence}" if log else sentence, level="refuse" if refuses else "unsure")
 
 
 def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
@@ -67,14 +47,14 @@ def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
             f"rigid bodies with friction leave {percent(held.all, 3)} of the torques unexplained in rows held out: these are "
             "no torques of this robot's joints, or positions are not theirs."
         )
-        return [Doubt("unexplained", said, refuses=True)]
+        return [Doubt("unexplained", said, level="refuse")]
     if held.kind == "test" and held.all > max(OTHERS * among.all, NOTABLE_IN_OTHERS):
         said = (
             f"the logs held out are explained to {percent(held.all, 3)}, and the training logs among themselves to "
             f"{percent(among.all, 3)}: their torques are not those of the same rigid bodies. Was friction compensated, or "
             "something carried, in one of them?"
         )
-        return [Doubt("other-torques", said, refuses=True)]
+        return [Doubt("other-torques", said, level="refuse")]
     return []
 
 
@@ -235,7 +215,7 @@ def _gains(seen: FittedLog) -> Iterator[Doubt]:
                 f"left free explain it, to {percent(np.sqrt(left), 3)}, and the joint's inertia comes out negative. Turn "
                 "its sign, or that of its position.",
                 (name,),
-                refuses=True,
+                level="refuse",
             )
         elif 0 < gain < _LEAST_GAIN or (gain > _MOST_GAIN and largest > _OF_LIMIT * limits[j]):
             yield Doubt(
@@ -243,7 +223,7 @@ def _gains(seen: FittedLog) -> Iterator[Doubt]:
                 f"the torque of {name} is {number(gain, 3)} times that of the file's rigid bodies, friction left free: it "
                 "is in another unit, before the gear, or a current.",
                 (name,),
-                refuses=True,
+                level="refuse",
             )
 
 
@@ -290,7 +270,7 @@ def _exchanged(seen: FittedLog) -> list[Doubt]:
             f"torque columns seem to be exchanged: {pairs} (residual {percent(np.sqrt(float(best[moved].max())), 3)} in place "
             f"of {percent(np.sqrt(float(own[moved].min())), 3)} and more).",
             tuple(seen.names[j] for j, _ in wrong),
-            refuses=True,
+            level="refuse",
         )
     ]
 
@@ -456,7 +436,7 @@ def _negative(seen: FittedLog) -> list[Doubt]:
                 f"friction and motors' inertias of {', '.join(turned)} come out negative: {said}. The torque, or the position, "
                 "has the wrong sign there.",
                 turned,
-                refuses=True,
+                level="refuse",
             )
         ]
     return [

@@ -1,0 +1,123 @@
+"""The table of doubts about logs: what each one tests, from which value it is raised, how often by mistake, and the remedy.
+
+The rows are data, in ``doubts.toml``. A statistic that finds a cause makes a :class:`Doubt` of the row with that name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from ..errors import UnknownNameError
+
+Level = Literal["refuse", "unsure", "note"]
+"""What a doubt does to the first word of a report: LOOK AGAIN, UNSURE, or nothing."""
+
+
+@dataclass(frozen=True)
+class DoubtKind:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name : str
+    stage : int, order of the tests: 1 without a model, 2 discrete, 3 continuous, 4 laws of the joint, 5 what remains
+    reads : tuple of str, those that raise it: ``motion``, ``torques``, ``identify``, ``sensor``
+    tests : str, what is tested
+    threshold : str, from where it is raised
+    false_alarms : float, share of clean logs that it is raised for, as measured, at most
+    sentence, remedy : str, with {placeholders}
+    level : str, ``refuse``, ``unsure`` or ``note``
+    """
+
+    name: str
+    stage: int
+    reads: tuple[str, ...]
+    tests: str
+    threshold: str
+    false_alarms: float
+    sentence: str
+    remedy: str = ""
+    level: Level = "unsure"
+
+
+@cache
+def doubt_table() -> Mapping[str, DoubtKind]:
+    """All rows, by their names."""
+    import tomllib
+
+    rows = tomllib.loads(Path(__file__).with_name("doubts.toml").read_text(encoding="utf-8"))
+    return {name: DoubtKind(name, **row | {"reads": tuple(row["reads"])}) for name, row in rows.items()}
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A doubt about a log.
+
+    Attributes
+    ----------
+    kind : str, name of its row in the table, such as ``gain``
+    sentence : str, the evidence with its numbers, then the remedy
+    joints : tuple of str, those concerned
+    level : str, ``refuse`` (LOOK AGAIN), ``unsure`` (UNSURE) or ``note`` (the first word stays)
+    value : float, optional, what the cause amounts to, in ``unit``
+    interval : (float, float), optional, 95 % interval of the value
+    unit : str
+    statistic : float, optional, S = Σ log(σ² without the cause / σ² with it) over the joints
+    share : float, optional, share of S of all causes together
+    effect : float, optional, largest share of a joint's torque (rms) in another motion by which predictions change
+    """
+
+    kind: str
+    sentence: str
+    joints: tuple[str, ...] = ()
+    level: Level = "unsure"
+    value: float | None = None
+    interval: tuple[float, float] | None = None
+    unit: str = ""
+    statistic: float | None = None
+    share: float | None = None
+    effect: float | None = None
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    @property
+    def refuses(self) -> bool:
+        """True if no number can be trusted while the doubt stands."""
+        return self.level == "refuse"
+
+    @classmethod
+    def from_saved(cls, saved: Mapping[str, Any]) -> Doubt:
+        """The doubt whose fields were saved as JSON."""
+        interval = saved["interval"]
+        return cls(**{**saved, "joints": tuple(saved["joints"]), "interval": interval and tuple(interval)})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, with the fields of its row."""
+        row = asdict(doubt_table()[self.kind])
+        own = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
+        return own | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
+
+
+def doubt(
+    kind: str,
+    joints: Sequence[str] = (),
+    *,
+    level: Level | None = None,
+    log: str = "",
+    found: Mapping[str, Any] | None = None,
+    **words: object,
+) -> Doubt:
+    """A doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
+
+    ``level`` replaces that of the row, ``log`` names the file that is meant.
+    """
+    row = doubt_table().get(kind)
+    if row is None:
+        raise UnknownNameError.from_choices("doubt", kind, doubt_table())
+    said = " ".join(text.format(**words) for text in (row.sentence, row.remedy) if text)
+    return Doubt(kind, f"{log}: {said}" if log else said, tuple(joints), level or row.level, **(found or {}))
