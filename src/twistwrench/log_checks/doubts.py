@@ -46,7 +46,7 @@ class DoubtKind:
 
 @cache
 def doubt_table() -> Mapping[str, DoubtKind]:
-    """All rows, by their names."""
+    """Rows of the table, by name."""
     import tomllib
 
     rows = tomllib.loads(Path(__file__).with_name("doubts.toml").read_text(encoding="utf-8"))
@@ -97,7 +97,7 @@ class Doubt:
         return cls(**{**saved, "joints": tuple(saved["joints"]), "interval": interval and tuple(interval)})
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, with the fields of its row."""
+        """Dictionary of its fields and those of its row."""
         row = asdict(doubt_table()[self.kind])
         own = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
         return own | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
@@ -112,7 +112,7 @@ def doubt(
     found: Mapping[str, Any] | None = None,
     **words: object,
 ) -> Doubt:
-    """A doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
+    """Doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
 
     ``level`` replaces that of the row, ``log`` names the file that is meant.
     """
