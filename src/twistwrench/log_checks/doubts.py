@@ -14,7 +14,7 @@ from typing import Any, Literal
 from ..errors import UnknownNameError
 
 Level = Literal["refuse", "unsure", "note"]
-"""What a doubt does to the first word of a report: LOOK AGAIN, UNSURE, or nothing."""
+"""Effect of a doubt on the first word of a report: LOOK AGAIN, UNSURE, or none."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Doubt:
 
     @classmethod
     def from_saved(cls, saved: Mapping[str, Any]) -> Doubt:
-        """The doubt whose fields were saved as JSON."""
+        """Doubt from fields that were saved as JSON."""
         interval = saved["interval"]
         return cls(**{**saved, "joints": tuple(saved["joints"]), "interval": interval and tuple(interval)})
 
