@@ -1,0 +1,483 @@
+"""Cases of faulty logs: what is done to a robot or to its log, the names under which that may be reported, and its value.
+
+A case changes the world (the true robot, where it stands, its friction), or the log of it, or both. Rows of a log that is
+changed in time are computed anew for the times that they are of, so that nothing is interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from bench.faulty_logs_truth import (
+    RATE,
+    SECONDS,
+    Array,
+    States,
+    Truth,
+    coloured,
+    moved_links,
+    turned_gravity,
+    with_links,
+)
+from twistwrench.bodies.inertia import SpatialInertia
+
+TIP_LOAD, TIP_COM = 2.0, np.array([0.02, -0.01, 0.05])
+"""kg, and where in the frame of the tip [m]."""
+_LEAD = 3.0
+"""Seconds before the log, for filters to settle."""
+
+
+@dataclass(eq=False)
+class Recording:
+    """A log in the making: motion, truth, rows; ``tau`` are measured torques, with noise."""
+
+    truth: Truth
+    motion: Callable[[Array], States]
+    rng: np.random.Generator
+    t: Array
+    q: Array
+    tau: Array
+    noise: Array
+    value: dict[str, Any] = field(default_factory=dict)
+    """What was drawn: times, places and sizes."""
+
+    def torques_at(self, t: Array) -> Array:
+        """True torques at times."""
+        return self.truth.torques(*self.motion(t), t)
+
+    @property
+    def size(self) -> Array:
+        """(nv,) deviations of the torques."""
+        return self.tau.std(axis=0)
+
+
+World = Callable[[Truth, States, np.random.Generator], Truth]
+Change = Callable[[Recording], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A case: its name, names of causes any of which is right, and what is done."""
+
+    name: str
+    causes: tuple[str, ...] = ()
+    """Right names; empty where nothing is wrong, so that any cause named is a false alarm."""
+    world: tuple[World, ...] = ()
+    log: tuple[Change, ...] = ()
+    value: Mapping[str, Any] = field(default_factory=dict)
+    """Expected values by cause: a number, in the unit of the report."""
+    joints: tuple[int, ...] = ()
+    told: bool = True
+    """False where no single log can tell it."""
+    notes: tuple[str, ...] = ()
+    """Names that may stand there besides, as notes."""
+    single: bool = False
+    """True if it is one of the 31 faults of the prototype."""
+    variant: str = ""
+
+    @property
+    def clean(self) -> bool:
+        """True if nothing is wrong with the log that a cause could name."""
+        return not self.causes
+
+
+# ── The world
+
+
+def tilted(truth: Truth, _states: States, rng: np.random.Generator, *, degrees: float) -> Truth:
+    """The base tilted about a horizontal axis."""
+    angle = rng.uniform(0, 2 * np.pi)
+    return replace(truth, gravity=turned_gravity(np.radians(degrees), np.array([np.cos(angle), np.sin(angle), 0.0])))
+
+
+def mounted(truth: Truth, _states: States, _rng: np.random.Generator, *, degrees: float) -> Truth:
+    """On a wall or a ceiling."""
+    return replace(truth, gravity=turned_gravity(np.radians(degrees), np.array([1.0, 0.0, 0.0])))
+
+
+def laws(truth: Truth, _states: States, _rng: np.random.Generator, **changes: float) -> Truth:
+    """Other laws of friction; static friction as a share of Coulomb's."""
+    if "static" in changes:
+        return replace(truth, **{**changes, "static": changes["static"] * truth.drives["coulomb"]})
+    return replace(truth, **changes)
+
+
+def loaded(truth: Truth, _states: States, _rng: np.random.Generator) -> Truth:
+    """Two kilograms at the tip."""
+    return truth.carrying(TIP_LOAD, TIP_COM)
+
+
+def other_masses(truth: Truth, _states: States, rng: np.random.Generator) -> Truth:
+    """Every link up to three times as heavy, or as light, as it was."""
+    shares = {n: 3.0 ** rng.uniform(-1, 1) for n in moved_links(truth.robot)}
+    links = {n: SpatialInertia.from_parameters(shares[n] * G.parameters) for n, G in moved_links(truth.robot).items()}
+    return replace(truth, robot=with_links(truth.robot, links))
+
+
+# ── The log: time
+
+
+def late(log: Recording, *, seconds: float, joints: tuple[int, ...] | None = None) -> None:
+    """Torques that are written later than the positions that they belong to."""
+    which = list(range(log.tau.shape[1])) if joints is None else list(joints)
+    log.tau[:, which] = (log.torques_at(log.t - seconds) + log.noise)[:, which]
+
+
+def low_passed(log: Recording, *, hertz: float) -> None:
+    """Torques through a filter of first order, discretised by its exact step response."""
+    keep = np.exp(-2 * np.pi * hertz / RATE)
+    before = np.arange(-_LEAD, 0.0, 1 / RATE)
+    whole = log.torques_at(np.concatenate([before, log.t]))
+    start = whole[:1] * keep
+    log.tau = lfilter([1 - keep], [1, -keep], whole, axis=0, zi=start)[0][len(before) :] + log.noise
+
+
+def rows_missing(log: Recording, *, share: float) -> None:
+    """Rows left out at random."""
+    _keep(log, log.rng.random(len(log.t)) >= share)
+
+
+def stamps_shaken(log: Recording) -> None:
+    """Stamps that are off by a millisecond at most."""
+    log.t = log.t + log.rng.uniform(-1e-3, 1e-3, len(log.t))
+
+
+def resampled(log: Recording) -> None:
+    """Every tenth row."""
+    _keep(log, np.arange(len(log.t)) % 10 == 0)
+
+
+def held(log: Recording) -> None:
+    """Positions of every tenth row, written into the nine that follow."""
+    log.q = log.q[np.arange(len(log.t)) // 10 * 10]
+
+
+def paused(log: Recording, *, seconds: float, closed: bool = False) -> None:
+    """Rows missing for a while; the times after it moved up where it is closed."""
+    start = 0.45 * SECONDS
+    gap = (log.t >= start) & (log.t < start + seconds)
+    after = log.t >= start + seconds
+    if closed:
+        log.t = np.where(after, log.t - gap.sum() / RATE, log.t)
+    _keep(log, ~gap)
+    log.value |= {"from": start, "to": start + seconds}
+
+
+def buffered(log: Recording, *, seconds: float) -> None:
+    """Positions that are late for half of the time, in stretches of half a second to two."""
+    late_now, now, flag = np.zeros(len(log.t), bool), 0.0, bool(log.rng.integers(2))
+    while now < log.t[-1]:
+        length = log.rng.uniform(0.5, 2.0)
+        late_now[(log.t >= now) & (log.t < now + length)] = flag
+        now, flag = now + length, not flag
+    log.q = np.where(late_now[:, None], log.motion(log.t - seconds)[0], log.q)
+    log.value |= {"share": float(late_now.mean())}
+
+
+def clocked(log: Recording, *, times: float) -> None:
+    """A clock that runs at another rate."""
+    log.t = log.t * times
+
+
+def _keep(log: Recording, rows: Array) -> None:
+    log.t, log.q, log.tau, log.noise = log.t[rows], log.q[rows], log.tau[rows], log.noise[rows]
+
+
+# ── The log: columns
+
+
+def scaled(log: Recording, *, times: float, joints: tuple[int, ...] | None = None) -> None:
+    """Torques of joints times a number."""
+    log.tau[:, slice(None) if joints is None else list(joints)] *= times
+
+
+def positions_scaled(log: Recording, *, times: float, joints: tuple[int, ...] | None = None) -> None:
+    """Positions of joints times a number."""
+    log.q[:, slice(None) if joints is None else list(joints)] *= times
+
+
+def exchanged(log: Recording, *, column: str, joints: tuple[int, int]) -> None:
+    """Two columns of torques, or of positions, exchanged."""
+    x = getattr(log, column)
+    x[:, list(joints)] = x[:, list(joints)[::-1]]
+
+
+def zero_off(log: Recording, *, degrees: float, joint: int) -> None:
+    """Positions of a joint counted from another zero."""
+    log.q[:, joint] += np.radians(degrees)
+
+
+def without_gravity(log: Recording) -> None:
+    """Torques less those of gravity, as controllers report that compensate it."""
+    q, dq, _ = log.motion(log.t)
+    log.tau = log.tau - log.truth.rigid(q, 0 * dq, 0 * dq)
+
+
+def friction_compensated(log: Recording) -> None:
+    """Torques less 1.3 times those of friction."""
+    states = log.motion(log.t)
+    log.tau = log.tau - 1.3 * log.truth.friction(log.truth.rigid(*states), states[1], log.t)
+
+
+def elastic(log: Recording, *, degrees: float) -> None:
+    """Positions of motors before elastic gears, which twist by so much at the largest torque."""
+    clean = log.tau - log.noise
+    log.q = log.q + np.radians(degrees) * clean / np.abs(clean).max(axis=0)
+
+
+def quantised(log: Recording) -> None:
+    """Positions on a grid of a milliradian."""
+    log.q = log.q.round(3)
+
+
+def saturated(log: Recording) -> None:
+    """Torques cut off at 60 % of the largest."""
+    most = 0.6 * np.abs(log.tau).max(axis=0)
+    log.tau = np.clip(log.tau, -most, most)
+
+
+def pushed(log: Recording) -> None:
+    """Thirty newtons on the tip for two seconds, in a direction of its own."""
+    start, direction = 0.4 * SECONDS, log.rng.normal(size=3)
+    on = (log.t >= start) & (log.t < start + 2.0)
+    force = 30.0 * direction / np.linalg.norm(direction)
+    states = tuple(x[on] for x in log.motion(log.t))
+    with_force = log.truth.rigid(*states, force=np.broadcast_to(force, (int(on.sum()), 3)))
+    log.tau[on] += with_force - log.truth.rigid(*states)
+    log.value |= {"from": start, "to": start + 2.0}
+
+
+def swaying(log: Recording) -> None:
+    """A base that sways by 0.5 m/s² at 0.83 Hz, horizontally."""
+    angle = log.rng.uniform(0, 2 * np.pi)
+    along = np.array([np.cos(angle), np.sin(angle), 0.0])
+    states = log.motion(log.t)
+    accelerations = 0.5 * np.sin(2 * np.pi * 0.83 * log.t)[:, None] * along
+    log.tau = log.tau + log.truth.rigid(*states, accelerations=accelerations) - log.truth.rigid(*states)
+
+
+def spiked(log: Recording) -> None:
+    """Half a per cent of the rows with a torque that is far off."""
+    rows = np.flatnonzero(log.rng.random(len(log.t)) < 0.005)
+    joints = log.rng.integers(log.tau.shape[1], size=len(rows))
+    log.tau[rows, joints] += log.rng.choice([-10.0, 10.0], len(rows)) * log.size[joints]
+    log.value |= {"rows": len(rows)}
+
+
+def one_row_off(log: Recording) -> None:
+    """One position that is off by 0.05 rad."""
+    row = int(log.rng.integers(len(log.t) // 4, 3 * len(log.t) // 4))
+    log.q[row, 1] += 0.05
+    log.value |= {"at": float(log.t[row])}
+
+
+def drifting(log: Recording) -> None:
+    """A torque whose zero drifts by 30 % of its deviation."""
+    log.tau[:, 1] += 0.3 * log.size[1] * log.t / SECONDS
+    log.value |= {"drift": float(0.3 * log.size[1])}
+
+
+def dead(log: Recording, *, column: str, joint: int) -> None:
+    """A column that is one number throughout."""
+    x = getattr(log, column)
+    x[:, joint] = x[0, joint] if column == "q" else 0.0
+
+
+# ── The table
+
+
+def _cases() -> tuple[Case, ...]:
+    """The 70 faults of the specification, in its order."""
+    tilt, gain, zero = ("tilt",), ("gain",), ("zero",)
+    turn, mount, both = ("zero-turn", "zero"), ("mounting", "tilt"), ("both-signs", "zero-turn", "zero")
+    of_j = [(k,) for k in range(8)]
+    single = partial(Case, single=True)
+    return (
+        Case("clean"),
+        Case("noise of 200 ms", log=(partial(_other_noise, memory=0.2),)),
+        Case("quantised to 1e-3 rad", notes=("quantised",), log=(quantised,)),
+        Case("5 % of rows missing", log=(partial(rows_missing, share=0.05),)),
+        Case("30 % of rows missing", log=(partial(rows_missing, share=0.3),)),
+        Case("stamps off by 1 ms", log=(stamps_shaken,)),
+        Case("25 Hz resampled", log=(resampled,)),
+        *(
+            single(f"late {ms} ms", ("late",), log=(partial(late, seconds=ms / 1e3),), value={"late": float(ms)})
+            for ms in (4, 12, 40, 200)
+        ),
+        single(
+            "late 40 ms, joint 2",
+            ("late-joint",),
+            log=(partial(late, seconds=0.04, joints=(1,)),),
+            value={"late-joint": 40.0},
+            joints=(1,),
+        ),
+        *(
+            Case(f"low-pass {f} Hz", ("low-pass",), log=(partial(low_passed, hertz=f),), value={"low-pass": float(f)})
+            for f in (3, 1)
+        ),
+        single("Stribeck", ("stribeck",), (partial(laws, static=0.5),)),
+        single("load friction 10 %", ("load-friction",), (partial(laws, load=0.1),), value={"load-friction": 0.1}),
+        single("warming 40 %", ("warming",), (partial(laws, warming=-0.4),), value={"warming": -0.4}),
+        single("elastic 0.5 deg", ("elasticity",), log=(partial(elastic, degrees=0.5),), value={"elasticity": 0.5}),
+        Case("asymmetric Coulomb 40 %", ("asymmetry",), (partial(laws, asymmetry=0.4),), told=False),
+        *(single(f"tilt {d} deg", tilt, (partial(tilted, degrees=d),), value={"tilt": float(d)}) for d in (3, 10, 30)),
+        single("on a wall", mount, (partial(mounted, degrees=90),)),
+        single("on a ceiling", mount, (partial(mounted, degrees=180),)),
+        single("gravity not in the torques", ("mounting",), log=(without_gravity,)),
+        *(
+            single(
+                f"sign of torque {k + 1}",
+                ("torque-sign",),
+                log=(partial(scaled, times=-1.0, joints=(k,)),),
+                joints=(k,),
+            )
+            for k in (1, 3)
+        ),
+        Case("sign of all torques", ("torque-sign", "negative-inertia"), log=(partial(scaled, times=-1.0),)),
+        *(
+            single(
+                f"sign of position {k + 1}",
+                ("position-sign",),
+                log=(partial(positions_scaled, times=-1.0, joints=(k,)),),
+                joints=(k,),
+            )
+            for k in (1, 3)
+        ),
+        *(
+            single(
+                f"both signs of {k + 1}",
+                both,
+                joints=(k,),
+                log=(partial(scaled, times=-1.0, joints=(k,)), partial(positions_scaled, times=-1.0, joints=(k,))),
+            )
+            for k in (1, 2, 4)
+        ),
+        Case("all torques / 100", gain, log=(partial(scaled, times=0.01),), value={"gain": 0.01}),
+        Case("all torques in N mm", gain, log=(partial(scaled, times=1000.0),), value={"gain": 1000.0}),
+        single(
+            "torque 3 / 50", gain, log=(partial(scaled, times=0.02, joints=(2,)),), value={"gain": 0.02}, joints=(2,)
+        ),
+        single("gain 1.5 on 3", gain, log=(partial(scaled, times=1.5, joints=(2,)),), value={"gain": 1.5}, joints=(2,)),
+        *(
+            Case(f"gain {g} on all", gain, log=(partial(scaled, times=g),), value={"gain": g}, told=False)
+            for g in (1.2, 2.0)
+        ),
+        *(
+            single(
+                f"{what} {a + 1} and {b + 1} exchanged",
+                (f"exchanged-{what}",),
+                joints=(a, b),
+                log=(partial(exchanged, column=column, joints=(a, b)),),
+            )
+            for what, column in (("torques", "tau"), ("positions", "q"))
+            for a, b in ((1, 2), (3, 5))
+        ),
+        Case("all in degrees", ("degrees",), log=(partial(positions_scaled, times=180 / np.pi),)),
+        single(
+            "joint 3 in degrees",
+            ("degrees",),
+            log=(partial(positions_scaled, times=180 / np.pi, joints=(2,)),),
+            joints=(2,),
+        ),
+        single(
+            "zero of 2 off 5 deg",
+            zero,
+            log=(partial(zero_off, degrees=5.0, joint=1),),
+            value={"zero": 5.0},
+            joints=(1,),
+        ),
+        single(
+            "zero of 2 off 90 deg",
+            turn,
+            log=(partial(zero_off, degrees=90.0, joint=1),),
+            value={"zero-turn": 90.0},
+            joints=of_j[1],
+        ),
+        Case("zero of the last off 90 deg", turn, log=(partial(zero_off, degrees=90.0, joint=-1),), told=False),
+        Case("pause of 2 s", notes=("pause",), log=(partial(paused, seconds=2.0),)),
+        Case(
+            "pause of 2 s closed up", ("pause",), log=(partial(paused, seconds=2.0, closed=True),), value={"pause": 9.0}
+        ),
+        Case(
+            "buffered 100 ms half the time",
+            ("buffered",),
+            log=(partial(buffered, seconds=0.1),),
+            value={"buffered": 100.0},
+        ),
+        Case("payload 2 kg", notes=("payload",), world=(loaded,), value={"payload": TIP_LOAD}),
+        Case("other masses, times 3", notes=("payload",), world=(other_masses,)),
+        Case("saturated at 60 %", ("saturated",), log=(saturated,)),
+        Case("push of 30 N for 2 s", ("push",), log=(pushed,), value={"push": (8.0, 10.0)}),
+        Case("time times 2", ("time-scale",), log=(partial(clocked, times=2.0),), value={"time-scale": 2.0}),
+        Case("time times 0.5", ("time-scale",), log=(partial(clocked, times=0.5),), value={"time-scale": 0.5}),
+        Case("time times 1.1", ("time-scale",), log=(partial(clocked, times=1.1),), told=False),
+        Case("swaying base", ("swaying",), log=(swaying,), value={"swaying": 0.83}),
+        Case("spikes in 0.5 % of the rows", ("spikes",), log=(spiked,)),
+        Case("one row off by 0.05 rad", notes=("spikes",), log=(one_row_off,)),
+        Case("25 Hz held", ("repeated",), log=(held,), value={"repeated": 25.0}),
+        Case("friction compensated", ("friction-compensated",), log=(friction_compensated,)),
+        Case(
+            "tilt 10 deg and gain 1.5 on 3",
+            ("tilt", "gain"),
+            (partial(tilted, degrees=10),),
+            (partial(scaled, times=1.5, joints=(2,)),),
+            {"tilt": 10.0, "gain": 1.5},
+            (2,),
+        ),
+        Case(
+            "late 40 ms and zero of 2 off 5 deg",
+            ("late", "zero"),
+            (),
+            (partial(late, seconds=0.04), partial(zero_off, degrees=5.0, joint=1)),
+            {"late": 40.0, "zero": 5.0},
+            (1,),
+        ),
+        Case(
+            "load friction 10 % and payload 2 kg",
+            ("load-friction",),
+            (loaded, partial(laws, load=0.1)),
+            (),
+            {"load-friction": 0.1},
+            notes=("payload",),
+        ),
+        Case("a joint that follows", variant="mimic"),
+        Case(
+            "a joint that follows, gain 1.5 on 3",
+            gain,
+            log=(partial(scaled, times=1.5, joints=(2,)),),
+            value={"gain": 1.5},
+            joints=(2,),
+            variant="mimic",
+        ),
+        Case("a joint that slides", variant="prismatic"),
+        Case(
+            "a joint that slides, tilt 10 deg",
+            tilt,
+            (partial(tilted, degrees=10),),
+            value={"tilt": 10.0},
+            variant="prismatic",
+        ),
+    )
+
+
+def _other_noise(log: Recording, *, memory: float) -> None:
+    noise = np.std(log.noise, axis=0) * coloured(len(log.t), log.tau.shape[1], log.rng, memory)
+    log.tau, log.noise = log.tau - log.noise + noise, noise
+
+
+FAULTS: Mapping[str, Case] = {case.name: case for case in _cases()}
+MORE: Mapping[str, Case] = {
+    case.name: case
+    for case in (
+        Case("drift of torque 2", ("drift",), log=(drifting,), joints=(1,)),
+        Case("torque 3 dead", ("dead-torque",), log=(partial(dead, column="tau", joint=2),), joints=(2,)),
+        Case("position 6 dead", ("dead-position",), log=(partial(dead, column="q", joint=5),), joints=(5,)),
+    )
+}
+"""Beyond the 70."""
