@@ -56,6 +56,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
     option("--test LOG", "A log that is only predicted; may be repeated.", "tests", multiple=True),
     option("--without LINK", "The robot of the logs lacks this link; may be repeated.", multiple=True),
     shared.COLUMNS,
+    shared.GAIN,
     shared.RATE,
     shared.LOCK_MISSING,
     option("--cutoff HZ", "Of the low-pass, without delay.", default=_AUTO),
@@ -107,6 +108,7 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     outputs = given.check_files({**inputs, **options.files, "--add": added})
     fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
     check_payload(given.payload_only, outputs)
+    given.columns = shared.parse_columns(given.columns, [*given.logs, *given.tests])
     robot, side = _robot(options, given.logs[0], given.columns, lock_missing=given.lock_missing)
     robot = identification.without_links(robot, given.without)
     with progress_bar("identifying") as progress:
@@ -135,7 +137,8 @@ def _identified(
 ) -> identification.IdentifiedRobot:
     """The fit to the logs: in memory, or by portions if they are long or are to be added up."""
     reading: dict[str, Any] = {
-        "columns": shared.parse_columns(given.columns),
+        "columns": given.columns,
+        "gain": shared.current_gains(given.gain, robot.model, options.actuator_file, of_side=True),
         "rate": given.rate,
         "degrees": options.degrees,
     }
@@ -147,7 +150,7 @@ def _identified(
     if lacking := [path for path, motion in motions.items() if motion.tau is None]:
         raise ValueRangeError(
             f"{lacking[0]}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-            f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
+            f"'{robot.model.velocity_names[0]}.tau=COLUMN'; currents, JOINT.current, need --gain."
         )
     train, test = [motions[path] for path in given.logs], [motions[path] for path in given.tests]
     return identification.identify(robot, train, test=test, **fitting)
@@ -161,11 +164,11 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:
+def _robot(options: RobotOptions, log: str, columns: dict[str, str], *, lock_missing: bool) -> tuple[Robot, Any]:
     """Robot without its actuators, and the side of the gears that logs are measured on."""
     held = None
     if lock_missing:
-        held = partial(joints_without_column, open_motion_file(log), columns=shared.parse_columns(columns))
+        held = partial(joints_without_column, open_motion_file(log), columns=columns)
     robot, _ = replace(options, actuators=None).load_and_locked(held=held)
     return robot, options.actuator_file and motor_side(robot.model, options.actuator_file)
 

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.numbers import printed
+from ..core.numbers import number, printed
 from ..core.tables import csv_table
+from ..core.text import listed
 from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.robot_summary import assignments, parse_numbers
@@ -252,7 +253,13 @@ AT = option(
 )
 COLUMNS = option(
     "--columns JOINT=COLUMN",
-    "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; may be repeated.",
+    "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; may be "
+    "repeated.",
+    multiple=True,
+)
+GAIN = option(
+    "--gain JOINT=VALUE",
+    "Torque per ampere of a column that is a current [N m/A, N/A]; may be repeated. [default: from --actuators]",
     multiple=True,
 )
 RATE = option("--rate HZ", "Rows a second, where the log has no column of time.", type=float)
@@ -267,6 +274,7 @@ def motion_options(*, required: bool) -> Decorator:
     return option_group(
         option("--trajectory FILE.csv", "The motion; 'demo' is the one bundled with a robot.", required=required),
         COLUMNS,
+        GAIN,
         RATE,
         LOCK_MISSING,
         option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
@@ -283,7 +291,7 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
     from ..motion.motion_log import MotionLog
 
-    columns, file = parse_columns(given.columns), open_motion_file(path)
+    columns, file = parse_columns(given.columns, getattr(given, "logs", [str(path)])), open_motion_file(path)
     missing: list[str] = []
 
     def without_column(model: Model) -> list[str]:
@@ -293,6 +301,7 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     held = without_column if given.lock_missing else None
     robot, locked = options.load_and_locked(stiff=not moves_motors(file), held=held)
     reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": given.rate}
+    reading["gain"] = current_gains(given.gain, robot.model, options.actuator_file)
     still = [name for name in missing if name in locked]
     return robot, MotionLog.open(file, robot.model, locked=locked, held=still, **reading)
 
@@ -316,13 +325,48 @@ def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None
         )
 
 
-def parse_columns(texts: Iterable[str]) -> dict[str, str]:
-    """Read ``JOINT=COLUMN`` each; raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
+    """Read ``JOINT=COLUMN`` or ``LOG:JOINT=COLUMN`` each, of these logs; raises ValueRangeError, which shows the form.
 
-    >>> parse_columns(["elbow=pos3", "time=Time [ms]"])
-    {'elbow': 'pos3', 'time': 'Time [ms]'}
+    >>> parse_columns(["elbow=pos3", "b.csv:time=Time [ms]"], ["logs/a.csv", "logs/b.csv"])
+    {'elbow': 'pos3', 'b.csv:time': 'Time [ms]'}
     """
-    return assignments(texts, "--columns", "JOINT=COLUMN, for example elbow=pos3 or elbow.vel=w3")
+    found = assignments(texts, "--columns", "JOINT=COLUMN, for example elbow=pos3 or elbow.vel=w3")
+    for key in found:
+        log = key.rpartition(":")[0]
+        if "." in log and not key.startswith(tuple(f"{one}:" for name in logs for one in (name, Path(name).name))):
+            raise ValueRangeError(f"--columns {key}={found[key]}: there is no log {log!r}. Logs: {listed(logs)}.")
+    return found
+
+
+_SAME_GAIN = 0.01
+"""Relative difference of two gains that are rounded."""
+
+
+def current_gains(
+    texts: Iterable[str], model: Model, source: Path | None, *, of_side: bool = False
+) -> dict[str, float]:
+    """Gains of currents by ``--gain``, and of ``joint.current`` by the actuator file; raises ValueRangeError if they differ.
+
+    ``of_side``: gains below ``log:`` in that file are applied when its motors' side is taken to the joints.
+    """
+    from ..formats.actuators import read_log_side
+
+    given = assignments(texts, "--gain", "JOINT=VALUE, for example elbow=11.1")
+    own = {joint: parse_numbers(text, f"--gain {joint}", "a number", 1)[0] for joint, text in given.items()}
+    if source is None:
+        return own
+    side = read_log_side(model, source)
+    for joint, gain in own.items():
+        known = side.of_currents.get(joint, gain)
+        if abs(gain - known) > _SAME_GAIN * abs(known):
+            raise ValueRangeError(
+                f"--gain {joint}={number(gain)}, and {source} gives {number(known, 4)} N m/A (torque constant times ratio, or "
+                "log: gain:). Leave out one of them."
+            )
+    found = own | {f"{name}.current": gain for name, gain in side.of_currents.items() if name in model.velocity_names}
+    applied = side.gain if of_side else {}
+    return {name: 1.0 if name.removesuffix(".current") in applied else gain for name, gain in found.items()}
 
 
 # ── Batches: the files of folders and patterns

@@ -57,7 +57,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.split and given.csv is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
     path = shared.motion_path(options, given.trajectory)
-    paths = shared.expand_paths(path, given.trajectory)
+    given.logs = paths = shared.expand_paths(path, given.trajectory)
     if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
         if given.plot or given.motor_plot or given.split or given.why:
             raise ValueRangeError(

@@ -89,8 +89,7 @@ def actuator_content(source: Source) -> dict[str, Any]:
 
 def _added(model: Model, file: Section, stiff: bool) -> Model:
     check_entries(model, file)
-    listed = file.section("motors") if "motors" in file.content else Section({}, "motors")
-    motors = {name: _motor(listed.section(name)) for name in listed.content}
+    motors = _motors(file)
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
     joints = file.section("actuators")
@@ -139,16 +138,24 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
     if "efficiency" in entry.content:
         given["efficiency"] = _share(entry.content["efficiency"], entry.where("efficiency"))
     given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
-    motor = entry.content.get("motor")
-    if isinstance(motor, str):
-        if motor not in motors:
-            raise UnknownNameError.from_choices(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
-        given["motor"] = motors[motor]
-    elif motor is not None:
-        given["motor"] = _motor(entry.section("motor"))
+    if (motor := _motor_of(entry, motors)) is not None:
+        given["motor"] = motor
     if "rotor" in entry.content:
         given["rotor"] = _rotor(entry.section("rotor"))
     return Actuator(joint, **given)
+
+
+def _motors(file: Section) -> dict[str, Motor]:
+    listed = file.section("motors") if "motors" in file.content else Section({}, "motors")
+    return {name: _motor(listed.section(name)) for name in listed.content}
+
+
+def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
+    """Motor of an actuator, by name or described there; None where none is."""
+    motor = entry.content.get("motor")
+    if isinstance(motor, str) and motor not in motors:
+        raise UnknownNameError.from_choices(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
+    return None if motor is None else motors[motor] if isinstance(motor, str) else _motor(entry.section("motor"))
 
 
 def _motor(section: Section) -> Motor:
@@ -203,6 +210,8 @@ class LogSide:
     sign: Mapping[str, float]
     gain: Mapping[str, float]
     """N m (or N) of the motor, or of the joint, per unit of the column."""
+    of_currents: Mapping[str, float]
+    """N m/A of columns that are currents: :attr:`gain`, else torque constants, times the ratio on the joints' side."""
 
 
 def read_log_side(model: Model, source: Source) -> LogSide:
@@ -218,12 +227,17 @@ def _log_side(model: Model, file: Section) -> LogSide:
     check_entries(model, file)
     names = model.velocity_names
     sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
-    actuators = file.section("actuators").content if "actuators" in file.content else {}
+    listed, motors = (
+        file.section("actuators") if "actuators" in file.content else Section({}, "actuators"),
+        _motors(file),
+    )
+    entries = {name: listed.section(name) for name, entry in listed.content.items() if isinstance(entry, Mapping)}
     ratios = {
-        name: gear_ratio(entry["ratio"], f"actuators → {name} → ratio", sliding=name in sliding)
-        for name, entry in actuators.items()
-        if isinstance(entry, Mapping) and "ratio" in entry
+        name: gear_ratio(entry.content["ratio"], f"actuators → {name} → ratio", sliding=name in sliding)
+        for name, entry in entries.items()
+        if "ratio" in entry.content
     }
+    constants = {name: motor.torque_constant for name, entry in entries.items() if (motor := _motor_of(entry, motors))}
     log = file.section("log") if "log" in file.content else Section({}, "log")
     log.only("side", "joints")
     side = log.content.get("side", "joint")
@@ -249,4 +263,5 @@ def _log_side(model: Model, file: Section) -> LogSide:
             given[key] |= {name: entry.number(key, kind)} if key in entry.content else {}
         if abs(sign := given["sign"].get(name, 1.0)) != 1.0:
             raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
-    return LogSide(side == "motor", ratios, **given)
+    geared = {name: k * (1.0 if side == "motor" else ratios.get(name, 1.0)) for name, k in constants.items()}
+    return LogSide(side == "motor", ratios, **given, of_currents=geared | given["gain"])

@@ -108,6 +108,7 @@ class LogSource:
     columns: Mapping[str, str] | None = None
     rate: float | None = None
     degrees: bool = False
+    gain: Mapping[str, float] | None = None
     side: MotorSide | None = None
     motion: Motion | None = None
 
@@ -121,11 +122,13 @@ class LogSource:
     @property
     def log(self) -> MotionLog:
         """Log of the file, decoded once in a process; raises the errors of :meth:`MotionLog.open`."""
-        told, file = tuple(sorted((self.columns or {}).items())), Path(self.path)
+        told, gain = (tuple(sorted((x or {}).items())) for x in (self.columns, self.gain))
+        file = Path(self.path)
         written = file.stat().st_mtime_ns if file.is_file() else 0
-        key = (self.path, written, self.robot.coordinate_names, told, self.rate, self.degrees)
+        key = (self.path, written, self.robot.coordinate_names, told, gain, self.rate, self.degrees)
         if key not in _OPENED:
             options: dict[str, Any] = {"columns": self.columns, "rate": self.rate, "degrees": self.degrees}
+            options["gain"] = self.gain
             log = MotionLog.open(self.path, self.robot.model, **options)
             while len(_OPENED) >= _MOST_OPENED:
                 _OPENED.pop(next(iter(_OPENED)))

@@ -155,6 +155,7 @@ def read_motion(
     rate: float | None = None,
     degrees: bool = False,
     side: MotorSide | None = None,
+    gain: Mapping[str, float] | None = None,
 ) -> Motion:
     """Read a log of the joints', or of the motors' side, as a motion of the robot.
 
@@ -164,6 +165,7 @@ def read_motion(
     rate : float, optional [Hz]
     degrees : bool
     side : MotorSide, optional; None: the columns are those of the joints
+    gain : {joint: float}, optional, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
 
     Raises
     ------
@@ -180,8 +182,8 @@ def read_motion(
     if side is None or (
         np.array_equal(side.ratios, np.eye(len(side.zero))) and not side.zero.any() and (side.gain == 1).all()
     ):
-        return Motion.from_file(path, robot, columns=columns, rate=rate, degrees=degrees)
-    log = MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees)
+        return Motion.from_file(path, robot, columns=columns, rate=rate, degrees=degrees, gain=gain)
+    log = MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain)
     rows = side.of_joints(log.motion(log.table))
     tally = Contradictions(log.coordinates, time_stated=True)
     tally.add(rows)

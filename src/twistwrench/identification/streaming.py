@@ -87,6 +87,7 @@ def accumulate(
     columns: Mapping[str, str] | None = None,
     rate: float | None = None,
     degrees: bool = False,
+    gain: Mapping[str, float] | None = None,
     client: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> NormalEquationBlocks:
@@ -110,7 +111,7 @@ def accumulate(
     known : {name: float}, optional, values of parameters that are held, as for :func:`identify`
     payload_only : str, optional, the frame of a payload that alone is sought, as for :func:`identify`
     stribeck_speed : float, as for :func:`identify`
-    columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    columns, rate, degrees, gain : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
     progress : callable, optional, called with the share that is done
 
@@ -148,7 +149,7 @@ def accumulate(
         raise ShapeError("accumulate: there is no log. Give one with torques at least.")
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
-    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     sources = [LogSource.from_log(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
     checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
     team, tell = Workers.from_client(client), progress or (lambda _share: None)

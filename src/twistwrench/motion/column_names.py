@@ -42,11 +42,14 @@ def is_result(name: str) -> bool:
 PARTS = ("q", "dq", "ddq", "tau")
 """Coordinates, velocities, accelerations and torques, as a motion names them."""
 
+CURRENT = "current"
+"""Word for a motor's current, which a gain takes to a torque."""
 _WORDS = {
     "q": ("q", "pos", "position", "positions", "angle", "angles", "jointposition"),
     "dq": ("dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "jointvelocity"),
     "ddq": ("ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "jointacceleration"),
     "tau": ("tau", "torque", "torques", "effort", "efforts", "force", "jointtorque"),
+    CURRENT: (CURRENT, "currents", "curr"),
 }
 PART_OF = {word: part for part, words in _WORDS.items() for word in words}
 """Part of a motion that a word means."""
@@ -67,7 +70,7 @@ class Meaning:
     name: int
     """Number of the joint's name."""
     part: str
-    """One of :data:`PARTS`."""
+    """One of :data:`PARTS`, or :data:`CURRENT`."""
     unit: str | None = None
     """Unit at the end of the name, as in ``elbow_pos_deg``."""
 
@@ -245,10 +248,16 @@ def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
     factor = known.get(_plain(unit, products=part == "tau"))
     if factor is None:
         raise TrajectoryError(
-            f"{where}: the unit {unit!r} is not one of this column's kind. Known: {_SHOWN[part, angular]}. Convert the column, "
+            f"{where}: the unit {unit!r} is not one of this column's kind. Known: {_SHOWN[part, angular]}"
+            f"{', and of currents with --gain A, mA' if part == 'tau' else ''}. Convert the column, "
             "or write its unit without brackets if it means something else."
         )
     return factor
+
+
+def current_factor(unit: str) -> float | None:
+    """Factor from a unit of current to ampere; None for other units."""
+    return {"a": 1.0, "ma": 1e-3}.get(_plain(unit))
 
 
 def time_factor(unit: str) -> float | None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +16,13 @@ from ..core.text import listed
 from ..errors import TrajectoryError, UnknownNameError
 from ..typing import Array
 from .column_names import (
+    CURRENT,
     PARTS,
     READ,
     ROS_TIME,
     SUFFIX,
     NamedJoints,
+    current_factor,
     is_result,
     numbered,
     ros_nanoseconds,
@@ -93,13 +96,22 @@ class Choice:
 
     column: int
     unit: str | None = None
+    gain: float | None = None
+    """Torque per unit of a column that is a current."""
 
 
 class Assignment:
     """Columns of a header, given one after another to the coordinates of a robot; errors begin with ``where``."""
 
-    def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates) -> None:
-        self.cells, self.where = cells, where
+    def __init__(
+        self,
+        cells: Sequence[str],
+        where: str,
+        coordinates: Coordinates,
+        path: str | Path = "",
+        gain: Mapping[str, float] | None = None,
+    ) -> None:
+        self.cells, self.where, self.path, self.gain = cells, where, str(path), dict(gain or {})
         self.names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
         self.free = [k for k, cell in enumerate(cells) if cell]
         """Columns that nothing has been given to."""
@@ -126,6 +138,8 @@ class Assignment:
         columns: Mapping[str, str],
         rate: float | None,
         look: Callable[[int], Array],
+        path: str | Path = "",
+        gain: Mapping[str, float] | None = None,
     ) -> Assignment:
         """Give the header's columns to the robot's coordinates; raises TrajectoryError and UnknownNameError.
 
@@ -135,7 +149,7 @@ class Assignment:
             raise TrajectoryError(
                 f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
             )
-        found = cls(cells, where, coordinates)
+        found = cls(cells, where, coordinates, path, gain)
         requested = found.requested(columns)
         found.time = found.assign_time(requested.pop(("time", 0), None), rate, look)
         for (part, k), choice in requested.items():
@@ -143,6 +157,7 @@ class Assignment:
         found.assign_by_exact_name()
         found.assign_by_words()
         found.assign_by_number()
+        found.take_currents()
         for follower in coordinates.mimic_joints:
             own = [c for c in found.free if found.split[c][0] == follower.name]
             found.mimic_joints += [(follower, Choice(c, found.split[c][1])) for c in own[:1]]
@@ -161,7 +176,9 @@ class Assignment:
         return found
 
     def factor(self, choice: Choice, part: str, angular: bool, *, degrees: bool) -> float:
-        """Factor from a column to SI units: by its unit, else by ``degrees``."""
+        """Factor from a column to SI units: by its unit or gain, else by ``degrees``."""
+        if choice.gain is not None:
+            return choice.gain
         if choice.unit is not None:
             return unit_factor(choice.unit, part, angular, f"{self.where}, column {self.cells[choice.column]!r}")
         return math.radians(1.0) if degrees and angular and part != "tau" else 1.0
@@ -194,17 +211,52 @@ class Assignment:
 
     def requested(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
         """Columns of the option ``columns``, by part and number of the coordinate."""
-        suffixes = {".pos": "q", **{suffix: part for part, endings in READ.items() for suffix in endings}}
+        suffixes = {
+            ".pos": "q",
+            f".{CURRENT}": "tau",
+            **{suffix: part for part, endings in READ.items() for suffix in endings},
+        }
         known = {f"{n}{suffix}": (part, k) for suffix, part in suffixes.items() for k, n in enumerate(self.names[part])}
         known["time"] = ("time", 0)
         found: dict[tuple[str, int], Choice] = {}
-        for key, name in columns.items():
+        for key, name in self.of_this_log(columns, known).items():
             if key not in known:
                 raise UnknownNameError.from_choices("coordinate (of --columns)", key, ["time", *self.names["q"]])
             if known[key] in found:
                 raise TrajectoryError(f"{self.where}: --columns says twice what {key!r} is. Keep one of them.")
-            found[known[key]] = self.column(name, f"--columns {key}={name}")
+            choice = self.column(name, f"--columns {key}={name}")
+            found[known[key]] = replace(choice, unit=choice.unit or "A") if key.endswith(f".{CURRENT}") else choice
         return found
+
+    def of_this_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
+        """Entries of ``columns`` for this log: those of all logs, and over them those that begin with its path or name."""
+        found, own = dict[str, str](), dict[str, str]()
+        for key, column in columns.items():
+            rest = max((name for name in known if key.endswith(f":{name}")), key=len, default="")
+            if key in known or not rest:
+                found[key] = column
+            elif key.removesuffix(f":{rest}") in (self.path, Path(self.path).name):
+                own[rest] = column
+        return found | own
+
+    def take_currents(self) -> None:
+        """Give torques that are currents their gain; raises TrajectoryError if the unit is that of a torque."""
+        names = self.names["tau"]
+        for name in self.gain:
+            if name.removesuffix(f".{CURRENT}") not in names:
+                raise UnknownNameError.from_choices("joint (of --gain)", name, names)
+        for k, choice in self.given["tau"].items():
+            ampere = 1.0 if choice.unit is None else current_factor(choice.unit)
+            gain = self.gain.get(names[k])
+            if gain is None and choice.unit is not None and ampere:
+                gain = self.gain.get(f"{names[k]}.{CURRENT}")
+            if gain is not None and ampere is None:
+                raise TrajectoryError(
+                    f"{self.where}, column {self.cells[choice.column]!r}: --gain {names[k]} is for a current, and this is a "
+                    f"torque in {choice.unit}. Leave out one of them."
+                )
+            if gain is not None and ampere is not None:
+                self.given["tau"][k] = replace(choice, gain=gain * ampere)
 
     def assign_time(self, requested: Choice | None, rate: float | None, look: Callable[[int], Array]) -> Choice | None:
         """The column of time, None where there is a ``rate``."""
@@ -273,11 +325,14 @@ class Assignment:
                 meant = reader.meaning(text)
                 if meant is not None and (meant.part == "q") == (kind == "q"):
                     found.setdefault((meant.part, meant.name), []).append(k)
-                    units[k] = unit or meant.unit
+                    units[k] = unit or meant.unit or ("A" if meant.part == CURRENT else None)
                     break
         assigned = []
-        for (part, k), columns in found.items():
-            if k in self.given[part]:
+        for (meant_part, k), columns in sorted(found.items(), key=lambda item: item[0][0] == CURRENT):
+            part = "tau" if meant_part == CURRENT else meant_part
+            if meant_part == CURRENT and self.names[part][k] in self.gain:
+                self.free += [choice.column for choice in [self.given[part].pop(k, None)] if choice]
+            if k in self.given[part] or (meant_part == CURRENT and not self.gain):
                 continue
             key = self.names[part][k] + ("" if part == "q" else READ[part][0])
             if len(columns) > 1:
@@ -293,14 +348,17 @@ class Assignment:
 
     def assign_by_number(self) -> None:
         """Give columns that count joints, where there are as many as joints."""
-        found: dict[str, list[tuple[int, int]]] = {part: [] for part in PARTS}
+        found: dict[str, list[tuple[int, int]]] = {part: [] for part in (*PARTS, CURRENT)}
         units = {k: unit for k, (_, unit) in enumerate(self.split)}
         for k in self.free:
             meant = numbered(self.split[k][0])
             if meant is not None:
                 found[meant[0]].append((-1 if meant[1] is None else meant[1], k))
-                units[k] = units[k] or meant[2]
-        for part, columns in found.items():
+                units[k] = units[k] or meant[2] or ("A" if meant[0] == CURRENT else None)
+        if not self.gain:
+            found.pop(CURRENT)
+        for meant_part, columns in found.items():
+            part = "tau" if meant_part == CURRENT else meant_part
             numbers, names = sorted(columns), self.names[part]
             first = numbers[0][0] if numbers else 0
             in_turn = [n for n, _ in numbers] == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
@@ -357,12 +415,16 @@ def _belongs(text: str, locked: Sequence[str]) -> bool:
 
 
 def absent_joints(
-    cells: Sequence[str], coordinates: Coordinates, joints: Sequence[str], columns: Mapping[str, str]
+    cells: Sequence[str],
+    coordinates: Coordinates,
+    joints: Sequence[str],
+    columns: Mapping[str, str],
+    path: str | Path = "",
 ) -> tuple[str, ...]:
     """Joints without a column of their position in this header, by their names or by ``columns``."""
-    found = Assignment(cells, "", coordinates)
+    found = Assignment(cells, "", coordinates, path)
     names = list(found.names["q"])
-    for key in columns:
+    for key in found.of_this_log(columns, {*names, *(f"{name}.pos" for name in names)}):
         if key.removesuffix(".pos") in names:
             found.given["q"][names.index(key.removesuffix(".pos"))] = Choice(0)
     found.assign_by_exact_name()
@@ -431,15 +493,27 @@ class Columns:
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
         look: Callable[[int], Array] = lambda _column: np.zeros(0),
+        path: str | Path = "",
+        gain: Mapping[str, float] | None = None,
     ) -> Columns:
         """From the header's cells; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`).
 
         ``columns`` says which column is which (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``), all others
-        are found by their names. ``rate`` [Hz] takes the place of a column of time. Columns of the joints ``locked`` are
-        ignored. ``look`` gives the first numbers of a column, where its name alone does not say its unit.
+        are found by their names; ``LOG:JOINT`` holds for the log of that ``path`` or name only. ``gain`` {joint: N m/A} makes
+        currents torques; that of ``joint.current`` only a column that is a current by its name or unit. ``rate`` [Hz] takes
+        the place of a column of time. Columns of the joints ``locked`` are ignored. ``look`` gives the first numbers of a
+        column, where its name alone does not say its unit.
         """
         found = Assignment.from_header(
-            header, coordinates, where, locked=locked, columns=columns or {}, rate=rate, look=look
+            header,
+            coordinates,
+            where,
+            locked=locked,
+            columns=columns or {},
+            rate=rate,
+            look=look,
+            path=path,
+            gain=gain,
         )
         parts = {part: [given[k] for k in sorted(given)] for part, given in found.given.items()}
         used = [

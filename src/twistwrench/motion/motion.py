@@ -138,13 +138,16 @@ class Motion:
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
         degrees: bool = False,
+        gain: Mapping[str, float] | None = None,
     ) -> Motion:
         """Read a CSV file, or an archive of ``simulate --npz``, as the command ``torques`` reads it.
 
         Parameters
         ----------
-        columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, where names do not say it
+        columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, ``.current``
+            Where names do not say it; ``{"log.csv:joint": column}`` holds for that file only.
         rate : float, optional, samples a second of a file without a column of time [Hz]
+        gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
 
         Raises
         ------
@@ -161,7 +164,9 @@ class Motion:
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
-        return cls._of_log(MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+        return cls._of_log(
+            MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain), robot
+        )
 
     @classmethod
     def from_dataframe(
@@ -172,6 +177,7 @@ class Motion:
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
         degrees: bool = False,
+        gain: Mapping[str, float] | None = None,
     ) -> Motion:
         """Read a pandas DataFrame, whose columns are named as those of a file; what :meth:`to_pandas` gives comes back.
 
@@ -181,6 +187,7 @@ class Motion:
             Seconds, dates or time spans. An index that only counts rows is none.
         columns : {joint: column}, optional, as for :meth:`from_file`
         rate : float, optional, samples a second where there is no time [Hz]
+        gain : {joint: float}, optional, as for :meth:`from_file`
 
         Raises
         ------
@@ -202,7 +209,9 @@ class Motion:
         require_robot(robot, "Motion")
         file, ignored = data_frame_file(frame)
         with errors_in_python_words():
-            found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+            found = cls._of_log(
+                MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain), robot
+            )
         return replace(found, notes=(*map(in_python_words, found.notes), *ignored))
 
     @classmethod

@@ -285,4 +285,4 @@ def joints_without_column(
     """The joints of a model that a motion file has no column for, by its header; ``columns`` as in :meth:`MotionLog.open`."""
     file = open_motion_file(path) if isinstance(path, str | Path) else path
     joints = [b.joint.name for b in model.leaders if b.joint.nv]
-    return absent_joints(file.header, Coordinates.from_model(model), joints, columns or {})
+    return absent_joints(file.header, Coordinates.from_model(model), joints, columns or {}, file.path)

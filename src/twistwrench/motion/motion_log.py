@@ -199,6 +199,7 @@ class MotionLog:
         locked: Sequence[str] = (),
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
+        gain: Mapping[str, float] | None = None,
         held: Sequence[str] = (),
     ) -> MotionLog:
         r"""Read and check the header of a motion file, and see which column is which.
@@ -211,8 +212,11 @@ class MotionLog:
             extra ``logs``); several files of one motion as ``a.csv+b.csv``.
         locked : sequence of str, joints whose columns are ignored
         columns : {name: column}, optional, which column is which, where its name does not say so
-            ``{"elbow": "pos3", "elbow.vel": "w3"}``; ``.acc``, ``.tau`` and ``time`` likewise.
+            ``{"elbow": "pos3", "elbow.vel": "w3"}``; ``.acc``, ``.tau``, ``.current`` and ``time`` likewise.
+            ``{"log.csv:elbow": "pos4"}`` holds for the file of that path or name only.
         rate : float, optional, rows a second of a file without a column of time [Hz]
+        gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
+            Of ``joint.current``: only for columns that are currents by name or unit.
         held : sequence of str, those of ``locked`` that the file has no column for
 
         Returns
@@ -247,7 +251,7 @@ class MotionLog:
         coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
         options: dict[str, Any] = {"degrees": degrees, "locked": locked, "columns": columns, "rate": rate}
-        options["look"] = file.first
+        options |= {"look": file.first, "path": file.path, "gain": gain}
         found = Columns.from_header(file.header, coordinates, where, **options)
         unused = varying_columns(file.header, found.extra, file.first) if held else ()
         return cls(file, found, coordinates, held=tuple(held), unused=tuple(unused))
