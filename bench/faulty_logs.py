@@ -1,50 +1,35 @@
 """Faulty logs of known robots: what the program says of them, whether it names the cause, and how wrong its torques are.
 
-    python -m bench.faulty_logs --list
+    python -m bench.faulty_logs [PART ...] [--robots ur5 ...] [--cases "tilt 3 deg" ...] [--processes N]
+
+runs the parts (faults, clean, ordinary, laws, pauses, more). A whole part is kept in faulty_logs.json, and faulty_logs_table.py
+makes FAULTY_LOGS.md of it; a selection is only printed.
+
     python -m bench.faulty_logs --case "tilt 3 deg" --robot ur5 --write FILE.npz
 
-writes one log with its truth; ``log("ur5", "tilt 3 deg", seed=0)`` gives it in Python.
+writes one log with its truth (FILE.csv: without it); ``log("ur5", "tilt 3 deg", seed=0)`` gives it in Python.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import warnings
+import subprocess
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import twistwrench as tw
-from bench.faulty_logs_cases import FAULTS, MORE, Case, Recording
-from bench.faulty_logs_truth import ARMS, MEMORY, NOISE, RATE, SECONDS, Series, Truth, coloured, generator, load
+from bench.faulty_logs_cases import Case, Recording
+from bench.faulty_logs_parts import CASES, PARTS, Task, motion_of, recording, tasks
+from bench.faulty_logs_score import score
+from bench.faulty_logs_truth import ARMS
+from bench.machine import describe
 
-CASES = {**FAULTS, **MORE}
-
-
-def recording(robot: str, case: Case, seed: int = 0, *, memory: float = MEMORY, noise: float = NOISE) -> Recording:
-    """A log in the making: the truth, motion and noise are those of the robot and the seed, whatever the case."""
-    file, rng = load(robot, case.variant), generator(robot, seed)
-    truth, motion = Truth.random(file, rng), Series.random(file, rng)
-    t = np.arange(round(SECONDS * RATE)) / RATE
-    states = motion(t)
-    truth = truth.with_drives(states)
-    errors = coloured(len(t), file.nv, rng, memory) * noise * truth.torques(*states).std(axis=0)
-    mine = generator(robot, seed, case.name)
-    for change in case.world:
-        truth = change(truth, states, mine)
-    tau = truth.torques(*states, t) + errors
-    log = Recording(truth, motion, mine, t, states[0].copy(), tau, errors)
-    for fault in case.log:
-        fault(log)
-    return log
-
-
-def motion_of(log: Recording) -> tw.Motion:
-    """The log as a user has it: times, positions and torques of the file's robot."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tw.ModelWarning)
-        return tw.Motion(log.t, log.q, tau=log.tau, robot=log.truth.file)
+KEPT = Path(__file__).with_name("faulty_logs.json")
 
 
 def log(robot: str, case: str, seed: int = 0) -> tuple[tw.Robot, tw.Motion, Recording]:
@@ -75,10 +60,55 @@ def write(path: Path, robot: str, case: Case, seed: int) -> None:
     )
 
 
+def scores(wanted: Sequence[Task], processes: int, lines: Path | None) -> Iterator[dict[str, Any]]:
+    """Scores of logs; those that ``lines`` has already are not made again."""
+    old = [json.loads(text) for text in lines.read_text("utf-8").splitlines()] if lines and lines.is_file() else []
+    done = {(row["part"], row["robot"], row["case"], row["seed"]) for row in old}
+    rest = [task for task in wanted if (task.part, task.robot, task.name, task.seed) not in done]
+    yield from old
+    if processes > 1:
+        with ProcessPoolExecutor(processes) as pool:
+            yield from _noted(pool.map(score, rest), lines)
+    else:
+        yield from _noted(map(score, rest), lines)
+
+
+def _noted(rows: Iterator[dict[str, Any]], lines: Path | None) -> Iterator[dict[str, Any]]:
+    """The same rows, each written to a file and shown."""
+    for row in rows:
+        said = ", ".join(doubt["name"] + ("!" if doubt["refuses"] else "") for doubt in row["doubts"]) or "-"
+        off = f"{100 * row['wrong']:.1f} %" if "wrong" in row else row.get("error", "")
+        print(f"{row['robot']:10s} {row['case']:42s} {row['verdict']:10s} {off:8s} {said}", flush=True)
+        if lines is not None:
+            with lines.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        yield row
+
+
+def keep(label: str, part: str, rows: list[dict[str, Any]], every: int) -> None:
+    """Put the rows of a part beside what is kept, with the commit of the program and the processor."""
+    kept = json.loads(KEPT.read_text("utf-8")) if KEPT.is_file() else {}
+    where = Path(tw.__file__).parent
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=where, capture_output=True, text=True, check=True
+    )
+    told = {key: describe()[key] for key in ("date", "cpu", "python")}
+    kept.setdefault(label, {})[part] = {"commit": commit.stdout.strip(), **told, "every": every, "logs": rows}
+    text = json.dumps(kept, indent=1, ensure_ascii=False)
+    KEPT.write_text(text + "\n", "utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--robots", nargs="+", help="only these")
+    parser.add_argument("--cases", nargs="+", help="only these")
+    parser.add_argument("--every", type=int, default=1, help="every so many logs of the part")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--lines", type=Path, help="file of a row a log, from which a run that was stopped goes on")
+    parser.add_argument("--label", default="now", help="under which results are kept: before, or now")
     parser.add_argument("--list", action="store_true", help="names of the cases")
-    parser.add_argument("--case", help="one case, to be written")
+    parser.add_argument("--case", choices=CASES, help="one case, to be written")
     parser.add_argument("--robot", default="ur5", choices=ARMS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--write", type=Path, metavar="FILE", help=".npz or .csv")
@@ -87,8 +117,15 @@ def main() -> None:
         print("\n".join(CASES))
     elif given.write:
         write(given.write, given.robot, CASES[given.case], given.seed)
-    else:
-        parser.error("give --list, or --case and --write")
+    for part in given.parts:
+        wanted = [
+            task
+            for task in tasks(part)[:: given.every]
+            if (not given.robots or task.robot in given.robots) and (not given.cases or task.name in given.cases)
+        ]
+        rows = list(scores(wanted, given.processes, given.lines))
+        if not (given.robots or given.cases):
+            keep(given.label, part, rows, given.every)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,120 @@
+"""Scores of faulty logs: verdict, doubts in order and their names, coverage of intervals, and torques of another motion."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+
+from bench.faulty_logs_parts import Task, motion_of
+from bench.faulty_logs_truth import SECONDS, Series, Truth, generator
+from twistwrench.errors import TwistWrenchError
+from twistwrench.identification import identify
+
+MATTERS = 0.05
+"""Share of the largest joint's torque (rms), from which a joint counts in the worst share."""
+_STATES = 400
+_LENGTH = 200
+"""Letters of a sentence that are kept."""
+CAUSE_OF_OLD_KIND = {
+    "sign": "torque-sign",
+    "exchanged": "exchanged-torques",
+    "negative": "negative-inertia",
+    "unexplained-joint": "unexplained",
+    "partly-unexplained": "unexplained",
+    "other-torques": "unexplained",
+    "quantised": "quantised",
+}
+"""Names of causes, of kinds that were renamed."""
+_IN_CONTRADICTIONS = (
+    ("degree", "degrees"),
+    ("gap", "pause"),
+    ("pause", "pause"),
+    ("millisecond", "time-scale"),
+    ("single row", "spikes"),
+    ("one row", "spikes"),
+)
+"""Words in a contradiction between columns, whose kind does not say the cause."""
+NO_CAUSE = ("unexciting", "unexplained", "contradiction", "quantised")
+"""Names that say that something is wrong, not what."""
+
+
+def name_of(kind: str, sentence: str) -> str:
+    """Name of the cause of a doubt, by its kind, and for contradictions between columns by its sentence."""
+    if kind == "contradiction":
+        return next((name for word, name in _IN_CONTRADICTIONS if word in sentence), kind)
+    return CAUSE_OF_OLD_KIND.get(kind, kind)
+
+
+def score(task: Task) -> dict[str, Any]:
+    """What the program says of one log, beside what is true."""
+    made = task.recording()
+    motion = motion_of(made)
+    row: dict[str, Any] = {"part": task.part, "robot": task.robot, "case": task.name, "seed": task.seed}
+    if made.value:
+        row["value"] = made.value
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        before = time.process_time()
+        try:
+            found = identify(made.truth.file, motion)
+        except (TwistWrenchError, ValueError, ArithmeticError) as error:
+            return row | {"verdict": "ERROR", "doubts": [], "error": f"{type(error).__name__}: {error}"[:_LENGTH]}
+        row["seconds"] = round(time.process_time() - before, 2)
+    low, high = found.interval().T
+    free = ~found.base.held
+    truth = made.truth.groups(found.base)
+    wrong, worst = torques_wrong(task, made.truth, found)
+    return row | {
+        "verdict": str(found.verdict.word),
+        "doubts": [doubt_row(doubt) for doubt in found.doubts],
+        "notes": [str(note)[:_LENGTH] for note in found.notes],
+        "held out": _rounded(found.held_out.all),
+        "covered": int(((low <= truth) & (truth <= high))[free].sum()),
+        "groups": int(free.sum()),
+        "wrong": _rounded(wrong),
+        "worst": _rounded(worst),
+    }
+
+
+def doubt_row(doubt: Any) -> dict[str, Any]:
+    """Fields of a doubt."""
+    row = {
+        "name": name_of(doubt.kind, doubt.sentence),
+        "kind": doubt.kind,
+        "joints": list(doubt.joints),
+        "refuses": bool(doubt.refuses),
+        "sentence": doubt.sentence[:_LENGTH],
+    }
+    for name in ("value", "interval", "level"):
+        value = getattr(doubt, name, None)
+        if value is not None:
+            row[name] = _plain(value)
+    return row
+
+
+def torques_wrong(task: Task, truth: Truth, found: Any) -> tuple[float, float]:
+    """Error of the torques of another motion, as a share of all torques (rms), and of those of the worst joint that matters."""
+    states = Series.random(truth.file, generator(task.robot, task.seed, "another motion"))(np.linspace(0, 10, _STATES))
+    real = truth.torques(*states, SECONDS / 2)
+    base = found.base
+    W = base.unknown.columns(base.kept, *states, found.settings.friction_speed)
+    off = W @ found.values - real
+    sizes = np.sqrt((real**2).mean(axis=0))
+    shares = np.sqrt((off**2).mean(axis=0)) / np.maximum(sizes, 1e-300)
+    return float(np.sqrt((off**2).sum() / (real**2).sum())), float(shares[sizes >= MATTERS * sizes.max()].max())
+
+
+def _rounded(x: float) -> float:
+    return float(f"{x:.4g}")
+
+
+def _plain(x: Any) -> Any:
+    """Numbers and text for JSON."""
+    if isinstance(x, dict):
+        return {str(key): _plain(value) for key, value in x.items()}
+    if isinstance(x, (list, tuple, np.ndarray)):
+        return [_plain(value) for value in x]
+    return _rounded(float(x)) if isinstance(x, (int, float, np.number)) else str(x)
