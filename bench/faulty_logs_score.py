@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 import warnings
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from click.testing import CliRunner
 
+import twistwrench as tw
+from bench.faulty_logs_cases import Recording
 from bench.faulty_logs_parts import Task, motion_of
-from bench.faulty_logs_truth import SECONDS, Series, Truth, generator
+from bench.faulty_logs_truth import SECONDS, Series, Truth, generator, load
+from twistwrench.cli.main import main
 from twistwrench.errors import TwistWrenchError
 from twistwrench.identification import identify
 
@@ -18,6 +25,7 @@ MATTERS = 0.05
 _STATES = 400
 _LENGTH = 200
 """Letters of a sentence that are kept."""
+_TITLES = ("Torques [", "What the peak", "The file's own")
 CAUSE_OF_OLD_KIND = {
     "sign": "torque-sign",
     "exchanged": "exchanged-torques",
@@ -63,6 +71,8 @@ def score(task: Task) -> dict[str, Any]:
         except (TwistWrenchError, ValueError, ArithmeticError) as error:
             return row | {"verdict": "ERROR", "doubts": [], "error": f"{type(error).__name__}: {error}"[:_LENGTH]}
         row["seconds"] = round(time.process_time() - before, 2)
+    if task.part in ("clean", "ordinary"):
+        row["torques"] = torques_report(task.robot, made)
     low, high = found.interval().T
     free = ~found.base.held
     truth = made.truth.groups(found.base)
@@ -77,6 +87,29 @@ def score(task: Task) -> dict[str, Any]:
         "wrong": _rounded(wrong),
         "worst": _rounded(worst),
     }
+
+
+def torques_report(robot: str, made: Recording) -> dict[str, Any]:
+    """What ``twistwrench torques`` says of the log as a file: the verdict's line, and the remarks below the tables."""
+    names = made.truth.file.model.velocity_names
+    table = np.column_stack([made.t, made.q, made.tau])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.csv"
+        header = ",".join(["time", *names, *(f"{name}.torque" for name in names)])
+        np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+        before = time.process_time()
+        output = CliRunner().invoke(main, ["torques", saved(robot), "--trajectory", str(path)]).output
+    lines = [line.strip() for line in output.split("\n") if line[:1].strip() and not line.startswith(_TITLES)]
+    lines = [line[:_LENGTH] for line in lines if "rows at" not in line]
+    return {"seconds": round(time.process_time() - before, 2), "first": lines[0], "also": lines[1:]}
+
+
+@lru_cache(maxsize=32)
+def saved(robot: str) -> str:
+    """Path of a file of the robot, with inertias that can be."""
+    path = Path(tempfile.mkdtemp()) / f"{robot}.urdf"
+    tw.save(load(robot), path)
+    return str(path)
 
 
 def doubt_row(doubt: Any) -> dict[str, Any]:

@@ -1,0 +1,210 @@
+"""Tables of the faulty logs' scores: each case by robot, the targets, and FAULTY_LOGS.md. python -m bench.faulty_logs_table"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.faulty_logs_cases import FAULTS, Case
+from bench.faulty_logs_parts import CASES, LAWS, PAUSES
+from bench.faulty_logs_score import NO_CAUSE
+from bench.faulty_logs_truth import ARMS
+from bench.markdown import section
+
+KEPT = Path(__file__).with_name("faulty_logs.json")
+PAGE = Path(__file__).with_name("FAULTY_LOGS.md")
+LABELS = ("before", "now")
+_LETTERS = {"OK": "O", "UNSURE": "U", "LOOK AGAIN": "L", "ERROR": "E"}
+_RIGHT, _WRONG = 0.02, 0.05
+"""Shares of torques of another motion: right to, and wrong by more than."""
+_MOTIONLESS = ("unexciting", "quantised")
+"""Names that ordinary work may bring: it is not made to excite."""
+
+Row = dict[str, Any]
+
+
+def case_of(row: Row) -> Case:
+    """The case of a row."""
+    return {"laws": LAWS, "pauses": PAUSES}.get(row["part"], CASES).get(row["case"]) or Case(row["case"])
+
+
+def causes(row: Row) -> list[str]:
+    """Names of causes in the order of the doubts."""
+    return [doubt["name"] for doubt in row["doubts"] if doubt["name"] not in NO_CAUSE]
+
+
+def named(row: Row) -> str:
+    """Name of the first doubt that says a cause, without those that may stand there besides; empty without any."""
+    return next((name for name in causes(row) if name not in case_of(row).notes), "")
+
+
+def right(row: Row) -> bool:
+    """True if the first cause named is a right one, or rightly none."""
+    case = case_of(row)
+    return named(row) in case.causes if case.causes else not named(row)
+
+
+def value_held(row: Row) -> bool | None:
+    """True if the interval of the first cause, rightly named, holds its value; None where there is none to compare."""
+    first = next((d for d in row["doubts"] if d["name"] == named(row)), None)
+    if first is None or not right(row) or "interval" not in first:
+        return None
+    expected = case_of(row).value.get(first["name"])
+    if not isinstance(expected, (int, float)):
+        return None
+    low, high = sorted(map(float, first["interval"]))
+    return low <= expected <= high
+
+
+# ── Targets
+
+
+def targets(parts: dict[str, Any]) -> dict[str, str]:
+    """Figure of each target, of the parts that were run."""
+    rows = parts["faults"]["logs"] if "faults" in parts else []
+    found: dict[str, str] = {}
+    if rows:
+        found |= _of_faults([row for row in rows if "wrong" in row])
+    for part, ignored in (("clean", ()), ("ordinary", _MOTIONLESS), ("laws", ())):
+        if part in parts:
+            found |= _of_clean(part, parts[part]["logs"], ignored)
+    if "pauses" in parts:
+        found |= _of_pauses(parts["pauses"]["logs"])
+    every = [row for part in parts.values() for row in part["logs"] if "groups" in row]
+    held = [row for row in every if row["verdict"] == "OK" and case_of(row).told]
+    inside, groups = (sum(row[key] for row in held) for key in ("covered", "groups"))
+    if groups:
+        found["coverage of the 95 % intervals at OK, logs that can be told: ≥ 93 %"] = _share(inside, groups)
+    seconds = [row["seconds"] for row in every if row["part"] == "faults"]
+    if seconds:
+        found["processor time of `identify`, median of the faults [s]"] = f"{np.median(seconds):.1f}"
+    return found
+
+
+def _of_faults(rows: Sequence[Row]) -> dict[str, str]:
+    told = [row for row in rows if case_of(row).told]
+    faults = [row for row in told if case_of(row).causes]
+    single = [row for row in rows if case_of(row).single]
+    wrong = [row for row in told if row["verdict"] == "OK" and row["wrong"] > _WRONG]
+    said = [row for row in rows if named(row)]
+    refused = [row for row in rows if row["verdict"] == "LOOK AGAIN" and row["wrong"] <= _RIGHT]
+    values = [held for row in rows if (held := value_held(row)) is not None]
+    return {
+        f"OK with torques wrong by > 5 %, of {len(told)} faults that can be told: ≤ 4": str(len(wrong)),
+        "right cause first, of logs where one is named: ≥ 90 %": _share(sum(map(right, said)), len(said)),
+        f"right cause first, of the {len(faults)} faulty logs that can be told": str(sum(map(right, faults))),
+        f"right cause first, of the {len(single)} like the prototype's: ≥ 112": str(sum(map(right, single))),
+        "value within its 95 % interval, of those rightly named: ≥ 90 %": _share(sum(values), len(values)),
+        f"refused though right to 2 %, of {len(rows)}: 0": str(len(refused)),
+    }
+
+
+def _of_clean(part: str, rows: Sequence[Row], ignored: Sequence[str]) -> dict[str, str]:
+    """False alarms: any doubt; of ordinary work those of too little motion are none."""
+    said = [[d["name"] for d in row["doubts"] if d["name"] not in (*ignored, *case_of(row).notes)] for row in rows]
+    found = {f"false alarms, {part} logs: ≤ 2 %": _share(sum(map(bool, said)), len(rows))}
+    torques = [row["torques"] for row in rows if "torques" in row]
+    if torques:
+        again = sum("LOOK AGAIN" in " ".join([t["first"], *t["also"]]) for t in torques)
+        found[f"`torques` says LOOK AGAIN, {part} logs"] = _share(again, len(torques))
+    return found
+
+
+def _of_pauses(rows: Sequence[Row]) -> dict[str, str]:
+    """Same verdict, and residual of rows held out within 1.2 times, as without the pause."""
+    whole = {row["robot"]: row for row in rows if row["case"] == "no pause"}
+    cut = [row for row in rows if row["case"] != "no pause" and "wrong" in row]
+    same = [
+        row["verdict"] == whole[row["robot"]]["verdict"] and row["held out"] <= 1.2 * whole[row["robot"]]["held out"]
+        for row in cut
+    ]
+    return {"pauses that change neither verdict nor residual: all": _share(sum(same), len(cut))}
+
+
+def _share(part: float, whole: int) -> str:
+    return f"{100 * part / whole:.1f} % of {whole}" if whole else "–"
+
+
+# ── Tables
+
+
+def case_rows(parts: dict[str, list[Row]]) -> Iterable[list[str]]:
+    """A row for each fault: verdicts robot by robot, error of the torques, and causes named first, before and now."""
+    for name, case in FAULTS.items():
+        cells = [name + ("" if case.told else " †"), ", ".join(case.causes) or "–"]
+        for label in parts:
+            rows = {row["robot"]: row for row in parts[label] if row["case"] == name}
+            mine = [rows[robot] for robot in ARMS if robot in rows]
+            verdicts = "".join(_LETTERS.get(row["verdict"], "?") for row in mine)
+            wrong = [100 * row["wrong"] for row in mine if "wrong" in row]
+            spread = f"{min(wrong):.2g}–{max(wrong):.2g} %" if wrong else "–"
+            cells += [verdicts, spread, _names(mine)]
+        yield cells
+
+
+def _names(rows: Sequence[Row]) -> str:
+    """Names of causes named first, how often each."""
+    counts: dict[str, int] = {}
+    for row in rows:
+        counts[named(row) or "–"] = counts.get(named(row) or "–", 0) + 1
+    if len(counts) == 1:
+        return next(iter(counts))
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def page(kept: dict[str, Any]) -> str:
+    """The page."""
+    labels = [label for label in LABELS if label in kept]
+    figures = {label: targets(kept[label]) for label in labels}
+    names = list(dict.fromkeys(name for label in labels for name in figures[label]))
+    rows = [[name, *(figures[label].get(name, "–") for label in labels)] for name in names]
+    runs = [
+        [
+            label,
+            part,
+            str(len(run["logs"])),
+            run["commit"],
+            run["date"],
+            run["cpu"],
+            "all" if run["every"] == 1 else f"every {run['every']}th",
+        ]
+        for label in labels
+        for part, run in kept[label].items()
+    ]
+    faults = {label: kept[label]["faults"]["logs"] for label in labels if "faults" in kept[label]}
+    head = ["case", "cause"] + [
+        f"{what}, {label}" for label in faults for what in ("verdict", "torques wrong by", "named first")
+    ]
+    return (
+        "\n\n".join(
+            filter(
+                None,
+                (
+                    _HEAD,
+                    section("Targets", "", ["target", *labels], rows),
+                    section("Faults", _FAULTS, head, list(case_rows(faults))),
+                    section("Runs", "", ["label", "part", "logs", "commit", "date", "processor", "which"], runs),
+                ),
+            )
+        )
+        + "\n"
+    )
+
+
+_HEAD = """# Faulty logs
+
+Logs of robots whose parameters are known, with one fault each, or two: what `identify` says of them, and how wrong the torques
+of the robot that it finds are. Made by `python -m bench.faulty_logs faults clean ordinary laws pauses`, which writes
+`faulty_logs.json`, and `python -m bench.faulty_logs_table`, which writes this page."""
+_FAULTS = """Verdicts of UR5, Panda, xArm 6 and TX40 in this order: O is OK, U UNSURE, L LOOK AGAIN. Torques wrong by: error of
+the torques of another motion, as a share of these torques (rms), least and largest of the four. Named first: the first doubt
+that says a cause; – where there is none. † No single log can tell it."""
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(json.loads(KEPT.read_text("utf-8"))), "utf-8")
+    print(PAGE.read_text("utf-8"))
