@@ -121,7 +121,7 @@ def doubt_row(doubt: Any) -> dict[str, Any]:
         "refuses": bool(doubt.refuses),
         "sentence": doubt.sentence[:_LENGTH],
     }
-    for name in ("value", "interval", "level"):
+    for name in ("value", "unit", "interval", "level", "statistic", "share", "effect"):
         value = getattr(doubt, name, None)
         if value is not None:
             row[name] = _plain(value)

@@ -1,0 +1,164 @@
+"""Generator of faulty logs: truth beside the algorithm on floats, faults that are what they say, and the score."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+pytest.importorskip("pinocchio", reason="true torques of whole logs are Pinocchio's")
+sys.path.append(str(ROOT))  # the benchmark's modules lie beside the package
+faulty_logs, parts, score, table, true = (
+    importlib.import_module(f"bench.faulty_logs{name}") for name in ("", "_parts", "_score", "_table", "_truth")
+)
+
+BUNDLED = ("ur5", "panda")
+
+
+def made(robot, case, seed=0):
+    return parts.recording(robot, faulty_logs.CASES[case], seed)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return made("ur5", "clean")
+
+
+@pytest.mark.parametrize("robot", BUNDLED)
+@pytest.mark.parametrize("variant", ["", "mimic", "prismatic"])
+def test_true_torques_are_those_of_the_algorithm_on_floats(robot, variant, monkeypatch):
+    rng = true.generator(robot, 1)
+    file = true.load(robot, variant)
+    truth = true.Truth.random(file, rng)
+    states = true.Series.random(file, rng)(np.array([0.3, 4.1]))
+    more = {"force": np.array([[3.0, -1.0, 2.0]] * 2), "accelerations": np.array([[0.2, 0.3, -0.1]] * 2)}
+    theirs = truth.rigid(*states), truth.rigid(*states, **more)
+    monkeypatch.setattr(true, "pin", None)
+    ours = truth.rigid(*states), truth.rigid(*states, **more)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10)
+    assert np.abs(theirs[1] - theirs[0]).max() > 0.1
+
+
+def test_true_bodies_can_exist_and_differ_from_the_files(clean):
+    truth = clean.truth
+    for mine, theirs in zip(truth.robot.model.bodies, truth.file.model.bodies, strict=True):
+        assert not mine.inertia.defects()
+        assert 0.0 < abs(mine.inertia.mass / theirs.inertia.mass - 1) < 0.6
+
+
+def test_motion_keeps_within_the_limits_and_its_rates_are_slopes():
+    file = true.load("panda")
+    motion = true.Series.random(file, np.random.default_rng(0))
+    t = np.arange(0, 10, 1e-3)
+    q, dq, ddq = motion(t)
+    assert (q >= file.limits.lower).all() and (q <= file.limits.upper).all()
+    np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], dq[1:-1], atol=1e-4)
+    np.testing.assert_allclose(np.gradient(dq, t, axis=0)[1:-1], ddq[1:-1], atol=1e-3)
+    ordinary = parts.PointToPoint.random(file, np.random.default_rng(0), 10.0)
+    q, dq, ddq = ordinary(t)
+    np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], dq[1:-1], atol=1e-3)
+    np.testing.assert_allclose(np.gradient(dq, t, axis=0)[1:-1], ddq[1:-1], atol=0.02)
+    assert (np.abs(dq).max(axis=1) == 0).mean() > 0.1 and ((dq != 0).sum(axis=1) <= 3).all()
+
+
+def test_noise_has_its_size_and_its_memory():
+    noise = true.coloured(200_000, 1, np.random.default_rng(0), 0.1)[:, 0]
+    lag = round(0.1 * true.RATE)
+    assert abs(noise.std() - 1) < 0.05
+    assert abs(np.corrcoef(noise[lag:], noise[:-lag])[0, 1] - np.exp(-1)) < 0.05
+
+
+@pytest.mark.slow
+def test_there_are_seventy_cases_of_which_all_but_the_clean_change_the_log(clean):
+    cases = parts.FAULTS
+    assert len(cases) == 70 and sum(case.single for case in cases.values()) == 31
+    for name, case in cases.items():
+        if name == "clean" or case.variant:
+            continue
+        log = made("ur5", name)
+        same = log.tau.shape == clean.tau.shape and all(
+            np.array_equal(getattr(log, x), getattr(clean, x)) for x in ("t", "q", "tau")
+        )
+        assert not same, name
+        assert np.isfinite(log.tau).all() and (np.diff(log.t) > 0).all(), name
+
+
+def test_faults_are_what_they_say(clean):
+    late = made("ur5", "late 40 ms")
+    np.testing.assert_allclose((late.tau - late.noise)[10:], (clean.tau - clean.noise)[:-10], atol=1e-9)
+    tilted = made("ur5", "tilt 10 deg").truth.gravity
+    assert abs(np.degrees(np.arccos(-tilted[2] / np.linalg.norm(tilted))) - 10) < 1e-9
+    zero = made("ur5", "zero of 2 off 5 deg")
+    np.testing.assert_allclose(np.degrees(zero.q - clean.q), [[0, 5, 0, 0, 0, 0]] * len(clean.t), atol=1e-9)
+    pause = made("ur5", "pause of 2 s")
+    assert abs(np.diff(pause.t).max() - 2.0) < 0.01
+    closed = made("ur5", "pause of 2 s closed up")
+    assert np.diff(closed.t).max() < 0.005 and len(closed.t) == len(pause.t)
+    gain = made("ur5", "gain 1.5 on 3")
+    np.testing.assert_allclose(gain.tau / clean.tau, [[1, 1, 1.5, 1, 1, 1]] * len(clean.t))
+
+
+def test_a_log_is_written_with_its_truth(tmp_path, clean, monkeypatch):
+    path = tmp_path / "log.npz"
+    monkeypatch.setattr(sys, "argv", ["x", "--case", "tilt 3 deg", "--robot", "ur5", "--write", str(path)])
+    faulty_logs.main()
+    with np.load(path) as file:
+        assert json.loads(str(file["expected"]))["value"] == {"tilt": 3.0}
+        np.testing.assert_allclose(file["q"], clean.q)
+    robot, motion, log = faulty_logs.log("ur5", "tilt 3 deg")
+    assert motion.robot is robot and np.array_equal(motion.tau, log.tau)
+
+
+ROW = {
+    "part": "faults",
+    "robot": "ur5",
+    "case": "late 40 ms",
+    "seed": 0,
+    "verdict": "UNSURE",
+    "wrong": 0.01,
+    "covered": 57,
+}
+ROW |= {"groups": 58, "seconds": 5.0}
+
+
+def doubt(name, **more):
+    return {"name": name, "kind": name, "joints": [], "refuses": False, "sentence": "", **more}
+
+
+def test_the_first_cause_is_scored():
+    told = ROW | {"doubts": [doubt("unexciting"), doubt("late", value=41.0, interval=[39.0, 43.0]), doubt("gain")]}
+    assert table.named(told) == "late" and table.right(told)
+    assert table.value_held(told) and not table.value_held(
+        ROW | {"doubts": [doubt("late", value=45.0, interval=[44.0, 46.0])]}
+    )
+    assert not table.right(ROW | {"doubts": [doubt("gain"), doubt("late")]})
+    silent = ROW | {"case": "clean", "doubts": [], "verdict": "OK", "wrong": 0.06}
+    assert table.right(silent)
+    figures = table.targets({"faults": {"logs": [told, silent]}})
+    assert next(iter(figures.values())) == "1"
+    assert figures["right cause first, of logs where one is named: ≥ 90 %"] == "100.0 % of 1"
+
+
+def test_kinds_become_names_of_causes():
+    name = score.name_of
+    assert name("exchanged", "") == "exchanged-torques" and name("tilt", "") == "tilt"
+    assert name("contradiction", "angles seem to be in another unit. Did you mean --degrees?") == "degrees"
+
+
+def test_the_page_shows_every_case():
+    kept = {"before": {"faults": {"commit": "x", "date": "", "cpu": "", "every": 1, "logs": [ROW | {"doubts": []}]}}}
+    text = table.page(kept)
+    assert all(f"| {name}" in text for name in parts.FAULTS)
+
+
+def test_a_clean_log_is_scored():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        row = score.score(parts.Task("more", "planar_2r", "clean"))
+    assert row["verdict"] == "OK" and row["wrong"] < 0.02 and row["covered"] >= 0.7 * row["groups"]
