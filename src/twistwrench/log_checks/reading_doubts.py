@@ -237,7 +237,8 @@ MIXUPS = (
 # how far its strain gauges are from its axis, at most a few times its radius. All with a tenth to spare.
 _USUAL = np.array([[0.045, 55.0], [0.009, 0.33], [4.0, 600.0]])
 _BEYOND = np.array([500.0, 0.5, math.inf])  # no tool on a six-axis sensor has these
-_FAR = 0.4  # m; a long tool is no doubt yet
+# That raise no doubt: a tool may be long, and a sensor may have equal numbers of noise in N and N m.
+_TOOL = np.array([[0.045, 55.0], [0.009, 0.4], [0.5, 600.0]])
 _SURE, _NOISE_SURE = 1e-5, 1e-3  # chances that an interval below misses the truth
 _NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their rounding
 
@@ -245,11 +246,7 @@ _NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their 
 def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> str | None:
     """Unit that the log seems to be in, and the remedy; None if the tool found is plausible."""
     found = _found(result, sensor, log)
-    usual = _USUAL.copy()
-    usual[1, 1] = _FAR
-    # Poses that are off leave moments of a lever's length times the forces they leave, whatever the sensor.
-    usual[2, 0] = min(usual[2, 0], max(0.7 / max(found[1, 1], 1e-9), 2.1))
-    if _overlap(found, usual).all():
+    if _overlap(found, _TOOL).all():
         return None
     ways = []
     for place, way in enumerate(MIXUPS):
