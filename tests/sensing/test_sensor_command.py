@@ -78,7 +78,7 @@ def test_the_bundled_push_is_found(run, tmp_path):
 
 
 def test_every_unknown_can_be_asked_for(run):
-    code, said = run("identify", "demo-motion", "--inertia", "--orientation", "--noise", "0.01,0.3")
+    code, said = run("identify", "demo-motion", "--inertia", "--assume", "orientation", "--noise", "0.01,0.3")
     assert code == 1  # the push
     assert "mounting turned about z" in said
     assert "Izz about the origin" in said
@@ -207,6 +207,12 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["poses", "--within", "nan"], "no largest tilt"),
         (["poses", "--noise", "0,1"], "two positive numbers"),
         (["identify", "demo", "--inertia"], "shows only in motion"),
+        (["identify", "demo", "--assume", "delay"], "a delay shows only in motion"),
+        (["identify", "demo", "--assume", "gain"], "'gain' is not one of 'orientation', 'drift', 'tilt', 'delay'"),
+        *(
+            (["identify", "demo", f"--{cause}"], f"Use --assume {cause}.")
+            for cause in ("drift", "tilt", "delay", "orientation")
+        ),
         (["compensate", "demo", "--sensor", "nowhere.json"], "identify LOG --save"),
         (["compensate", "demo", "--sensor", "demo", "--contacts", "2"], "between 0 and 1"),
         (["poses", "--mass", "-1"], "--mass -1.0"),
@@ -291,7 +297,7 @@ def test_the_wrong_sign_and_mounting_are_said_with_the_way_out(run, tmp_path, lo
     write_log(simulate(turned, 12), tmp_path / "log.csv")
     code, said = run("identify", tmp_path / "log.csv")
     assert (code, "LOOK AGAIN" in said, "orientation" in said, "turned by 3" in said) == (1, True, True, True)
-    assert run("identify", tmp_path / "log.csv", "--orientation")[0] == 0
+    assert run("identify", tmp_path / "log.csv", "--assume", "orientation")[0] == 0
 
 
 # ── what a sensor file explains ──
@@ -367,12 +373,10 @@ def test_older_sensor_files_are_read_and_said_to_lack_covariance(run, static_fil
 
 
 def test_drift_delay_and_tilt_can_be_asked_for(run, tmp_path):
-    code, said = run("identify", "demo-motion", "--inertia", "--delay", "--drift")
+    code, said = run("identify", "demo-motion", "--inertia", "--assume", "delay", "--assume", "drift")
     assert (code, "readings are late by" in said, "drift fz" in said) == (1, True, True)  # the push is left out
-    code, said = run("identify", "demo-motion", "--tilt")
+    code, said = run("identify", "demo-motion", "--assume", "tilt")
     assert (code, "a tilt of the base has no part in it" in said) == (2, True)
-    code, said = run("identify", "demo", "--delay")
-    assert (code, "a delay shows only in motion" in said) == (2, True)
     code, said = run("identify", "demo", "--noise", "0.01,0.01,0.01,0.3,0.3,0.3")
     assert code == 0
 

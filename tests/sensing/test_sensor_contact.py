@@ -136,7 +136,7 @@ def test_a_drifting_log_is_drift_and_no_contact(shape, size):
     found = compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty)
     assert not found.hits.any()
     (doubt,) = found.doubts
-    assert doubt.startswith("The bias drifts: by mx ")
+    assert str(doubt).startswith("The bias drifts: by mx ")
 
 
 def test_a_push_is_a_contact_and_no_drift():
@@ -163,7 +163,7 @@ def test_a_wrong_gain_is_no_contact_and_not_ok(channel):
     for rate in (None, 1e-6):
         found = compensation(log, file.sensor, file.noise, rate, file.uncertainty)
         assert found.doubtful
-        assert found.doubts and "gain or cross-talk" in found.doubts[0]
+        assert found.doubts and "gain or cross-talk" in str(found.doubts[0])
         assert not found.hits.any()
 
 

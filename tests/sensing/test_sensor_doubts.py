@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from sensor_logs import AT_REST, BIAS
 
 import twistwrench as tw
 from twistwrench.lie import quaternion
+from twistwrench.log_checks.doubts import doubt_table
 from twistwrench.sensing.contact_detection import log_doubt
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
@@ -59,12 +61,25 @@ def doubts(readings, R, **asked):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)
         found = identify(ReadingLog.from_arrays(readings, pose=R), **asked)
-    assert found.doubtful or not found.doubts
-    return " ".join(found.doubts)
+    refused = [each for each in found.doubts if each.refuses]
+    assert found.doubtful or not refused
+    return " ".join(each.sentence for each in refused if each.kind != "sensor-outliers")
 
 
 def test_right_logs_raise_no_doubt():
     assert [said for *_, R, readings in logs() if (said := doubts(readings, R))] == []
+
+
+@pytest.mark.slow
+def test_rows_of_the_table_are_raised_for_right_logs_as_rarely_as_they_say():
+    """Poses are half a degree off, which chances of 1e-4 do not mind; a rate may be missed by three logs of 450."""
+    raised = Counter()
+    for *_, R, readings in logs(7, 3 * COUNT):
+        raised.update(each.kind for each in identify(ReadingLog.from_arrays(readings, pose=R)).doubts)
+    rates = {kind: doubt_table()[kind] for kind in raised}
+    often = {kind: n for kind, n in raised.items() if n > 3 + 3 * COUNT * rates[kind].false_alarms}
+    assert not {kind for kind in often if rates[kind].level != "note" and kind != "sensor-few-orientations"}, often
+    assert sum(n for kind, n in raised.items() if rates[kind].level == "refuse") <= 0.02 * 3 * COUNT, raised
 
 
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
@@ -113,7 +128,8 @@ def test_gravity_and_motion_in_other_units_are_doubted():
     g = np.tile([0, 0, -9.81], (30, 1))
 
     def said(**changed):
-        return " ".join(ReadingLog(np.zeros((30, 6)), **{"gravity": g, "V": V, "dV": dV, **changed}).doubts())
+        log = ReadingLog(np.zeros((30, 6)), **{"gravity": g, "V": V, "dV": dV, **changed})
+        return " ".join(map(str, log.doubts()))
 
     assert said() == ""
     assert "gravity is 1 m/s²" in said(gravity=g / 9.81)
@@ -126,7 +142,7 @@ def test_gravity_and_motion_in_other_units_are_doubted():
 def test_a_gravity_that_is_none_is_the_only_doubt():
     log = simulate(ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1))), 12)
     (doubt,) = identify(ReadingLog(log.readings, 100 * log.gravity)).doubts
-    assert doubt.startswith("gravity is 981 m/s²")
+    assert str(doubt).startswith("gravity is 981 m/s²")
 
 
 def test_a_bias_is_no_strong_force():
@@ -162,13 +178,15 @@ def test_the_right_sign_and_mounting_are_suggested(seed, mass):
     assert "Use sign='by_sensor': what is left is then noise of 0." in flipped, flipped
     for angle in (0.6, math.pi / 2, math.pi):
         turned = verdict(*read(seed, mass, turn=angle * axis))
-        assert "Use sign='on_sensor' with orientation=True (turned by" in turned
+        assert "Use sign='on_sensor' with assume='orientation' (turned by" in turned
         both = verdict(*read(seed, mass, "by_sensor", angle * axis))
-        assert "Use sign='by_sensor' with orientation=True (turned by" in both
+        assert "Use sign='by_sensor' with assume='orientation' (turned by" in both
         assert "sign='on_sensor'" not in both
-        assert verdict(*read(seed, mass, turn=angle * axis), orientation=True) == ""
-        assert "Use sign='by_sensor' with" in verdict(*read(seed, mass, "by_sensor", angle * axis), orientation=True)
-        assert verdict(*read(seed, mass, "by_sensor", angle * axis), sign="by_sensor", orientation=True) == ""
+        assert verdict(*read(seed, mass, turn=angle * axis), assume="orientation") == ""
+        assert "Use sign='by_sensor' with" in verdict(
+            *read(seed, mass, "by_sensor", angle * axis), assume="orientation"
+        )
+        assert verdict(*read(seed, mass, "by_sensor", angle * axis), sign="by_sensor", assume="orientation") == ""
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -190,8 +208,8 @@ def test_gravity_in_a_plane_cannot_tell_sign_from_a_half_turn():
     three = tw.so3.exp([[0, 0, 0], [0.9, 0, 0], [0, 1.1, 0], [0, 0, 0]])  # three directions always lie in one
     for poses in (R, three):
         readings, _ = read(1, poses=poses)
-        assert "Sign and mounting cannot be told apart" in verdict(readings, poses, orientation=True)
-    assert verdict(*read(1), orientation=True) == ""
+        assert "Sign and mounting cannot be told apart" in verdict(readings, poses, assume="orientation")
+    assert verdict(*read(1), assume="orientation") == ""
 
 
 def test_inertia_that_shows_in_the_motion_is_asked_for():
@@ -199,7 +217,7 @@ def test_inertia_that_shows_in_the_motion_is_asked_for():
     lively = simulate(
         ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1), 0.02 * np.eye(3))), 200, motion=6.0
     )
-    assert "inertia=True" in " ".join(identify(lively).doubts)
+    assert "inertia=True" in " ".join(map(str, identify(lively).doubts))
     assert identify(lively, inertia=True).doubts == ()
     point = simulate(ForceTorqueSensor(tw.SpatialInertia.from_com(0.2)), 200, motion=6.0)
     assert identify(point).doubts == ()
@@ -217,7 +235,7 @@ def test_a_known_sensor_tells_the_unit_of_a_log(force, moment, said):
     log = simulate(sensor, 20, rng=1, touch={3: [0, 5, 0, 90, 0, 0]})
     assert log_doubt(log, sensor, (0.01, 0.3)) is None
     wrong = ReadingLog(log.readings * np.repeat([moment, force], 3), log.gravity)
-    assert said in log_doubt(wrong, sensor, (0.01, 0.3))
+    assert said in str(log_doubt(wrong, sensor, (0.01, 0.3)))
     pushes = np.random.default_rng(2).normal(size=(20, 6)) * np.repeat([5.0, 90.0], 3)
     pushed = simulate(sensor, 20, rng=1, touch=dict(enumerate(pushes)))
     assert log_doubt(pushed, sensor, (0.01, 0.3)) is None
@@ -238,7 +256,7 @@ def test_the_unit_of_a_log_in_motion_is_told_by_forces_where_the_inertia_is_unkn
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)  # of the unit, by its size alone
         log = ReadingLog.from_arrays(readings / [1, 1, 1, G, G, G], pose=T, V=V, dV=dV, time=t)
-    assert "forces are in kilograms (" in log_doubt(log, known, noise)
+    assert "forces are in kilograms (" in str(log_doubt(log, known, noise))
 
 
 def test_swapped_forces_and_moments_are_recognised():
@@ -272,7 +290,7 @@ def test_gravity_that_points_up_is_told_from_the_sign_in_motion():
     log = simulate(tool, 200, motion=6.0)
     up = ReadingLog.from_arrays(log.readings, gravity=-log.gravity, V=log.V, dV=log.dV)
     try:
-        said = " ".join(identify(up, inertia=True).doubts)
+        said = " ".join(map(str, identify(up, inertia=True).doubts))
     except tw.ValueRangeError as error:
         said = str(error)
     assert "gx, gy, gz seem to point up" in said
@@ -287,7 +305,7 @@ def test_a_wrong_bias_is_blamed_on_the_bias(wrong):
     sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), bias)
     log = simulate(sensor, 12, rng=4)
     try:
-        said = " ".join(identify(log, bias=bias + wrong).doubts)
+        said = " ".join(map(str, identify(log, bias=bias + wrong).doubts))
     except tw.ValueRangeError as error:
         said = str(error)
     assert "The bias given does not fit: left free, it comes out as mx 0.1" in said

@@ -333,6 +333,16 @@ def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **set
     return click.option(flag, *names, help=text, **{"show_default": "default" in settings, **settings})
 
 
+def replaced_option(form: str, by: str) -> Decorator:
+    """A hidden option that is refused, with the one in its place."""
+
+    def refuse(_context: click.Context, _parameter: click.Parameter, given: bool) -> None:
+        if given:
+            raise click.UsageError(f"{form} is not an option any more. Use {by}.")
+
+    return click.option(form, is_flag=True, hidden=True, expose_value=False, callback=refuse)
+
+
 def option_group(*options: Decorator) -> Decorator:
     """Options as one decorator, in the order of a command's help."""
 

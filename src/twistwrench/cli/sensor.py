@@ -19,14 +19,16 @@ from ..errors import ModelWarning, ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..lie import quaternion, so3
 from ..lie.labelled import WRENCH
+from ..log_checks.doubts import Doubt, doubt
 from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.robot_summary import parse_numbers
 from ..sensing import Identification, PoseProposal, ReadingLog, identify, propose_poses, read_log, write_sensor
 from ..sensing.contact_detection import Compensation, compensation, left_over
 from ..sensing.files import read_sensor_file
+from ..sensing.identification import CAUSES
 from ..sensing.outliers import runs
 from ..typing import Array
-from .main import Given, command, option, with_option_names
+from .main import Given, command, option, replaced_option, with_option_names
 from .shared import show_written, write_csv
 from .terminal import show
 
@@ -129,10 +131,15 @@ def compensate_command(given: Given) -> ExitCode:
     SIGN,
     GRAVITY_OPTION,
     option("--inertia", "Also the six inertia numbers; the log needs wx … vz and dwx … dvz."),
-    option("--orientation", "Also how the sensor's axes are turned against the frame of the poses."),
-    option("--drift", "Also a bias that changes linearly with time."),
-    option("--delay", "Also the time by which readings are late; the log needs time and motion."),
-    option("--tilt", "Also a tilt of the base, which turns gravity; the log needs orientations."),
+    option(
+        "--assume",
+        "Also estimate this cause; may be repeated. orientation: turn of the sensor's axes against the frame of the poses. "
+        "drift: linear change of the bias. tilt: turn of gravity; the log needs orientations. delay: time by which readings "
+        "are late; the log needs time and motion.",
+        choices=CAUSES,
+        multiple=True,
+    ),
+    *(replaced_option(f"--{cause}", f"--assume {cause}") for cause in CAUSES),
     option("--bias m,m,m,f,f,f", "A known bias, which is then not looked for."),
     option("--noise M,F", "Known noise of moments [N m] and forces [N], or of all six; estimated if not given."),
     option("--keep-outliers", "Use readings that the others contradict, too."),
@@ -146,8 +153,8 @@ def identify_command(given: Given) -> ExitCode:
     """Bias, mass and centre of mass of what the sensor carries, and how well they are known.
 
     Exit code 1, LOOK AGAIN, if readings contradict the others, if units, sign, mounting, gain or poses look wrong, or if
-    no body has the inertia found; UNSURE if what is left is not white, or --drift, --delay, --tilt or --orientation would
-    explain it.
+    no body has the inertia found; UNSURE if orientations are few, if what is left is not white, or if --assume with one of
+    its causes would explain it.
     """
     _check_files(given)
     readings = read_readings(given.log, given.gravity)
@@ -156,7 +163,7 @@ def identify_command(given: Given) -> ExitCode:
         bias=None if given.bias is None else parse_count(given.bias, "--bias", 6),
         noise=None if given.noise is None else parse_count(given.noise, "--noise", 2, 6),
         outliers="keep" if given.keep_outliers else "trim",
-        **given.pick("sign", "inertia", "orientation", "drift", "delay", "tilt"),
+        **given.pick("sign", "inertia", "assume"),
     )
     show(*sensor_identification_view(found, readings))
     if given.save is not None:
@@ -199,13 +206,13 @@ def poses_command(given: Given) -> ExitCode:
         given.count, log=past, within=math.radians(given.within), noise=(moment, force), gravity=given.gravity
     )
     quat = quaternion.from_matrix(proposal.rotations)
-    doubt = undetermined(proposal, given.mass, None if given.within >= 90 else given.within)
+    doubted = undetermined(proposal, given.mass, None if given.within >= 90 else given.within)
     unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
     poses = np.concatenate([quat, unit], axis=1)
-    show(*proposal_view(proposal, poses, given.mass, doubt))
+    show(*proposal_view(proposal, poses, given.mass, doubted))
     write_csv(given.csv, dict(zip(_POSE, poses.T, strict=True)))
     show_written(given.csv)
-    return ExitCode.NO if doubt else ExitCode.FINE
+    return ExitCode.NO if doubted else ExitCode.FINE
 
 
 # ── The group; heavy modules are imported inside the command that needs them
@@ -233,10 +240,10 @@ _WIDE = 0.1  # m; a centre of mass known no better is not stated
 
 def sensor_identification_view(found: Identification, log: ReadingLog) -> Iterator[Block]:
     """Identified parameters with their intervals, and the compensated readings."""
-    reasons, others = _sentences(found, log.notes, found.remarks, found.doubts)
+    reasons, others = _sentences(found, log.notes)
     place = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
-    doubt = f" at ({place}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
-    yield verdict(found.verdict.word, f": {found.mass_text}{doubt}")
+    where = f" at ({place}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
+    yield verdict(found.verdict.word, f": {found.mass_text}{where}")
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
@@ -285,19 +292,17 @@ def _parameters(found: Identification, log: ReadingLog) -> Iterator[tuple[Any, .
         yield "readings are late by", "ms", *estimate(1e3 * state.delay, 1e3 * half("delay"))
 
 
-def _sentences(found: Identification | Compensation, *groups: tuple[str, ...]) -> tuple[list[Line], list[Line]]:
-    """Split sentences into reasons of the verdict and remarks at the end of the report."""
-    every = [sentence for group in groups for sentence in group]
-    reasons = [sentence for sentence in every if sentence in found.verdict.reasons]
-    others = [sentence for sentence in every if sentence not in reasons]
+def _sentences(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Line], list[Line]]:
+    """Split doubts into reasons of the verdict, and others at the end of the report with the notes of the log."""
+    reasons = [str(each) for each in found.doubts if str(each) in found.verdict.reasons]
+    others = [*notes, *(str(each) for each in found.doubts if str(each) not in reasons)]
     return remarks(map(with_option_names, reasons)), remarks(map(with_option_names, others))
 
 
 def compensation_view(found: Compensation) -> Iterator[Block]:
     """Readings before and after compensation, and contacts."""
     log = found.log
-    missing = (found.missing_signals,) if found.missing_signals else ()
-    reasons, others = _sentences(found, log.notes, missing, found.remarks, found.doubts)
+    reasons, others = _sentences(found, log.notes)
     yield verdict(found.verdict.word, f": {_outcome(found)}")
     yield from reasons
     yield ""
@@ -308,14 +313,14 @@ def compensation_view(found: Compensation) -> Iterator[Block]:
         least = [quantity(x.min(), _unit(axis)) for axis, x in (("m", moment), ("f", force)) if np.isfinite(x).all()]
         yield (
             f"Contact is what noise alone reaches once in {number(1 / found.threshold.false_alarms)} readings: from "
-            f"{' or '.join(least)} on{'; moments are not looked at' if found.missing_signals else ''}."
+            f"{' or '.join(least)} on{'; moments are not looked at' if found.inertia else ''}."
         )
     yield from others
 
 
 def _outcome(found: Compensation) -> str:
     log, hits = found.log, found.hits
-    if found.doubts:
+    if not found.explained:
         return "this sensor file does not explain this log."
     moment, force = left_over(found.rest[~found.off])
     noise = f"beside noise of {number(found.noise[1], 2)} N and {number(found.noise[0], 2)} N m"
@@ -325,8 +330,8 @@ def _outcome(found: Compensation) -> str:
         shown = "; ".join(spans[:5]) + ("; …" if len(spans) > 5 else "")
         return f"{hits.sum()} of {len(log)} readings, {shown}; up to {number(peak)} N."
     if found.threshold is not None:
-        return "no contact force; moments were not looked at." if found.missing_signals else "no contact."
-    if found.missing_signals_show:
+        return "no contact force; moments were not looked at." if found.inertia else "no contact."
+    if found.inertia and found.inertia.refuses:
         return f"the load's inertia is left in the moments, {number(moment, 2)} N m {noise}."
     good = int((~found.off).sum())
     rest = "" if good == len(log) else " In the others something else acts; --contacts 1e-6 says when."
@@ -338,11 +343,11 @@ _POSE = ("qw", "qx", "qy", "qz", "gx", "gy", "gz")
 """Columns of a pose: the orientation, and the direction of gravity in it."""
 
 
-def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubt: str | None) -> Iterator[Block]:
+def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubted: Doubt | None) -> Iterator[Block]:
     """Proposed orientations (n, 7) in measuring order; the verdict alone if they do not determine the load."""
     known = _known(proposal, mass)
-    if doubt:
-        yield verdict(Word.LOOK_AGAIN, f": {doubt}")
+    if doubted:
+        yield verdict(Word.LOOK_AGAIN, f": {doubted}")
         if not known[-1, 0] < mass:
             return
         yield ""
@@ -360,7 +365,7 @@ def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubt: str 
     )
 
 
-def undetermined(proposal: PoseProposal, mass: float, within: float | None) -> str | None:
+def undetermined(proposal: PoseProposal, mass: float, within: float | None) -> Doubt | None:
     """Reason why the poses do not determine a load of about that mass [kg]; None if they do. ``within`` [°] is a tilt limit."""
     heavy, out = _known(proposal, mass)[-1]
     if heavy < mass and out < _WIDE:
@@ -371,7 +376,7 @@ def undetermined(proposal: PoseProposal, mass: float, within: float | None) -> s
     count = len(proposal.gravity)
     those = f"{count} pose{'s' * (count > 1)}" + ("" if within is None else f" tilted by up to {number(within)}°")
     way = "Ask for more of them" if within is None else "Allow larger tilts, such as --within 60"
-    return f"{those} cannot tell {what} of a load of {number(mass)} kg. {way}."
+    return doubt("sensor-few-poses", those=those, what=what, mass=number(mass), way=way)
 
 
 def _known(proposal: PoseProposal, mass: float) -> Array:

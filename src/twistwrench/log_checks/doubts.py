@@ -5,12 +5,13 @@ The rows are data, in ``doubts.toml``. A statistic that finds a cause makes a :c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from ..core.verdict import Verdict
 from ..errors import UnknownNameError
 
 Level = Literal["refuse", "unsure", "note"]
@@ -121,3 +122,11 @@ def doubt(
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
     said = " ".join(text.format(**words) for text in (row.sentence, row.remedy) if text)
     return Doubt(kind, f"{log}: {said}" if log else said, tuple(joints), level or row.level, **(found or {}))
+
+
+def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:
+    """First word of a report with these doubts: LOOK AGAIN, UNSURE, or OK where there are only notes."""
+    by_level: dict[Level, list[str]] = {"refuse": [], "unsure": [], "note": []}
+    for each in doubts:
+        by_level[each.level].append(each.sentence)
+    return Verdict.from_reasons(look_again=by_level["refuse"], unsure=by_level["unsure"])

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..core.gravity import KGF
-from ..core.numbers import number, percent
+from ..core.numbers import number, percent, printed
 from ..lie.labelled import WRENCH
 from ..typing import Array
+from .doubts import Doubt, doubt
 
 if TYPE_CHECKING:
     from ..sensing.fit import Fit
@@ -25,20 +26,6 @@ _OFF_PLANE = 10.0  # times the noise, from which the wrong one of two signs is s
 _ROUND = 0.1  # of the ball's radius: noise below which forces of one size lie on a ball
 _SMOOTH = (1e-4, 0.2)  # rad from one reading to the next, of a log in motion
 _ENOUGH = 10  # readings that show it
-
-MAY_POINT_UP = (
-    "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "
-    "then negate these three and keep the sign."
-)
-MAY_MOVE = (
-    "It may be in motion: gravity turns steadily from reading to reading. Add columns wx, wy, wz, vx, vy, vz and their rates "
-    "dwx, …, dvz, or keep only the readings at rest."
-)
-
-
-def may_point_up(log: ReadingLog, asked: str, best: Diagnosis) -> bool:
-    """True if gravity the other way explains a log exactly as well as the other sign does."""
-    return log.by_gravity and log.V is None and best.sign != asked
 
 
 def seems_moving(log: ReadingLog) -> bool:
@@ -135,7 +122,7 @@ _ROUNDS = 50
 
 def departure(
     log: ReadingLog, sensor: ForceTorqueSensor, rest: Array, sigma: Array, off: Callable[[Array], Array]
-) -> str | None:
+) -> Doubt | None:
     """Cause of nearly all readings that are ``off`` in rest (n, 6), with noise sigma (n, 6); None if there is none.
 
     Each channel is explained by columns X with Huber's weights: the powers 1, t, t² of time for a bias that drifts, or 1 and
@@ -159,24 +146,20 @@ def departure(
             best = (after, name, explained)
     if best is None:
         return None
-    _, name, explained = best
+    after, name, explained = best
+    count: dict[str, Any] = {"count": before - after, "total": before}
     if name == "drift":
-        moved = explained[-1] - explained[0]
-        per = f"over {number(t[-1] - t[0], 3)} s" if log.time is not None else f"over the {len(t)} readings"
-        return (
-            f"The bias drifts: by {listed_bias(moved)} [N m, N] {per}, which explains {before - best[0]} of {before} readings "
-            "that are off. Identify the sensor again, zero it more often, or let it warm up."
-        )
-    changes = explained - explained.mean(axis=0)
-    size = [np.sqrt((x.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))) for x in (changes, load - load.mean(axis=0))]
-    share = float((size[0] / np.maximum(size[1], 1e-9)).max())
-    if share > _MOST:
-        return None
-    return (
-        f"A gain or cross-talk is off by {percent(share, 2)} of what the load does, which explains {before - best[0]} of "
-        f"{before} readings that are off. Check the sensor's calibration matrix and its scale, or whether it is the log of "
-        "this tool."
-    )
+        span = f"{number(t[-1] - t[0], 3)} s" if log.time is not None else f"the {len(t)} readings"
+        return doubt("sensor-file-drift", bias=listed_bias(explained[-1] - explained[0]), span=span, **count)
+    share = largest_share(explained, load)
+    return doubt("sensor-file-gain", share=percent(share, 2), **count) if share <= _MOST else None
+
+
+def largest_share(explained: Array, load: Array) -> float:
+    """Change of what is explained (n, 6) as a share of that of the load (n, 6): the larger of moments and forces."""
+    changes = ((x - x.mean(axis=0)).reshape(-1, 2, 3) for x in (explained, load))
+    part, whole = (np.sqrt((x**2).mean(axis=(0, 2))) for x in changes)
+    return float((part / np.maximum(whole, 1e-12)).max())
 
 
 def _basis(X: Array) -> Array:
@@ -211,26 +194,29 @@ def _robust(X: Array, y: Array, sigma: Array) -> Array:
 class Mixup(NamedTuple):
     """Units that a log may have been written in instead of N and N m."""
 
-    said: str
-    cure: str
+    cause: str
     force: float
-    """Units in a newton."""
+    """Newtons in its unit of force."""
     moment: float
-    """Units in a newton metre."""
+    """Newton metres in its unit of moment."""
+
+    @property
+    def cure(self) -> str:
+        """Factors of the columns."""
+        both = (("fx, fy, fz", self.force), ("mx, my, mz", self.moment))
+        factors = both if self.force != self.moment else [("all six", self.force)]
+        return "multiply " + " and ".join(f"{axes} by {printed(x)}" for axes, x in factors if x != 1.0)
 
 
 MIXUPS = (
-    Mixup("forces are in grams", f"multiply fx, fy, fz by {KGF / 1000}", 1000 / KGF, 1.0),
-    Mixup("forces are in kilograms", f"multiply fx, fy, fz by {KGF}", 1 / KGF, 1.0),
-    Mixup("moments are in N mm", "divide mx, my, mz by 1000", 1.0, 1000.0),
-    Mixup("moments are in N cm", "divide mx, my, mz by 100", 1.0, 100.0),
-    Mixup("forces are in kilograms and moments in kg cm",
-          f"multiply fx, fy, fz by {KGF} and mx, my, mz by {KGF / 100}", 1 / KGF, 100 / KGF),
-    Mixup("forces are in grams and moments in g cm",
-          f"multiply fx, fy, fz by {KGF / 1000} and mx, my, mz by {KGF / 1e5}", 1000 / KGF, 1e5 / KGF),
-    Mixup("forces are in pounds and moments in pound inches",
-          "multiply fx, fy, fz by 4.448 and mx, my, mz by 0.113", 0.22481, 8.8507),
-)  # fmt: skip
+    Mixup("forces are in grams", KGF / 1000, 1.0),
+    Mixup("forces are in kilograms", KGF, 1.0),
+    Mixup("moments are in N mm", 1.0, 1e-3),
+    Mixup("moments are in N cm", 1.0, 1e-2),
+    Mixup("forces are in kilograms and moments in kg cm", KGF, KGF / 100),
+    Mixup("forces are in grams and moments in g cm", KGF / 1000, KGF / 1e5),
+    Mixup("forces are in pounds and moments in pound inches", 4.44822, 0.112985),
+)
 """Units found in logs, the usual ones first."""
 
 # A tool: mass [kg], centre of mass from the sensor [m]; a sensor: noise of forces over that of moments [1/m], which is
@@ -243,30 +229,28 @@ _SURE, _NOISE_SURE = 1e-5, 1e-3  # chances that an interval below misses the tru
 _NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their rounding
 
 
-def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> str | None:
+def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Doubt | None:
     """Unit that the log seems to be in, and the remedy; None if the tool found is plausible."""
     found = _found(result, sensor, log)
     if _overlap(found, _TOOL).all():
         return None
     ways = []
     for place, way in enumerate(MIXUPS):
-        meant = found / np.array([way.force, way.moment / way.force, way.force / way.moment])[:, None]
+        meant = found * np.array([way.force, way.moment / way.force, way.force / way.moment])[:, None]
         if _overlap(meant, _USUAL).all():
             off = (np.log(meant[:, 1]) - np.log(_USUAL).mean(axis=1)) / np.ptp(np.log(_USUAL), axis=1)
-            ways.append((float((off[np.isfinite(off)] ** 2).sum()) + 0.08 * place, way))
-    beyond = bool((found[:, 0] > _BEYOND).any())
-    if not (ways or beyond):
+            ways.append((float((off[np.isfinite(off)] ** 2).sum()) + 0.08 * place, f"{way.cause} ({way.cure})"))
+    if not ways and not (found[:, 0] > _BEYOND).any():
         return None
-    load, noise = sensor.load, result.fit.noise
+    out, (moment, force) = float(np.linalg.norm(sensor.load.com)), result.fit.noise
+    far = f"{number(out, 3)} m" if out >= 1 else f"{number(1e3 * out, 3)} mm"
     tool = (
-        f"a mass of {number(load.mass, 3)} kg, {_length(float(np.linalg.norm(load.com)))} out, on a sensor with noise of "
-        f"{number(noise[1], 2)} N and {number(noise[0], 2)} N m"
+        f"a mass of {number(sensor.load.mass, 3)} kg, {far} out, on a sensor with noise of {number(force, 2)} N and "
+        f"{number(moment, 2)} N m"
     )
     if not ways:
-        return f"Units look wrong: {tool}, is no tool. Are the readings counts? Multiply them by the sensor's scale."
-    best = [way for _, way in sorted(ways, key=lambda pair: pair[0])[:3]]
-    first, *others = (f"{way.said} ({way.cure})" for way in best)
-    return f"Units look wrong: {tool}, is unusual. Perhaps {'; or '.join([first, *others])}."
+        return doubt("sensor-counts", tool=tool)
+    return doubt("sensor-unit", tool=tool, ways="; or ".join(way for _, way in sorted(ways)[:3]))
 
 
 def _overlap(found: Array, usual: Array) -> Array:
@@ -280,7 +264,7 @@ def _found(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Arr
     kept, unknowns = result.kept, result.fit.unknowns
     mass, start = float(result.fit.load[0]), unknowns.load.start
     t = float(special.stdtrit(min(float(result.fit.known[start]), 1e9), 1 - _SURE))
-    heavy = t * math.sqrt(result.fit.covariance[start, start])
+    heavy = t * result.fit.mass_deviation
     out, far = float(np.linalg.norm(sensor.load.com)), t * float(np.linalg.norm(result.fit.com_deviation))
     freedom = max(3.0 * kept.sum() - len(unknowns.names) / 2, 1.0)
     moment, force = np.sqrt((result.fit.residuals[kept].reshape(-1, 2, 3) ** 2).sum(axis=(0, 2)) / freedom)
@@ -297,7 +281,3 @@ def _rounding(values: Array) -> float:
     """The decimal place that all values are rounded to, such as 0.01; 0 from the seventh on."""
     places = (10.0**-digits for digits in range(7))
     return next((p for p in places if (np.abs(values / p - np.round(values / p)) < 1e-6).all()), 0.0)
-
-
-def _length(metres: float) -> str:
-    return f"{number(metres, 3)} m" if metres >= 1 else f"{number(1e3 * metres, 3)} mm"

@@ -18,7 +18,8 @@ from ..core.verdict import Verdict, Word
 from ..errors import ModelWarning, ShapeError, TwistWrenchError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import WRENCH
-from ..log_checks.reading_doubts import MAY_MOVE, MIXUPS, Mixup, departure, listed_bias, seems_moving
+from ..log_checks.doubts import Doubt, doubt, verdict_from_doubts
+from ..log_checks.reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving
 from ..typing import Array
 from .fit import Uncertainty
 from .log import ReadingLog
@@ -345,37 +346,33 @@ _STRANGE = 5.0  # times what is left otherwise, or its noise
 _TURNS = 0.3  # spread of gravity's directions from which a constant rest is a bias
 _EXACT = 1e-3  # of the load's wrench: no model is better, so no log has less noise
 # Changes the mass alone, so only a known one tells it.
-_ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", f"multiply all six by {KGF}", 1 / KGF, 1 / KGF)
+_ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", KGF, KGF)
 
 
 class _Way(NamedTuple):
-    said: str
+    cause: str
     cure: str
-    readings: Array
-    predicted: Array
+    rest: Array  # (n, 6) what the sensor leaves of the readings
 
 
-def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> str | None:
-    """Unit, sign or bias with which this sensor explains the log far better, as a sentence; None if there is none."""
+def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> Doubt | None:
+    """Unit, sign or bias with which this sensor explains the log far better; None if there is none."""
     predicted = log.predicted(sensor)
     sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
     if sensor.missing_signals(log.V, log.dV):
         sigma[0] = np.inf  # what the inertia does to the moments is not known
 
-    def left(readings: Array, predicted: Array) -> float:
-        r = (readings - predicted).reshape(-1, 2, 3)
-        return float(np.median(np.linalg.norm(np.linalg.norm(r, axis=2) / sigma, axis=1)))
+    def left(rest: Array) -> float:
+        return float(np.median(np.linalg.norm(np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma, axis=1)))
 
-    as_read = left(log.readings, predicted)
-    if as_read < _STRANGE:
+    most = left(log.readings - predicted)
+    if most < _STRANGE:
         return None
-    best = min(_ways(log, sensor, predicted), key=lambda way: left(way.readings, way.predicted))
-    if left(best.readings, best.predicted) > as_read / _STRANGE:
-        drift = _drift(log, predicted)
-        if drift is None or left(drift.readings, drift.predicted) > as_read / _STRANGE:
-            return None
-        best = drift
-    return f"The sensor does not explain the log. Perhaps {best.said} ({best.cure}): then it does."
+    for ways in (_ways(log, sensor, predicted), _moved_bias(log, predicted)):
+        best = min(ways, key=lambda way: left(way.rest), default=None)
+        if best is not None and left(best.rest) <= most / _STRANGE:
+            return doubt("sensor-file-cause", cause=best.cause, cure=best.cure)
+    return None
 
 
 def _ways(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[_Way]:
@@ -388,66 +385,66 @@ def _ways(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[
     )
     sign = f"readings have the sign {other}", "change their signs, or identify the sensor from such a log"
     swap = "forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz"
-    scaled = ((way, r / np.repeat([way.moment, way.force], 3)) for way in (*MIXUPS, _ALL_KILOGRAMS))
+    units = (*MIXUPS, _ALL_KILOGRAMS)
     return [
-        *(_Way(way.said, way.cure, readings, predicted) for way, readings in scaled),
-        _Way(*sign, -r, predicted),
-        _Way(*swap, np.roll(r, 3, 1), predicted),
-        _Way(*pointing, r, up),
+        *(_Way(way.cause, way.cure, r * np.repeat([way.moment, way.force], 3) - predicted) for way in units),
+        _Way(*sign, -r - predicted),
+        _Way(*swap, np.roll(r, 3, 1) - predicted),
+        _Way(*pointing, r - up),
     ]
 
 
-def _drift(log: ReadingLog, predicted: Array) -> _Way | None:
+def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Way]:
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     if np.ptp(unit, axis=0).max() < _TURNS:  # in one orientation a push and a bias look alike
-        return None
+        return []
     moved = np.median(log.readings - predicted, axis=0)
-    said = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
-    return _Way(said, "identify the sensor again", log.readings - moved, predicted)
+    cause = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
+    return [_Way(cause, "identify the sensor again", log.readings - moved - predicted)]
 
 
 _ALARM = 1e-6  # chance that noise alone puts a reading off
 _NEARLY_ALL = 0.75  # of the readings off, from which the file explains nothing
 _SOME = 0.1  # of the moments off, from which an unknown inertia shows
-_NO_COVARIANCE = (
-    "The sensor file lacks the covariance of what was identified: false alarms come more often than stated, the more so the "
-    "fewer orientations it is from. Identify again to have it."
-)
+_NAMED = ("sensor-file-cause", "sensor-moving")  # doubts that name a cause
 _NOISY = 5.0  # times its noise, from which what is left counts as more than before
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation:
-    """Compensated readings with their doubts and remarks."""
+    """Compensated readings with their doubts and notes."""
 
     log: ReadingLog
     sensor: ForceTorqueSensor
     noise: tuple[float, float]
     rest: Array  # (n, 6) the readings without bias and load
     off: Array  # (n,) which of them noise does not explain
-    doubts: tuple[str, ...]  # why the file and the log do not belong together
-    missing_signals: str | None  # moments left in the readings because the load's inertia is unknown, as a sentence
-    missing_signals_show: bool  # True if these moments are more than noise
+    doubts: tuple[Doubt, ...]  # why the file and the log do not belong together, and notes
     threshold: CollisionThreshold | None  # threshold of contacts, if any were looked for
-    remarks: tuple[str, ...] = ()  # remarks on the result
+
+    @property
+    def inertia(self) -> Doubt | None:
+        """The doubt about moments left in the readings because the load's inertia is unknown, if there is one."""
+        return next((each for each in self.doubts if each.kind == "sensor-file-inertia"), None)
+
+    @property
+    def explained(self) -> bool:
+        """True unless the sensor's file and the log do not belong together."""
+        return not any(each.refuses and each is not self.inertia for each in self.doubts)
 
     @property
     def hits(self) -> Array:
         """(n,) which readings are contacts; none where nothing was looked for, or the file does not explain the log."""
-        if self.threshold is None or self.doubts:
+        if self.threshold is None or not self.explained:
             return np.zeros(len(self.log), bool)
         return self.threshold(self.rest)
 
     @property
     def verdict(self) -> Verdict:
-        """LOOK AGAIN with doubts, or with moments that hold an unknown inertia and were requested; CONTACT; OK."""
-        if self.doubts:
-            return Verdict(Word.LOOK_AGAIN, self.doubts)
+        """LOOK AGAIN where a doubt refuses; CONTACT; OK."""
         if (hits := int(self.hits.sum())) > 0:
             return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
-        if self.missing_signals_show and self.threshold is None:
-            return Verdict(Word.LOOK_AGAIN, (self.missing_signals or "the load's inertia is left in the moments",))
-        return Verdict(Word.OK)
+        return verdict_from_doubts(self.doubts)
 
     @property
     def doubtful(self) -> bool:
@@ -472,14 +469,14 @@ def compensation(
     judged = slice(3, 6) if missing else slice(0, 6)
     S = np.diag(np.repeat(noise, 3) ** 2) if uncertainty is None else uncertainty.predictive(log, sensor)
     freedom = None if uncertainty is None else uncertainty.noise_freedom
-    threshold, remarks = None, []
+    threshold, notes = None, []
     if false_alarms is not None:
         S = S if uncertainty is not None else np.diag(np.repeat(checked_noise(noise), 3) ** 2)
         threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=judged)
         if uncertainty is None:
-            remarks.append(_NO_COVARIANCE)
+            notes.append(doubt("sensor-file-covariance"))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # ``missing_signals`` says it
+        warnings.simplefilter("ignore", ModelWarning)  # a doubt says it
         rest = log.compensated(sensor)
     own = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
     load = np.sqrt((own**2).sum(axis=2).mean(axis=0))
@@ -489,18 +486,14 @@ def compensation(
         inexact, freedom, S = np.zeros((6, 6)), None, np.diag(np.repeat(level, 3) ** 2)
     test = CollisionThreshold.predictive(S + inexact, freedom, _ALARM, axes=judged)
     off = test(rest)
-    shows = bool(missing) and CollisionThreshold.of_noise(tuple(level), _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
+    if missing:
+        shows = CollisionThreshold.of_noise(tuple(level), _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
+        notes.append(doubt("sensor-file-inertia", level="refuse" if shows and threshold is None else None))
     doubts = _unexplained(log, sensor, noise, rest, off, level, judged)
     sigma = np.sqrt(np.broadcast_to(np.diagonal(S + inexact, axis1=-2, axis2=-1), rest.shape))
     if cause := departure(log, sensor, rest, sigma, test if threshold is None else threshold):
-        doubts = doubts if _named(doubts) else [cause]
-    doubts = [*doubts, *log.motion_doubts()]
-    return Compensation(log, sensor, noise, rest, off, tuple(doubts), missing, shows, threshold, tuple(remarks))
-
-
-def _named(doubts: list[str]) -> bool:
-    """True if a doubt names a cause."""
-    return any("Perhaps" in doubt or MAY_MOVE in doubt for doubt in doubts)
+        doubts = doubts if any(found.kind in _NAMED for found in doubts) else [cause]
+    return Compensation(log, sensor, noise, rest, off, (*notes, *doubts, *log.motion_doubts()), threshold)
 
 
 def _unexplained(
@@ -511,7 +504,7 @@ def _unexplained(
     off: Array,
     level: Array,
     judged: slice,
-) -> list[str]:
+) -> list[Doubt]:
     halves = [("moments", "N m", slice(0, 3), level[0]), ("forces", "N", slice(3, 6), level[1])]
     more = []
     for what, unit, part, sigma in halves[1 if judged.start else 0 :]:
@@ -526,14 +519,10 @@ def _unexplained(
         more.insert(0, f"{off.sum()} of {len(log)} readings are off by more than its noise")
     if not more:
         return []
-    said = f"The sensor does not explain the log: {'; '.join(more)}."
     if seems_moving(log):
-        return [f"{said} {MAY_MOVE}"]
+        return [doubt("sensor-moving", evidence=f"The sensor does not explain the log: {'; '.join(more)}")]
     same = "" if log.V is None else " and, as V and dV, of the same instants as the readings"
-    return [
-        f"{said} No other unit, sign or bias does. Is it the log of this tool, are the orientations those of the sensor in the "
-        f"world, R_wf (not of the world in the sensor){same}, and does nothing touch the tool all along?"
-    ]
+    return [doubt("sensor-file-other", why="; ".join(more), same=same)]
 
 
 def left_over(rest: Array) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from ..estimation.covariance import (
     channel_covariance,
     cluster_robust_covariance,
     f_test_freedom,
+    student_quantile,
     sum_freedom,
     variance_estimate_covariance,
     weight_freedom,
@@ -232,6 +233,18 @@ class Fit:
         """Standard deviation of one reading's moments [N m] and forces [N], root mean square of three."""
         moment, force = np.sqrt((self.sigma.reshape(2, 3) ** 2).mean(axis=1))
         return float(moment), float(force)
+
+    @property
+    def mass_deviation(self) -> float:
+        """Standard deviation of the mass [kg]."""
+        return float(np.sqrt(self.covariance.diagonal()[self.unknowns.load.start]))
+
+    def interval(self, name: str, confidence: float) -> tuple[float, float]:
+        """Confidence interval of an unknown, in its SI unit; ``turn`` and ``tilt`` about zero."""
+        k = self.unknowns.names.index(name)
+        half = float(student_quantile(self.known[k], confidence)) * math.sqrt(self.covariance[k, k])
+        middle = self.state.delay if name == "delay" else float(self.estimate[k])
+        return middle - half, middle + half
 
     @property
     def com_deviation(self) -> Array:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,16 +13,14 @@ from numpy.typing import ArrayLike
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.numbers import number, percent, plus_minus, seconds
-from ..core.verdict import Verdict
 from ..errors import ShapeError, ValueRangeError
 from ..estimation.covariance import Whiteness
 from ..lie.labelled import WRENCH
+from ..log_checks.doubts import Doubt, doubt
 from ..log_checks.reading_doubts import (
-    MAY_MOVE,
-    MAY_POINT_UP,
     in_a_plane,
+    largest_share,
     listed_bias,
-    may_point_up,
     misfit,
     seems_moving,
     turns_may_help,
@@ -47,32 +47,13 @@ from .outliers import (
     upside_down,
 )
 from .poses import advice, blind_spots
-from .result import Identification, mass_interval, weakness
-from .sensor import ForceTorqueSensor, Sign, sign_factor
+from .result import Identification, weakness
+from .sensor import ForceTorqueSensor, Inertia, Sign, sign_factor
 
 _SURE = 1e-4  # chance that an unknown which is none is offered
 _LEAST = 4.0  # degrees of freedom that are to be left
 _NEARLY = 0.8  # of the most that any explains, from which the one of fewest columns is preferred
 _GAIN = 0.05  # of the load's wrench, from which a gain or cross-talk is told from poses that are off by a degree or two
-_OPTIONS = {"drift": "drift=True", "delay": "delay=True", "turn": "orientation=True", "tilt": "tilt=True"}
-
-
-@dataclass(frozen=True)
-class Offer:
-    """Further unknown that explains the residuals surely better."""
-
-    kind: str  # drift, delay, turn, tilt, or gain
-    share: float  # share of the squared residuals, in units of the noise, that it explains
-    said: str  # name and size of the unknown, in words
-
-    def __str__(self) -> str:
-        what = f"{self.said} would explain {percent(self.share)} of what is left (squares over noise)"
-        if self.kind != "gain":
-            return f"{what}: ask for {_OPTIONS[self.kind]}."
-        return (
-            f"{what}: readings are linear in the load's wrench, but not equal to it. Check the sensor's calibration matrix and "
-            "its scale."
-        )
 
 
 def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
@@ -86,11 +67,14 @@ def fit_unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Ar
     if more.sum() <= kept.sum():
         return found, kept
     again = fit(replace(problem, state=found.state), keep=more)
-    drift = any(offer.kind == "drift" for offer in offers(problem, again, more))
-    return (again, more) if drift else (found, kept)
+    return (again, more) if _offers_drift(problem, again, more) else (found, kept)
 
 
-def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
+def _offers_drift(problem: Problem, fit: Fit, kept: Array) -> bool:
+    return any(offer.kind == "sensor-drift" for offer in offers(problem, fit, kept))
+
+
+def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
     """Unknowns that would explain the residuals of the kept rows (n,), the best first, each beside those before it.
 
     Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
@@ -110,7 +94,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
     basis = _orthonormal(flat(fit.design), np.zeros((e.size, 0)))
     columns = _candidates(problem, fit)
     candidates = {kind: flat(of_kind) for kind, of_kind in columns.items()}
-    found: list[Offer] = []
+    found: list[Doubt] = []
     e = e - basis @ (basis.T @ e)
     total = float(e @ e)
     while candidates and float(e @ e) > 1e-20 * max(total, 1e-300):
@@ -125,9 +109,9 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
         kind = min((k for k in sure if sure[k][1] >= _NEARLY * most), key=lambda k: sure[k][0].shape[1])
         P, gain = sure[kind]
         candidates.pop(kind)
-        said = _offered(kind, columns[kind], fit, kept, (P @ (P.T @ e)).reshape(-1, 6) * scale)
-        if said is not None:
-            found.append(Offer(kind, gain / total, said))
+        explained = (P @ (P.T @ e)).reshape(-1, 6) * scale
+        if kind != "gain" or largest_share(explained, _loads(fit)[kept]) > _GAIN:
+            found.append(_offer(kind, gain / total, columns[kind], fit, kept, explained))
         e = e - P @ (P.T @ e)
         basis = np.concatenate([basis, P], axis=1)
     return found
@@ -179,28 +163,29 @@ def _loads(fit: Fit) -> Array:
     return np.asarray(fit.design[..., part] @ fit.estimate[part])
 
 
-def _offered(kind: str, columns: Array, fit: Fit, kept: Array, explained: Array) -> str | None:
-    """Name and size of an unknown, from the part (n, 6) of the residuals that it explains; None if it is negligible."""
-    if kind == "drift":
-        return f"A bias that drifts, by {listed_bias(explained[-1] - explained[0])} [N m, N] over the log,"
-    if kind == "gain":
-        load = _loads(fit)[kept]
-        rms = [np.sqrt(((x - x.mean(axis=0)).reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))) for x in (explained, load)]
-        share = float((rms[0] / np.maximum(rms[1], 1e-12)).max())
-        return (
-            f"A gain or cross-talk that is off by {percent(share, 2)} of the load's wrench" if share > _GAIN else None
-        )
+def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, explained: Array) -> Doubt:
+    """Doubt with the size of an unknown, from the part (n, 6) of the residuals that it explains: that share of the squares."""
+    found: dict[str, Any] = {"share": share}
+    if kind in ("drift", "gain"):
+        change = listed_bias(explained[-1] - explained[0])
+        size = percent(largest_share(explained, _loads(fit)[kept]), 2)
+        return doubt(f"sensor-{kind}", bias=change, size=size, share=percent(share), found=found)
     scale, k = fit.deviation[kept], columns.shape[-1]
     A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]
     x = np.linalg.lstsq(A.reshape(6 * len(scale), -1), (fit.residuals[kept] / scale).ravel(), rcond=None)[0][:k]
-    if kind == "delay":
-        return f"Readings about {number(1e3 * float(x[0]), 2)} ms late"
-    what = "A mounting turned" if kind == "turn" else "A base tilted"
-    return f"{what} by about {number(math.degrees(float(np.linalg.norm(x))), 2)}°"
+    late = kind == "delay"
+    value = 1e3 * float(x[0]) if late else math.degrees(float(np.linalg.norm(x)))
+    found |= {"value": value, "unit": "ms" if late else "°"}
+    return doubt(f"sensor-{kind}", size=number(value, 2), share=percent(share), found=found)
 
 
 # ── Acceptance test: the sensor of a fit, remarks and doubts
 
+_SLIPS = ("sensor-exchanged", "sensor-known-bias", "sensor-gravity-up")  # columns or a bias, not units
+_MAY_POINT_UP = (
+    "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "
+    "then negate these three and keep the sign."
+)
 _MISFIT = 1.5  # residuals this many times the noise given are not that noise
 _UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
 _ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; with fewer, intervals are too narrow
@@ -219,63 +204,51 @@ class UsedReadings:
 def acceptance_test(
     found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: UsedReadings
 ) -> Identification:
-    """Result with its remarks and doubts; raises if the mass is negative. ``problem`` is that of the fit."""
+    """Result with its doubts; raises if the mass is negative. ``problem`` is that of the fit."""
     fit, unknowns = found.fit, found.fit.unknowns
-    deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
-    if found.mass < -2 * deviation or found.mass == 0:
-        raise ValueRangeError(_no_mass(found, log, problem))
-    low, high = mass_interval(fit, confidence)
+    low, high = fit.interval("mass", confidence)
+    if found.mass < -2 * fit.mass_deviation or found.mass == 0:
+        raise ValueRangeError(f"{log.name}: {_no_mass(found, log, problem)}")
     told = low > 0
     load = SpatialInertia.zero()
     if found.mass > 0:  # else by noise alone: nothing hangs on the sensor
         load = SpatialInertia.from_parameters(fit.load)
         if not unknowns.inertia and told:  # at least the moments of a point mass there
             load = SpatialInertia.from_com(found.mass, load.com)
-    sensor = ForceTorqueSensor(
-        load,
-        fit.estimate[:6] if unknowns.bias else problem.bias,
-        found.sign,
-        fit.mounting,
-        inertia="unknown" if not unknowns.inertia else "accept" if load.defects() else "given",
-    )
-    again, remarks = [], []
+    bias = fit.estimate[:6] if unknowns.bias else problem.bias
+    inertia: Inertia = "unknown" if not unknowns.inertia else "accept" if load.defects() else "given"
+    sensor = ForceTorqueSensor(load, bias, found.sign, fit.mounting, inertia=inertia)
+    doubts = _log_doubts(log, use)
     if not told:
-        again.append(
-            f"The mass, {plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)}), cannot be told from "
-            "zero, so neither can its place."
-        )
-    elif defects := sensor.load.defects():
-        again.append(
-            f"The load cannot be a real body ({'; '.join(defects)}): noise is larger than what the motion shows. "
-            "sensor.load.nearest_consistent() is the nearest that can; livelier motion tells more."
-        )
-    counted = " (from 0)" if log.time is None else ""
-    if out := np.flatnonzero(use.left_out).tolist():
-        spans = [_span(log, a, b) for a, b in runs(use.left_out)]
-        listed = ", ".join(spans[:10]) + (", …" if len(spans) > 10 else "")
-        again.append(f"Left out {len(out)} of {len(log)} readings that the others contradict: {listed}{counted}.")
-    if use.between.any():
-        remarks.append(f"{int(use.between.sum())} readings between dwells, where orientations change, are not used.")
-    slip, doubted = _explanation_doubts(found, log, problem)
-    doubts = _noise_doubts(found) + doubted + ([slip] if slip else [])
-    offered = offers(problem, fit, found.kept) if told and not doubts else []
-    gains = [str(offer) for offer in offered if offer.kind == "gain"]
-    unsure = [str(offer) for offer in offered if offer.kind != "gain"]
-    units = unit_doubt(found, sensor, problem.log) if told and not gains and not log.motion_doubts() else None
-    doubts += gains + (log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else [])
-    unsure += _cluster_doubts(found, problem, use)
-    weak = (
-        weakness(fit, sensor, confidence) if told and not doubts else None
-    )  # more readings of the wrong kind help nobody
-    verdict = Verdict.from_reasons(look_again=[*again, *doubts], unsure=unsure)
-    remarks = [*again, *remarks, *([weak] if weak else []), *unsure]
+        mass = f"{plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)})"
+        doubts.append(doubt("sensor-mass", mass=mass))
+    elif defects := load.defects():
+        doubts.append(doubt("sensor-inertia-invalid", defects="; ".join(defects)))
+    causes = _noise_doubts(found) + _explanation_doubts(found, log, problem)
+    causes += offers(problem, fit, found.kept) if told and not causes else []
+    if not any(cause.kind in _SLIPS for cause in causes):
+        gain = any(cause.kind == "sensor-gain" for cause in causes)
+        unit = unit_doubt(found, sensor, problem.log) if told and not gain else None
+        causes += log.motion_doubts() or ([unit] if unit else log.size_doubts())
     kept = ~use.left_out & ~use.between
-    return Identification(
-        sensor, fit, found.kept, kept, confidence, tuple(remarks), tuple(doubts), verdict, use.left_out
-    )
+    result = Identification(sensor, fit, found.kept, kept, confidence, left_out=use.left_out)
+    weak = weakness(result) if told and not any(cause.refuses for cause in causes) else []
+    return replace(result, doubts=(*doubts, *causes, *weak, *_cluster_doubts(found, problem, use)))
 
 
-def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> list[str]:
+def _log_doubts(log: ReadingLog, use: UsedReadings) -> list[Doubt]:
+    """Readings that are left out, and those between dwells."""
+    doubts = []
+    if out := int(use.left_out.sum()):
+        spans = [_span(log, a, b) for a, b in runs(use.left_out)]
+        listed = ", ".join(spans[:10]) + (", …" if len(spans) > 10 else "") + (" (from 0)" if log.time is None else "")
+        doubts.append(doubt("sensor-outliers", count=out, total=len(log), listed=listed))
+    if between := int(use.between.sum()):
+        doubts.append(doubt("sensor-between-dwells", count=between))
+    return doubts
+
+
+def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> list[Doubt]:
     """Why the intervals may be too narrow."""
     doubts = []
     label = use.orientation[found.kept]
@@ -285,20 +258,14 @@ def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> li
     wanted = max(_ORIENTATIONS - count, math.ceil(_FREEDOM - left.min() - 1e-9))
     if problem.noise is None and wanted > 0:
         alike = ", and it is taken to be alike in the three forces and in the three moments" if few(label) else ""
-        doubts.append(
-            f"{count} orientations are too few to determine the noise: {WRENCH[int(left.argmin())]} is left with "
-            f"{number(max(left.min(), 0.0), 2)} degrees of freedom{alike}. The intervals may be too narrow. "
-            f"Add {wanted} or more orientations ({_ORIENTATIONS} at least, and {_FREEDOM} degrees of freedom of each channel), "
-            "or give the noise."
-        )
+        freedom: dict[str, Any] = {"freedom": number(max(left.min(), 0.0), 2), "least": _FREEDOM}
+        words: dict[str, Any] = {"count": count, "axis": WRENCH[int(left.argmin())], "wanted": wanted, "alike": alike}
+        doubts.append(doubt("sensor-few-orientations", orientations=_ORIENTATIONS, **words, **freedom))
     white = use.whiteness
     if white is not None and not white.white:
-        doubts.append(
-            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of "
-            f"{number(white.lag1, 2)} "
-            f"({white.test}; white noise has as much in one log of {number(1 / max(white.chance, 1e-12), 2)}). The intervals "
-            f"count {white.length} rows in a row as one witness, and may still be too narrow."
-        )
+        rare, lag1 = number(1 / max(white.chance, 1e-12), 2), number(white.lag1, 2)
+        lagged: dict[str, Any] = {"test": white.test, "length": white.length, "found": {"value": white.lag1}}
+        doubts.append(doubt("sensor-correlated", axis=white.axis, lag1=lag1, rare=rare, **lagged))
     return doubts
 
 
@@ -309,107 +276,82 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
 
 
 def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
-    said = f"{log.name}: mass comes out as {number(found.mass)} kg"
-    if slip := _slip(found, problem, found):
-        return f"{said}. {slip}"
+    evidence = f"mass comes out as {number(found.mass)} kg"
     better = others(found.sign, problem)
-    if better and (slip := _slip(found, problem, better[0])):
-        return f"{said}. {slip}"
+    for than in (found, *better[:1]):
+        if slip := _slip(found, problem, than):
+            return f"{evidence}. {slip}"
     if seems_moving(log):
-        return f"{said}. {MAY_MOVE}"
+        return f"{doubt('sensor-moving', evidence=evidence)}"
     if not better:
-        return f"{said}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
+        return (
+            f"{evidence}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
+        )
     if (own := unexplained_turns(problem.log, better[0].fit, better[0].kept)) is not None:
-        return f"{said}: {_poses(better[0], own)}"
-    return f"{said}, so sign or mounting are not as said. {_ways(better, found, log)}"
+        return f"{evidence}. {_poses(better[0], own)}"
+    return f"{evidence}, so sign or mounting are not as given. {_ways(better, found, log)}"
 
 
-def _poses(found: Diagnosis, own: float) -> str:
-    return (
-        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has "
-        f"{number(own, 2)} N. "
-        "Are the orientations those of the sensor in the world, R_wf (not of the world in the sensor), the scalar of "
-        "quaternions first, and read when the tool was still?"
-    )
+def _poses(found: Diagnosis, own: float) -> Doubt:
+    return doubt("sensor-poses", noise=_noise(found), own=number(own, 2))
 
 
 def _ways(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
     best, *same = as_good_as_the_best(better)
-    said = f"Use {' or '.join(e.options for e in (best, *same))}: what is left is then {_noise(best)}."
+    ways = f"Use {' or '.join(e.options for e in (best, *same))}: what is left is then {_noise(best)}."
     if same:
-        said += " These cannot be told apart: make sure of the sign, or add readings tilted about another axis."
-    return f"{said} {MAY_POINT_UP}" if may_point_up(log, found.sign, best) else said
+        ways += " These cannot be told apart: make sure of the sign, or add readings tilted about another axis."
+    upward = log.by_gravity and log.V is None and best.sign != found.sign
+    return f"{ways} {_MAY_POINT_UP}" if upward else ways
 
 
-def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> str | None:
+def _slip(found: Diagnosis, problem: Problem, than: Diagnosis) -> Doubt | None:
     """A slip that explains the log surely better ``than`` what there is."""
     free = free_bias(found, problem)
-    exchanged = swapped(problem, free or than)
-    if free is not None and exchanged is None:
-        return (
-            f"The bias given does not fit: left free, it comes out as {listed_bias(free.fit.estimate[:6])} [N m, N], and what "
-            f"is left goes from {_noise(found)} to {_noise(free)}. Give no bias, or that of today."
-        )
-    if exchanged is not None:
-        return (
-            "Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and "
-            f"sign={exchanged.sign!r} what is left is {_noise(exchanged)}. Exchange the names of the columns."
-        )
-    if (upright := upside_down(found, problem, than)) is not None:
-        return (
-            f"gx, gy, gz seem to point up, as an accelerometer logs them: negated, what is left is {_noise(upright)}. Negate "
-            "these three and keep the sign."
-        )
-    return None
+    if (exchanged := swapped(problem, free or than)) is not None:
+        return doubt("sensor-exchanged", sign=exchanged.sign, noise=_noise(exchanged))
+    if free is not None:
+        bias = listed_bias(free.fit.estimate[:6])
+        return doubt("sensor-known-bias", bias=bias, before=_noise(found), after=_noise(free))
+    upright = upside_down(found, problem, than)
+    return None if upright is None else doubt("sensor-gravity-up", noise=_noise(upright))
 
 
-def _noise_doubts(found: Diagnosis) -> list[str]:
+def _noise_doubts(found: Diagnosis) -> list[Doubt]:
     """Doubts about a noise that was given."""
     if not np.isinf(found.fit.freedom).all():
         return []
     scaled = (found.fit.residuals / found.fit.deviation)[found.kept].reshape(-1, 2, 3)
-    return [
-        f"What is left of the {what} is {number(times, 2)} times the noise given: the intervals are too narrow. "
-        "Let the noise be estimated, or check poses and sign."
-        for what, times in zip(("moments", "forces"), np.sqrt((scaled**2).mean(axis=(0, 2))).tolist(), strict=True)
-        if times > _MISFIT
-    ]
+    both = zip(("moments", "forces"), np.sqrt((scaled**2).mean(axis=(0, 2))).tolist(), strict=True)
+    return [doubt("sensor-noise", what=what, times=number(times, 2)) for what, times in both if times > _MISFIT]
 
 
-def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> tuple[str | None, list[str]]:
+def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> list[Doubt]:
     """A slip that explains the log, if there is one, else what may."""
     rows = problem.log
-    share = misfit(rows, found.fit, found.kept)
-    doubts: list[str] = []
-    if free_bias(found, problem) is not None:
-        return _slip(found, problem, found), []
-    if share > _UNEXPLAINED:
-        left = f"what is left is {_noise(found)}, {percent(share, 2)} of how forces change"
-        tried = others(found.sign, problem) if turns_may_help(rows, found.fit, found.kept) else []
-        better = [e for e in tried if e.improves(found.fit)]
+    share, doubts, better = misfit(rows, found.fit, found.kept), [], []
+    unexplained = share > _UNEXPLAINED
+    if unexplained and turns_may_help(rows, found.fit, found.kept):
+        better = [e for e in others(found.sign, problem) if e.improves(found.fit)]
+    if unexplained or free_bias(found, problem) is not None:
         if slip := _slip(found, problem, better[0] if better else found):
-            return slip, []
+            return [slip]
+        left = f"what is left is {_noise(found)}, {percent(share, 2)} of how forces change"
         if better:
-            doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. {_ways(better, found, log)}")
+            doubts.append(doubt("sensor-sign", left=left, ways=_ways(better, found, log)))
         elif seems_moving(log):
-            doubts.append(f"Poses do not explain the readings: {left}. {MAY_MOVE}")
+            doubts.append(doubt("sensor-moving", evidence=f"Poses do not explain the readings: {left}"))
         elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None and not _drifts(found, problem):
-            doubts.append(f"Look at the poses: {_poses(found, own)}")
+            doubts.append(_poses(found, own))
     if log.V is not None and not found.fit.unknowns.inertia:
         whole = explain(found.sign, problem.with_unknowns(inertia=True))
         if whole is not None and whole.improves(found.fit):
-            doubts.append(
-                f"The load's inertia shows in this motion, and the centre of mass is off without it: with inertia=True what "
-                f"is left goes from {_noise(found)} to {_noise(whole)}."
-            )
+            doubts.append(doubt("sensor-inertia", before=_noise(found), after=_noise(whole)))
     if found.turn and not doubts and in_a_plane(rows, found.fit, found.kept, found.mass):
         other = explain("by_sensor" if found.sign == "on_sensor" else "on_sensor", problem)
         if other is not None and other.mass > 0 and other.equals(found.fit, found.kept):
-            doubts.append(
-                f"Sign and mounting cannot be told apart: {other.options} leaves {_noise(other)}, no more than this. Make "
-                "sure of the sign, or add readings tilted about another axis."
-            )
-    return None, doubts
+            doubts.append(doubt("sensor-sign-or-mounting", options=other.options, noise=_noise(other)))
+    return doubts
 
 
 def _drifts(found: Diagnosis, problem: Problem) -> bool:
@@ -417,9 +359,7 @@ def _drifts(found: Diagnosis, problem: Problem) -> bool:
     if found.fit.unknowns.drift:
         return False
     steady = explain(found.sign, problem.with_unknowns(drift=True))
-    if steady is None or not steady.improves(found.fit):
-        return False
-    return any(offer.kind == "drift" for offer in offers(problem, found.fit, found.kept))
+    return steady is not None and steady.improves(found.fit) and _offers_drift(problem, found.fit, found.kept)
 
 
 def _noise(found: Diagnosis) -> str:
@@ -432,6 +372,8 @@ def _noise(found: Diagnosis) -> str:
 # ── Identification
 
 _IN_ORDER = 8  # rows from which their order says anything
+CAUSES = ("orientation", "drift", "tilt", "delay")
+"""Causes of residuals that may be assumed; they are then unknowns of the fit."""
 
 
 def identify(
@@ -439,10 +381,7 @@ def identify(
     *,
     sign: Sign = "on_sensor",
     inertia: bool = False,
-    orientation: bool = False,
-    drift: bool = False,
-    delay: bool = False,
-    tilt: bool = False,
+    assume: str | Sequence[str] = (),
     bias: ArrayLike | None = None,
     noise: ArrayLike | None = None,
     outliers: str = "trim",
@@ -455,10 +394,10 @@ def identify(
     log : ReadingLog
     sign : "on_sensor" or "by_sensor", whose wrench the readings are
     inertia : bool, also the six inertia numbers (the log must have V and dV, in lively motion)
-    orientation : bool, also the rotation of the sensor's axes against {f}
-    drift : bool, also a linear change of the bias, which is then that of the middle of the log
-    delay : bool, also the time by which readings are late
-    tilt : bool, also a turn of gravity about two level axes of {w}
+    assume : str or sequence of str, causes of what is left of the readings, which are then unknowns too
+        ``orientation``: the rotation of the sensor's axes against {f}; ``drift``: a linear change of the bias, which is then
+        that of the middle of the log; ``tilt``: a turn of gravity about two level axes of {w}; ``delay``: the time by which
+        readings are late.
     bias : (6,) array_like, optional, known, not looked for [N m, N]
     noise : (moment [N m], force [N]), optional, known standard deviations in place of the fit's own
     outliers : "trim" leaves out and lists readings that the others contradict, "keep" trusts all
@@ -467,7 +406,7 @@ def identify(
     Returns
     -------
     found : Identification
-        Doubts of units, sign, mounting, bias and poses are in it.
+        Doubts about units, sign, mounting, bias, poses and noise are in it.
 
     Raises
     ------
@@ -490,8 +429,10 @@ def identify(
     (3.0, 0.1)
     """
     log, factor = checked_log(log, "identify"), sign_factor(sign)
-    asked = {"inertia": inertia, "orientation": orientation, "drift": drift, "tilt": tilt, "delay": delay}
-    unknowns = Unknowns(bias is None, *(arguments.flag(x, what) for what, x in asked.items()))
+    causes = (assume,) if isinstance(assume, str) else tuple(assume)
+    for cause in causes:
+        arguments.choice(cause, "assume", CAUSES)
+    unknowns = Unknowns(bias is None, arguments.flag(inertia, "inertia"), *(cause in causes for cause in CAUSES))
     known_bias, known_noise = _checked(bias, noise, outliers, confidence)
     _check_log(log, unknowns)
     used = np.ones(len(log), bool)

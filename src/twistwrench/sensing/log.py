@@ -15,6 +15,7 @@ from ..core.gravity import GRAVITY, STRENGTH
 from ..core.numbers import number, printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
 from ..lie.labelled import WRENCH
+from ..log_checks.doubts import Doubt, doubt
 from ..typing import Array
 from .sensor import (
     ForceTorqueSensor,
@@ -27,8 +28,11 @@ from .sensor import (
 
 _STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
 _LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
-_FAST = 50.0  # rad/s; no arm turns so fast, but in degrees per second any does
-_SWIFT, _HURLED = 30.0, 1000.0  # m/s, m/s²; no arm is so fast, but in millimetres any is
+_MOST = (  # no arm turns or moves so fast, but in degrees or millimetres any does
+    ("V", slice(0, 3), 50.0, "angular velocities", "rad/s", "are in degrees per second"),
+    ("V", slice(3, 6), 30.0, "velocities", "m/s", "or the poses are in mm"),
+    ("dV", slice(3, 6), 1000.0, "accelerations", "m/s²", "or the poses are in mm"),
+)
 _AFTER = "not after the {} s of the one before. Times must increase: sort the readings, or remove the column."
 _GRAVITY = (1.5, 30.0)  # m/s²; from the Moon to Jupiter, but not in g or cm/s²
 
@@ -152,8 +156,8 @@ class ReadingLog:
         by_gravity = pose is None and g.ndim == 2
         R = None if pose is None else np.broadcast_to(checked_rotations(pose), (len(r), 3, 3))
         log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity, rotations=R)
-        for doubt in log.doubts():
-            warnings.warn(f"{name}: {doubt}", ModelWarning, stacklevel=2)
+        for each in log.doubts():
+            warnings.warn(f"{name}: {each}", ModelWarning, stacklevel=2)
         return log
 
     def __repr__(self) -> str:
@@ -191,58 +195,49 @@ class ReadingLog:
         chosen: dict[str, Any] = {name: None if x is None else x[which] for name, x in optional.items()}
         return replace(self, readings=self.readings[which], gravity=self.gravity[which], **chosen)
 
-    def doubts(self) -> list[str]:
-        """Units that look wrong, in words.
+    def doubts(self) -> list[Doubt]:
+        """Units that look wrong.
 
         Returns
         -------
-        doubts : list of str, empty when all look right
+        doubts : list of Doubt, empty when all look right
         """
         return self.size_doubts() + self.motion_doubts()
 
-    def size_doubts(self) -> list[str]:
+    def size_doubts(self) -> list[Doubt]:
         """Units of the readings that look wrong by their size alone.
 
         Returns
         -------
-        doubts : list of str
+        doubts : list of Doubt
         """
         found = []
         centred = self.readings - np.median(self.readings, axis=0)  # a bias may be anything
         moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
         if force > _STRONG:
-            found.append(
-                f"forces change by {number(force)}; in newtons that is the weight of {number(force / STRENGTH, 2)} kg. If "
-                f"they are in grams, multiply them by {printed(STRENGTH / 1000)}, if in counts by the sensor's scale."
-            )
+            mass, factor = number(force / STRENGTH, 2), printed(STRENGTH / 1000)
+            found.append(doubt("sensor-force-size", force=number(force), mass=mass, factor=factor))
         spread_m, spread_f = (float(np.linalg.norm(centred[:, k])) for k in (slice(0, 3), slice(3, 6)))
         if moment > 10 and spread_f and spread_m / spread_f > _LONG_LEVER:
-            found.append(
-                f"moments change as if forces had a lever of {number(spread_m / spread_f, 3)} m. If they are in N mm, "
-                "divide them by 1000."
-            )
+            found.append(doubt("sensor-lever-size", lever=number(spread_m / spread_f, 3)))
         return found
 
-    def motion_doubts(self) -> list[str]:
+    def motion_doubts(self) -> list[Doubt]:
         """Units of gravity and of the motion that look wrong by their size.
 
         Returns
         -------
-        doubts : list of str
+        doubts : list of Doubt
         """
         found = []
         strength = np.linalg.norm(self.gravity, axis=1)
         if strength.min() < _GRAVITY[0] or strength.max() > _GRAVITY[1]:
-            worst = float(strength.min() if strength.min() < _GRAVITY[0] else strength.max())
-            found.append(f"gravity is {number(worst)} m/s²; on Earth it is {STRENGTH}. Give it in m/s².")
-        for motion, part, most, said in (
-            (self.V, slice(0, 3), _FAST, "angular velocities reach {} rad/s. If they are in degrees per second"),
-            (self.V, slice(3, 6), _SWIFT, "velocities reach {} m/s. If they, or the poses, are in mm"),
-            (self.dV, slice(3, 6), _HURLED, "accelerations reach {} m/s². If they, or the poses, are in mm"),
-        ):
-            reached = 0.0 if motion is None else float(np.abs(motion[:, part]).max())
+            worst = strength.min() if strength.min() < _GRAVITY[0] else strength.max()
+            found.append(doubt("sensor-gravity-size", gravity=number(worst), usual=STRENGTH))
+        for motion, part, most, what, unit, other in _MOST:
+            reached = 0.0 if getattr(self, motion) is None else float(np.abs(getattr(self, motion)[:, part]).max())
             if reached > most:
-                found.append(f"{said.format(number(reached))}, convert them.")
+                found.append(doubt("sensor-motion-size", what=what, reached=f"{number(reached)} {unit}", other=other))
         return found
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:

@@ -145,7 +145,7 @@ def _lengths(x: Array) -> Array:
 
 # ── Outliers: touches, snagged cables, mistyped poses
 
-_FALSE_ALARM = 1e-3  # chance that a clean log loses a reading
+_FALSE_ALARM = 3e-5  # chance that a clean log loses a reading; poses half a degree off make it one in a hundred
 _DWELL_ALARM = 1e-9  # that it loses a dwell: whole orientations go only where nothing else can be
 _DWELL = 5  # readings of a dwell
 _SUSPECT = 0.98  # share of clean readings below the distance from which one is looked at
@@ -163,7 +163,7 @@ def touched_in_static_poses(log: ReadingLog, found: StaticPoses) -> Array:
     """A mask (N,) of readings that the others of their dwell contradict; never half of a dwell.
 
     A reading is far when its distance from the dwell's median, over 1.4826 times the median absolute distance in all
-    dwells, passes a χ² limit whose chance of a false alarm is 1e-3 for the whole log. Dwells of four or fewer are kept.
+    dwells, passes a χ² limit whose chance of a false alarm is 3e-5 for the whole log. Dwells of four or fewer are kept.
     """
     touched = np.zeros(len(log), bool)
     place = found.row
@@ -190,7 +190,7 @@ def trimmed(problem: Problem) -> tuple[Fit, Array]:
     """Fit without outliers: the fit and which rows (n,) it kept.
 
     Huber's fit finds suspect rows. They are left out, and each that the fit of the others predicts, within a test
-    whose chance of a false alarm is 1e-3 for the whole log (1e-9 for a dwell), comes back; repeated until none changes.
+    whose chance of a false alarm is 3e-5 for the whole log (1e-9 for a dwell), comes back; repeated until none changes.
     At least as many rows stay as the unknowns need, at most a third is dropped, and the rest determines each unknown nearly
     well as all: where it would not, all stay, and what they contradict is in the noise.
     Sources: Huber, "Robust Statistics", 1981; Cook and Weisberg, "Residuals and Influence in Regression", 1982, § 2.2.
@@ -280,7 +280,7 @@ class Diagnosis:
         if not self.turn:
             return f"sign={self.sign!r}"
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
-        return f"sign={self.sign!r} with orientation=True (turned by {number(degrees, 3)}°)"
+        return f"sign={self.sign!r} with assume='orientation' (turned by {number(degrees, 3)}°)"
 
     def improves(self, on: Fit) -> bool:
         """True if the remaining noise is surely less than that of another fit of the same log."""

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.glossary import complete
 from ..core.numbers import number, percent, plus_minus
-from ..core.verdict import Verdict, Word
+from ..core.verdict import Verdict
 from ..errors import ShapeError, ValueRangeError
 from ..estimation.covariance import student_quantile
 from ..lie import so3
+from ..log_checks.doubts import Doubt, doubt, verdict_from_doubts
 from ..typing import Array
 from .fit import Fit, Uncertainty, uncertainty_of
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
-
-_OK = Verdict(Word.OK)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,13 +50,8 @@ class Identification:
     """(N,) which readings were used; the others are outliers, or were read between dwells."""
     confidence: float
     """Confidence level of intervals and regions, 0 to 1."""
-    remarks: tuple[str, ...]
-    """Remarks on the result, in sentences."""
-    doubts: tuple[str, ...] = ()
-    """Doubts about units, sign, mounting or poses, in sentences."""
-    verdict: Verdict = _OK
-    """OK; UNSURE where the intervals may be too narrow; LOOK AGAIN with doubts, with readings left out, or with a load that
-    no body can have or that may be none."""
+    doubts: tuple[Doubt, ...] = ()
+    """Doubts and notes about units, sign, mounting, poses, readings and intervals."""
     left_out: Array | None = None
     """(N,) readings that the others contradict."""
 
@@ -64,11 +59,16 @@ class Identification:
         # What was found, never the arrays it was found from.
         halves = np.diff(self.com_intervals, axis=1)[:, 0] / 2
         place = ", ".join(plus_minus(1e3 * x, 1e3 * half) for x, half in zip(self.sensor.load.com, halves, strict=True))
-        look = f"; {self.verdict.word}, see doubts and remarks" if self.doubtful else ""
+        look = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
         return (
             f"<Identification: {self.mass_text}, com ({place}) mm, noise {number(self.noise[1], 2)} N and "
             f"{number(self.noise[0], 2)} N m{look}>"
         )
+
+    @property
+    def verdict(self) -> Verdict:
+        """OK; UNSURE where the intervals may be too narrow; LOOK AGAIN where no number can be trusted."""
+        return verdict_from_doubts(self.doubts)
 
     @property
     def mass_text(self) -> str:
@@ -125,15 +125,12 @@ class Identification:
         names = self.fit.unknowns.names
         if name not in names:
             raise ValueRangeError(f"{name!r} was not identified. Choose one of: {', '.join(names)}.")
-        k = names.index(name)
-        half = float(student_quantile(self.fit.known[k], self.confidence)) * math.sqrt(self.fit.covariance[k, k])
-        middle = self.fit.state.delay if name == "delay" else float(self.fit.estimate[k])
-        return middle - half, middle + half
+        return self.fit.interval(name, self.confidence)
 
     @property
     def mass_interval(self) -> tuple[float, float]:
         """Confidence interval of the mass [kg]."""
-        return mass_interval(self.fit, self.confidence)
+        return self.fit.interval("mass", self.confidence)
 
     @property
     def com_intervals(self) -> Array:
@@ -207,37 +204,25 @@ class Identification:
         return float(count * special.fdtri(count, min(self.fit.joint_freedom, 1e9), self.confidence))
 
 
-def mass_interval(fit: Fit, confidence: float) -> tuple[float, float]:
-    """Confidence interval of a fit's mass [kg]."""
-    k = fit.unknowns.load.start
-    half = float(student_quantile(fit.known[k], confidence)) * math.sqrt(fit.covariance[k, k])
-    return float(fit.estimate[k]) - half, float(fit.estimate[k]) + half
-
-
-def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | None:
-    """A remark if mass or centre of mass is known badly."""
-    result = Identification(sensor, fit, np.zeros(0), np.zeros(0), confidence, ())
-    names = fit.unknowns.names
-    if result.fit.unknowns.inertia:
-        size = float(result.sensor.load.moment_about_com.trace())
-        unsure = {n: float(np.ptp(result.interval(n))) / 2 for n in names if n.startswith("I")}
-        worst = max(unsure, key=lambda n: unsure[n])
-        if unsure[worst] > 0.5 * abs(size):
-            return (
-                f"The motion tells {worst} to ± {number(unsure[worst], 2)} kg m² ({percent(confidence, 3)}) only, beside a "
-                f"trace of {number(size, 2)}. Log faster turns about three axes."
-            )
-    low, high = result.mass_interval
-    share = (high - low) / 2 / result.sensor.load.mass
-    widths = np.diff(result.com_intervals, axis=1)[:, 0] / 2
+def weakness(found: Identification) -> list[Doubt]:
+    """Notes that mass, centre of mass or inertia are known badly; empty if they are known well."""
+    fit, load = found.fit, found.sensor.load
+    words: dict[str, Any] = {"confidence": percent(found.confidence, 3)}
+    if fit.unknowns.inertia:
+        size = float(load.moment_about_com.trace())
+        halves = (
+            (float(np.ptp(found.interval(name))) / 2, name) for name in fit.unknowns.names if name.startswith("I")
+        )
+        half, name = max(halves)
+        if half > 0.5 * abs(size):
+            return [doubt("sensor-weak-inertia", name=name, half=number(half, 2), trace=number(size, 2), **words)]
+    half = float(np.ptp(found.mass_interval)) / 2
+    widths = np.diff(found.com_intervals, axis=1)[:, 0] / 2
     k = int(widths.argmax())
-    if share < 0.1 and widths[k] < 0.01:
-        return None
-    return (
-        f"The log tells the mass to ± {number((high - low) / 2, 2)} kg and the centre of mass along {'xyz'[k]} to ± "
-        f"{number(1e3 * widths[k], 2)} mm only ({percent(confidence, 3)}). Readings in more and wider orientations tell "
-        "more; `poses` proposes some."
-    )
+    if half < 0.1 * load.mass and widths[k] < 0.01:
+        return []
+    out = number(1e3 * widths[k], 2)
+    return [doubt("sensor-weak-load", mass=number(half, 2), axis="xyz"[k], out=out, **words)]
 
 
 complete(globals())

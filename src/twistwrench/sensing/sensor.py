@@ -18,6 +18,7 @@ from ..errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRa
 from ..lie import quaternion, so3
 from ..lie.labelled import frame_name
 from ..lie.twist_wrench import Pose, Twist, Wrench
+from ..log_checks.doubts import doubt
 from ..typing import Array
 
 _KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
@@ -151,10 +152,6 @@ Inertia = Literal["given", "accept", "unknown"]
 
 _TWIST, _READING = "(omega, v) in the sensor's frame", "mx, my, mz, fx, fy, fz"
 _TURNED = 1e-9  # entries of the mounting; {s} and {f} are one below
-_MISSING_INERTIA = (
-    "inertia not identified: the log is in motion, and what the load's rotational inertia does to the moments is left in them; "
-    "forces are free of it. Identify with inertia=True from a log in motion."
-)
 
 
 def sign_factor(sign: str) -> float:
@@ -338,7 +335,7 @@ class ForceTorqueSensor:
         text : str, or None if nothing
         """
         turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
-        return _MISSING_INERTIA if self.inertia == "unknown" and turning else None
+        return str(doubt("sensor-file-inertia")) if self.inertia == "unknown" and turning else None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
         """Warn of the text of :meth:`missing_signals`.
