@@ -367,9 +367,11 @@ def test_finding_35_a_payload_is_not_another_unit(factor, word):
     other = tw.Motion(log.time, log.q, log.dq, log.ddq, factor * log.tau, robot=ur5, in_seconds=True)
     found = tw.identification.identify(ur5, other, cutoff=10.0, friction_speed=0.05, shift=0.0)
     assert found.verdict.word == word, found.doubts
-    assert {doubt.kind for doubt in found.doubts if doubt.refuses} == {1.0: set(), 1e3: {"gain"}, -1.0: {"sign"}}[
-        factor
-    ]
+    assert {doubt.kind for doubt in found.doubts if doubt.refuses} == {
+        1.0: set(),
+        1e3: {"gain"},
+        -1.0: {"torque-sign"},
+    }[factor]
 
 
 def test_finding_6_rates_of_arrays_are_looked_at():

@@ -140,7 +140,7 @@ def test_a_torque_of_the_wrong_sign(joint):
     tau = LOG.motion.tau.copy()
     tau[:, joint] *= -1
     found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
-    signs = [doubt for doubt in found.doubts if doubt.kind == "sign" and doubt.refuses]
+    signs = [doubt for doubt in found.doubts if doubt.kind == "torque-sign" and doubt.refuses]
     assert [doubt.joints for doubt in signs] == [(ARM.joint_names[joint],)]
     assert found.verdict.word == "LOOK AGAIN"
 
@@ -150,18 +150,15 @@ def test_a_torque_in_another_unit():
     tau[:, 2] *= 50
     found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
     gain = next(doubt for doubt in found.doubts if doubt.kind == "gain")
-    assert (
-        gain.refuses
-        and gain.joints == (ARM.joint_names[2],)
-        and 1.0 < float(gain.sentence.split(" times")[0].split()[-1]) / 49.0 < 1.05
-    )
+    assert gain.refuses and gain.joints == (ARM.joint_names[2],) and abs(gain.value / 50.0 - 1.0) < 0.05
+    assert gain.interval[0] < 50.0 < gain.interval[1]
 
 
 def test_exchanged_torque_columns():
     tau = LOG.motion.tau.copy()
     tau[:, [1, 3]] = tau[:, [3, 1]]
     found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
-    exchanged = next(doubt for doubt in found.doubts if doubt.kind == "exchanged")
+    exchanged = next(doubt for doubt in found.doubts if doubt.kind == "exchanged-torques")
     assert exchanged.refuses and set(exchanged.joints) == {ARM.joint_names[1], ARM.joint_names[3]}
 
 

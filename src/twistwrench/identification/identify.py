@@ -22,6 +22,7 @@ from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .chunks import gap_notes
+from .diagnosis import log_causes
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
@@ -167,9 +168,10 @@ def identified(
 
     among = _five_fold(source, prior, method, settings_without)
     held_out = _predicted(source, tested, settings, x) if tested else among
+    causes = [] if payload_only else log_causes(unknown, source.samples, settings, source.dead)
     seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
-        rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, payload_only is not None,
+        rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(

@@ -17,16 +17,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.inverse_dynamics import PARAMETER_NAMES
+from ..algorithms.inverse_dynamics import PARAMETER_NAMES, regressor
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..ir.tracer import trace
 from ..model.model import BASE, Model
 from ..robot import Robot
+from ..robot.engine import compiled
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 
@@ -222,8 +224,16 @@ class UnknownParameters:
                 found.append(float(of_drive[plain][place]))
         return np.array(found)
 
-    def columns(self, which: Array, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
-        """Columns of the torques that belong to some of the parameters.
+    def columns(
+        self,
+        which: Array,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        friction_speed: Array,
+        gravity: Array | None = None,
+    ) -> Array:
+        """Columns of the torques that belong to some of the parameters, under ``gravity`` in place of the robot's.
 
         Returns
         -------
@@ -233,11 +243,27 @@ class UnknownParameters:
         places = self.of_bodies[which]
         mine = np.flatnonzero(places >= 0)
         if mine.size:
-            W[:, :, mine] = self.robot.regressor(q, dq, ddq)[..., places[mine]]
+            W[:, :, mine] = self.regressor(q, dq, ddq, self.model.gravity if gravity is None else gravity)[
+                ..., places[mine]
+            ]
         for c in np.flatnonzero(places < 0):
             value, s = self.drive(int(which[c]), dq, ddq, friction_speed)
             W[:, :, c] = value[:, None] * s
         return W
+
+    @cached_property
+    def regressor(self) -> Any:
+        """Kernel of the regressor Y (nv, 10 nbodies) of the bodies by q, dq, ddq and the vector of gravity."""
+        model = self.model
+
+        def columns(q: Any, dq: Any, ddq: Any, g: Any) -> Any:
+            return regressor(replace(model, gravity=g), q, dq, ddq)
+
+        def build() -> Any:
+            inputs = [("q", (model.nq,)), ("dq", (model.nv,)), ("ddq", (model.nv,)), ("gravity", (3,))]
+            return compiled(trace(columns, inputs, ["Y"]), "regressor_of_gravity", f"Regressor of {model.name}.")
+
+        return self.robot.engine.cached(("regressor by gravity",), build)
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
         """Columns of dry friction, Coulomb's and Stribeck's, among some of the parameters.
@@ -335,13 +361,16 @@ class BaseParameters:
     felt: Array
 
     @classmethod
-    def from_unknowns(cls, unknown: UnknownParameters, *, seed: int = 0) -> BaseParameters:
+    def from_unknowns(
+        cls, unknown: UnknownParameters, *, seed: int = 0, gravity: Array | None = None
+    ) -> BaseParameters:
         """Base parameters from random states.
 
         Parameters
         ----------
         unknown : UnknownParameters
         seed : int, of the states
+        gravity : (3,) array, optional, in place of the robot's
 
         Returns
         -------
@@ -356,7 +385,7 @@ class BaseParameters:
         q = np.where(turning, rng.uniform(-np.pi, np.pi, q.shape), q)
         dq, ddq = rng.normal(size=(2, states, nv)) * 2.0
         ones = np.ones(nv)
-        W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones)
+        W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones, gravity)
         scale = unknown.scales(ones, ones, ones)
         free = np.flatnonzero(~unknown.held)
         kept, found = _independent_columns((W * scale)[..., free].reshape(states * nv, len(free)))

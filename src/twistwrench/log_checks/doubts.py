@@ -31,7 +31,8 @@ class DoubtKind:
     threshold : str, from where it is raised
     false_alarms : float, share of clean logs that it is raised for, as measured, at most
     sentence, remedy : str, with {placeholders}
-    level : str, ``refuse``, ``unsure`` or ``note``
+    level : str, ``refuse``, ``unsure``, ``note``, or ``effect``: by how much predicted torques change
+    unit : str, of the value
     """
 
     name: str
@@ -42,7 +43,8 @@ class DoubtKind:
     false_alarms: float
     sentence: str
     remedy: str = ""
-    level: Level = "unsure"
+    level: Level | Literal["effect"] = "unsure"
+    unit: str = ""
 
 
 @cache
@@ -108,6 +110,7 @@ def doubt(
     kind: str,
     joints: Sequence[str] = (),
     *,
+    named: str | None = None,
     level: Level | None = None,
     log: str = "",
     found: Mapping[str, Any] | None = None,
@@ -115,13 +118,23 @@ def doubt(
 ) -> Doubt:
     """Doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
 
-    ``level`` replaces that of the row, ``log`` names the file that is meant.
+    ``level`` replaces that of the row, ``named`` the names of the joints in the sentence, ``log`` names the file.
     """
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
-    said = " ".join(text.format(**words) for text in (row.sentence, row.remedy) if text)
-    return Doubt(kind, f"{log}: {said}" if log else said, tuple(joints), level or row.level, **(found or {}))
+    said = " ".join(
+        text.format(**{"joints": ", ".join(joints) if named is None else named} | words)
+        for text in (row.sentence, row.remedy)
+        if text
+    )
+    return Doubt(
+        kind,
+        f"{log}: {said}" if log else said,
+        tuple(joints),
+        level or ("unsure" if row.level == "effect" else row.level),
+        **(found or {}),
+    )
 
 
 def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:

@@ -1,0 +1,382 @@
+"""Causes of wrong logs as corrections: states of a log with one fault taken off, and the torque that a law of the joint adds.
+
+A cause c with value β turns the states s of a log into c(s, β), which the robot's equations hold for if c is what happened:
+
+    gain g of joint k:        τ_k = g (W x)_k                         a gain of -1 is a sign
+    zero β of joint k:        q_k - β                                 W taken there
+    tilt (β_x, β_y):          gravity exp([β]) g
+    delay β:                  τ(t + β)
+    low-pass ω:               W / (1 + s/ω)
+    time scale s:             dq / s, ddq / s²
+    elasticity β of joint k:  q_k - β τ̂_k, with its rates             τ̂ = W x̂, the fitted torque
+
+and laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
+
+    load friction |R_k| tanh(dq_k / v_0),   Stribeck tanh(dq_k / v_0) exp(-(dq_k / v_s)²),
+    warming (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt.
+
+The fitted torque stands in all of them, never the measured one, which contains the residual itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ..lie import so3
+from ..typing import Array
+from .parameters import BaseParameters
+from .rows import SteadySamples, kept_rows, low_pass, of_springs, states_below
+
+_PORTION = 2048
+_OF_DRIVES = ("dq", "ddq", "pieces", "friction_speed")
+
+
+@dataclass(frozen=True, eq=False)
+class LogStates:
+    """States of logs below a cut-off, at 20 samples a period of it, and the rows among them that equations are made for.
+
+    Attributes
+    ----------
+    base : BaseParameters, whatever the direction of gravity
+    cutoff : float [Hz]
+    pieces : list of slice, states of each piece of a log without pauses
+    rows : (m,) array, numbers of the states that become rows
+    time, piece : (n,) arrays, time [s] and the number of its piece
+    rate : (n,) array, states a second
+    q, dq, ddq, tau : (n, nv) arrays
+    friction_speed : (nv,) array, v_0
+    gravity : (3,) array
+    gain : (nv,) array
+    lag : float, time constant of the low-pass of the torques [s]
+    """
+
+    base: BaseParameters
+    cutoff: float
+    pieces: Sequence[slice]
+    rows: Array
+    time: Array
+    piece: Array
+    rate: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array
+    friction_speed: Array
+    gravity: Array
+    gain: Array
+    lag: float = 0.0
+    shift: float = 0.0
+
+    @classmethod
+    def from_samples(
+        cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array, most: float
+    ) -> LogStates:
+        """States of samples on steady clocks, with ``most`` rows at most."""
+        found, rows, pieces, at = [], [], [], 0
+        total = sum(s.seconds for s in samples)
+        for one in samples:
+            s = states_below(one, cutoff)
+            kept = kept_rows(s, cutoff, max(1.0, most * one.seconds / total), cut=one.cut)
+            found.append(s)
+            rows.append(at + np.arange(len(s.time))[kept])
+            pieces.append(slice(at, at + len(s.time)))
+            at += len(s.time)
+        nv, counts = base.unknown.model.nv, [len(s.time) for s in found]
+        return cls(
+            base,
+            cutoff,
+            pieces,
+            np.concatenate(rows),
+            np.concatenate([s.time for s in found]),
+            np.repeat(np.arange(len(found)), counts),
+            np.repeat([s.rate for s in found], counts),
+            np.concatenate([s.q for s in found]),
+            np.concatenate([s.dq for s in found]),
+            np.concatenate([s.ddq for s in found]),
+            np.concatenate([s.tau for s in found]),
+            friction_speed,
+            np.asarray(base.unknown.model.gravity, float),
+            np.ones(nv),
+        )
+
+    def filtered(self, x: Array) -> Array:
+        """Values (n, ...) of the states below the cut-off, piece by piece."""
+        if not self.pieces:
+            return x
+        return np.concatenate([low_pass(x[s], self.cutoff, float(self.rate[s.start])) for s in self.pieces])
+
+    def slope(self, x: Array) -> Array:
+        """Rates of values (n, ...) of the states."""
+        if not self.pieces:
+            return np.zeros_like(x)
+        return np.concatenate([np.gradient(x[s], self.time[s], axis=0) for s in self.pieces])
+
+    @cached_property
+    def measured(self) -> Array:
+        """(m, nv) measured torques at the rows, springs taken off."""
+        tau = self.tau
+        if self.shift:
+            tau = np.concatenate([self._moved(s) for s in self.pieces])
+        known = of_springs(self.base, self.q[self.rows], self.dq[self.rows], self.ddq[self.rows])
+        return np.asarray(tau[self.rows] - known)
+
+    def _moved(self, s: slice) -> Array:
+        from scipy.interpolate import make_interp_spline
+
+        time = self.time[s]
+        return np.asarray(make_interp_spline(time, self.tau[s])(np.clip(time + self.shift, time[0], time[-1])))
+
+    @cached_property
+    def columns(self) -> Array:
+        """(m, nv, r) columns of the groups at the rows, friction low-passed as the torques are."""
+        unknown, kept = self.base.unknown, self.base.kept
+        at = slice(None) if self.lag else self.rows
+        places = unknown.of_bodies[kept]
+        W = np.empty((len(self.time[at]), unknown.model.nv, len(kept)))
+        Y = unknown.regressor(self.q[at], self.dq[at], self.ddq[at], self.gravity)
+        W[:, :, places >= 0] = Y[:, :, places[places >= 0]]
+        W[:, :, places < 0] = self.drives[at]
+        if self.lag:
+            W = np.concatenate([_lagged(W[s], self.lag * float(self.rate[s.start])) for s in self.pieces])[self.rows]
+        return np.asarray(W * self.gain[:, None] if (self.gain != 1.0).any() else W)
+
+    @cached_property
+    def drives(self) -> Array:
+        """(n, nv, k) columns of motor inertias, friction and offsets in all states."""
+        unknown, found = self.base.unknown, []
+        for k in self.base.kept[unknown.of_bodies[self.base.kept] < 0].tolist():
+            value, share = unknown.drive(k, self.dq, self.ddq, self.friction_speed)
+            if unknown.kinds[k] in ("coulomb", "stribeck"):
+                value = self.filtered(value)
+            found.append(value[:, None] * share)
+        return np.stack(found, axis=-1) if found else np.zeros((*self.dq.shape, 0))
+
+    def torque(self, x: Array) -> Array:
+        """(n, nv) torques W x of all states, in portions."""
+        n, found = len(self.time), []
+        for k in range(0, n, _PORTION):
+            span = slice(k, min(n, k + _PORTION))
+            arrays = {name: getattr(self, name)[span] for name in ("time", "piece", "rate", "q", "dq", "ddq", "tau")}
+            part = self.changed(**arrays, rows=np.arange(span.stop - k), pieces=(), lag=0.0)
+            found.append(part.columns @ x)
+        return np.concatenate(found)
+
+    def changed(self, **columns: Any) -> LogStates:
+        """The same with other values of some fields; columns of drives that no change concerns are kept."""
+        found = replace(self, **columns)
+        if "drives" in self.__dict__ and all(getattr(found, name) is getattr(self, name) for name in _OF_DRIVES):
+            found.__dict__["drives"] = self.__dict__["drives"]
+        return found
+
+
+def _lagged(x: Array, steps: float) -> Array:
+    """Samples (n, ...) behind a first-order low-pass of so many steps, at rest before them."""
+    from scipy.signal import lfilter
+
+    a = np.exp(-1.0 / steps)
+    start = a * x[:1]
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], x, axis=0, zi=start)[0])
+
+
+# ── Corrections of states
+
+
+def _one(values: Array, k: int, change: Callable[[Array], Array]) -> Array:
+    found = values.copy()
+    found[:, k] = change(values[:, k])
+    return found
+
+
+def gain(s: LogStates, k: int, g: float) -> LogStates:
+    """τ_k is g times that of the robot."""
+    return s.changed(gain=np.where(np.arange(len(s.gain)) == k, g * s.gain, s.gain))
+
+
+def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
+    """q_k is that times the angle of the log."""
+    return s.changed(**{name: _one(getattr(s, name), k, lambda x: factor * x) for name in ("q", "dq", "ddq")})
+
+
+def zero(s: LogStates, k: int, beta: float) -> LogStates:
+    """q_k of the log is beyond the robot's by β."""
+    return s.changed(q=_one(s.q, k, lambda x: x - beta))
+
+
+def exchanged_positions(s: LogStates, j: int, k: int) -> LogStates:
+    """Columns of positions j and k are exchanged."""
+    order = np.arange(s.q.shape[1])
+    order[[j, k]] = k, j
+    return s.changed(q=s.q[:, order], dq=s.dq[:, order], ddq=s.ddq[:, order])
+
+
+def exchanged_torques(s: LogStates, order: Array) -> LogStates:
+    """Column ``order[j]`` of the torques is that of joint j."""
+    return s.changed(tau=s.tau[:, order])
+
+
+def tilt(s: LogStates, beta: Array) -> LogStates:
+    """The base is turned by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
+    level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes at right angles to gravity
+    return s.changed(gravity=so3.exp(level.T @ beta) @ s.gravity)
+
+
+def time_scale(s: LogStates, factor: float) -> LogStates:
+    """Times of the log are ``factor`` times the true ones, so that rates are too small by it."""
+    return s.changed(dq=s.dq * factor, ddq=s.ddq * factor**2)
+
+
+def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Array) -> LogStates:
+    """Links are behind the motors by β times ``turn`` (n, nv), with its rates."""
+    if not s.pieces:
+        return s
+    return s.changed(q=s.q - beta * turn, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
+
+
+def compliances(s: LogStates, torque: Array) -> Iterator[Cause]:
+    """Elasticity of each joint, and of all alike; β is the angle at the largest fitted torque (n, nv)."""
+    every = tuple(range(torque.shape[1]))
+    share = torque / np.maximum(np.abs(torque).max(axis=0), 1e-300)
+    rate = s.slope(share)
+    rates = share, rate, s.slope(rate)
+    for joints in (*((k,) for k in every), *([every] if len(every) > 1 else [])):
+        turn, dturn, ddturn = (x * np.isin(every, joints) for x in rates)
+        correct = partial(behind, turn=turn, rate=dturn, acceleration=ddturn)
+        yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), 1e-4)
+
+
+# ── Causes by name
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A correction that is tried; with a value β, ``correct`` takes it and ``start`` is where it is none."""
+
+    kind: str
+    joints: tuple[int, ...]
+    correct: Callable[..., LogStates]
+    step: float = 0.0
+    """Of β in finite differences; 0 for a cause without a value."""
+    size: int = 1
+    """Numbers that β has."""
+    starts: tuple[float, ...] = (0.0,)
+    number: float | None = None
+    """Value of a discrete cause, in the unit of the table."""
+    cost: float = 0.0
+    """S by which it must explain more than others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A law of joints, by the states and their fitted torques, total and rigid."""
+
+    kind: str
+    joints: tuple[int, ...]
+    values: Callable[[LogStates, Array, Array], Array]
+
+    def column(self, s: LogStates, torque: Array, rigid: Array) -> Array:
+        """Column (n, nv) of the law, in the rows of its joints."""
+        return self.values(s, torque, rigid) * np.isin(np.arange(len(s.gain)), self.joints)
+
+
+def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
+    """Signs, units and exchanges of columns, zeros by quarters of a turn, mountings and units of time."""
+    turning = [bool(b.joint.turning[0]) for b in s.base.unknown.model.leaders]
+    for k in suspects:
+        yield Cause("torque-sign", (k,), partial(gain, k=k, g=-1.0))
+        yield Cause("position-sign", (k,), partial(positions_times, k=k, factor=-1.0))
+        yield Cause("both-signs", (k,), lambda s, k=k: gain(positions_times(s, k, -1.0), k, -1.0))
+        if turning[k]:
+            yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
+            for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
+                yield Cause("zero-turn", (k,), partial(zero, k=k, beta=turn), number=float(np.degrees(turn)))
+    for j, k in combinations(suspects, 2):
+        if turning[j] == turning[k]:
+            yield Cause("exchanged-positions", (j, k), partial(exchanged_positions, j=j, k=k))
+            order = np.arange(len(s.gain))
+            order[[j, k]] = k, j
+            yield Cause("exchanged-torques", (j, k), partial(exchanged_torques, order=order))
+    if s.gravity.any():
+        down = s.gravity / np.linalg.norm(s.gravity)
+        level = np.linalg.svd(down[None])[2][1:]
+        size = float(np.linalg.norm(s.gravity))
+        for direction in (*level, *-level, -down, 0.0 * down):
+            yield Cause("mounting", (), partial(LogStates.changed, gravity=size * direction))
+    for factor in (2.0, 0.5, 10.0, 0.1):
+        yield Cause("time-scale", (), partial(time_scale, factor=factor), number=1.0 / factor)
+
+
+def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
+    """Gain and zero of each joint, tilt of the base, delay and low-pass of all torques; also far from none if ``wide``."""
+    turning = [bool(b.joint.turning[0]) for b in s.base.unknown.model.leaders]
+    for k in range(len(s.gain)):
+        yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, 1, _GAINS if wide else (0.0,))
+        if turning[k]:
+            yield Cause("zero", (k,), lambda s, beta, k=k: zero(s, k, float(beta[0])), 1e-3)
+    if s.gravity.any():
+        yield Cause("tilt", (), tilt, 1e-3, 2)
+    yield Cause("late", (), _later, 1e-3, 1, _DELAYS if wide else (0.0,))
+    if not wide:
+        return
+    yield Cause("low-pass", (), lambda s, beta: s.changed(lag=max(float(beta[0]), 1e-6)), 1e-3, 1, _LAGS, cost=1.0)
+
+
+def _factor(beta: Array) -> float:
+    return float(np.exp(np.clip(beta[0], -8.0, 8.0)))
+
+
+def _later(s: LogStates, beta: Array) -> LogStates:
+    return s.changed(shift=s.shift + float(beta[0]))
+
+
+_GAINS = (0.0, -3.0, 3.0)
+_DELAYS = (0.0, -0.2, -0.12, -0.07, -0.03, 0.03, 0.07, 0.12, 0.2, 0.3)
+_LAGS = (0.02, 0.05, 0.1, 0.2)
+STRIBECK_SPEEDS = (0.03, 0.1, 0.3)
+
+
+def laws(s: LogStates) -> Iterator[Law]:
+    """Laws of each joint, and of all joints with one coefficient."""
+    every = tuple(range(len(s.gain)))
+    for joints in (*((k,) for k in every), *([every] if len(every) > 1 else [])):
+        yield Law("load-friction", joints, _load_friction)
+        yield Law("warming", joints, _warming)
+        yield from (Law("stribeck", joints, partial(_stribeck, speed=speed)) for speed in STRIBECK_SPEEDS)
+    for k in every:
+        yield Law("late-joint", (k,), _delayed)
+        yield Law("drift", (k,), _drift)
+
+
+def _load_friction(s: LogStates, _torque: Array, rigid: Array) -> Array:
+    return np.abs(rigid) * _dry(s)
+
+
+def _delayed(s: LogStates, torque: Array, _rigid: Array) -> Array:
+    return -s.slope(torque)
+
+
+def _warming(s: LogStates, _torque: Array, _rigid: Array) -> Array:
+    return _through(s)[:, None] * _dry(s)
+
+
+def _drift(s: LogStates, _torque: Array, _rigid: Array) -> Array:
+    return _through(s)[:, None] * np.ones(len(s.gain))
+
+
+def _stribeck(s: LogStates, _torque: Array, _rigid: Array, *, speed: float) -> Array:
+    return np.asarray(_dry(s) * np.exp(-((s.dq / speed) ** 2)))
+
+
+def _dry(s: LogStates) -> Array:
+    return np.asarray(np.tanh(s.dq / s.friction_speed))
+
+
+def _through(s: LogStates) -> Array:
+    """Time since the middle of the logs, as a share of their length; 0 for states without a time."""
+    length = np.ptp(s.time)
+    return (s.time - s.time.mean()) / length if length else np.zeros(len(s.time))
