@@ -261,7 +261,7 @@ class Cause:
     joints: tuple[int, ...]
     correct: Callable[..., LogStates]
     step: float = 0.0
-    """Of β in finite differences; 0 for a cause without a value."""
+    """Step of β in finite differences; 0 for a cause without a value."""
     size: int = 1
     """Numbers that β has."""
     starts: tuple[float, ...] = (0.0,)

@@ -47,15 +47,15 @@ _SECONDS, _LENGTHS = 1.0, 5.0
 _STEPS, _WORTH = 5, 0.005
 _REFINED = 5
 _UNTOLD = 1e-7
-_TIE, _TIE_SHARE = 0.05, 0.03
+_TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
-"""Of causes that explain as much: the first is preferred."""
+"""Preference among causes that explain as much: the first."""
 _POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
 _STATES = 200
 _ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
 """Direction of gravity along no axis, so that groups are those of any mounting."""
-_HIGHEST, _SLOWEST, _SMALL_SHIFT = 10.0, 0.1, 8e-3
-"""Cut-off [Hz] and speed of friction at most, and the delay [s] that is taken off before causes are sought."""
+_HIGHEST, _SLOWEST = 10.0, 0.1
+"""Cut-off [Hz] and speed of friction at most."""
 _FEWEST, _MOST = 300, 1200
 _NUMBERS = 5e6  # entries of rows at most
 
@@ -232,15 +232,13 @@ _TO_UNITS: Mapping[str, Callable[[float], float]] = {
 def log_causes(
     unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
 ) -> list[FoundCause]:
-    """Causes of what the best fit to logs leaves, where there are any."""
+    """Causes of what the best fit to logs leaves, where there are any; its delay is taken off before."""
     gravity = np.linalg.norm(unknown.model.gravity) * _ASKEW
     base = BaseParameters.from_unknowns(unknown, gravity=gravity)
     nv, cutoff = unknown.model.nv, min(settings.cutoff, _HIGHEST)
     most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
     speed = np.minimum(settings.friction_speed, _SLOWEST)
-    s = LogStates.from_samples(base, samples, cutoff, speed, most)
-    if abs(settings.shift) < _SMALL_SHIFT:
-        s = s.changed(shift=settings.shift)
+    s = LogStates.from_samples(base, samples, cutoff, speed, most).changed(shift=settings.shift)
     size = [np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-6) for x in (s.tau, s.dq, s.ddq)]
     sizes = unknown.scales(*(np.maximum(x, 1e-2 * np.median(x)) for x in size))
     prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
@@ -275,8 +273,16 @@ def _first(fit: CauseFit, tried: Sequence[FoundCause], count: int) -> FoundCause
     if not told:
         return None
     most = max(one.S - one.cost for one in told)
+    told = [_at_its_speed(fit, one) for one in told if one.S - one.cost >= _NEAR * most]
+    most = max(one.S - one.cost for one in told)
     best, *rivals = (one for one in told if one.S - one.cost >= most - max(_TIE, _TIE_SHARE * most))
     return replace(best, rivals=tuple(rivals), effect=effect(fit, best))
+
+
+def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
+    """The cause with the speed of friction that fits best beside it: without it another one may have."""
+    refit = _at_best_speed(found.fit)
+    return replace(found, fit=refit, S=fit.gained(refit.left), t=refit.t_value(fit))
 
 
 def _possible(found: FoundCause) -> bool:

@@ -168,7 +168,8 @@ def identified(
 
     among = _five_fold(source, prior, method, settings_without)
     held_out = _predicted(source, tested, settings, x) if tested else among
-    causes = [] if payload_only else log_causes(unknown, source.samples, settings, source.dead)
+    begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may be another cause
+    causes = [] if payload_only else log_causes(unknown, source.samples, begin, source.dead)
     seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
