@@ -308,7 +308,7 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
         for direction in (*level, *-level, -down, 0.0 * down):
             yield Cause("mounting", (), partial(LogStates.changed, gravity=size * direction))
     for factor in (2.0, 0.5, 10.0, 0.1):
-        yield Cause("time-scale", (), partial(time_scale, factor=factor), number=1.0 / factor)
+        yield Cause("time-scale", (), partial(time_scale, factor=factor), number=factor)
 
 
 def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
