@@ -17,6 +17,7 @@ import json
 import subprocess
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,17 +61,19 @@ def write(path: Path, robot: str, case: Case, seed: int) -> None:
     )
 
 
-def scores(wanted: Sequence[Task], processes: int, lines: Path | None) -> Iterator[dict[str, Any]]:
+def scores(wanted: Sequence[Task], processes: int, lines: Path | None, *, quick: bool) -> Iterator[dict[str, Any]]:
     """Scores of logs; those that ``lines`` has already are not made again."""
     old = [json.loads(text) for text in lines.read_text("utf-8").splitlines()] if lines and lines.is_file() else []
     done = {(row["part"], row["robot"], row["case"], row["seed"]) for row in old}
     rest = [task for task in wanted if (task.part, task.robot, task.name, task.seed) not in done]
-    yield from old
+    names = {(task.part, task.robot, task.name, task.seed) for task in wanted}
+    yield from (row for row in old if (row["part"], row["robot"], row["case"], row["seed"]) in names)
+    one = partial(score, quick=quick)
     if processes > 1:
         with ProcessPoolExecutor(processes) as pool:
-            yield from _noted(pool.map(score, rest), lines)
+            yield from _noted(pool.map(one, rest), lines)
     else:
-        yield from _noted(map(score, rest), lines)
+        yield from _noted(map(one, rest), lines)
 
 
 def _noted(rows: Iterator[dict[str, Any]], lines: Path | None) -> Iterator[dict[str, Any]]:
@@ -105,6 +108,7 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", help="only these")
     parser.add_argument("--every", type=int, default=1, help="every so many logs of the part")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="settings chosen once, not for each fifth of the time")
     parser.add_argument("--lines", type=Path, help="file of a row a log, from which a run that was stopped goes on")
     parser.add_argument("--label", default="now", help="under which results are kept: before, or now")
     parser.add_argument("--list", action="store_true", help="names of the cases")
@@ -123,7 +127,7 @@ def main() -> None:
             for task in tasks(part)[:: given.every]
             if (not given.robots or task.robot in given.robots) and (not given.cases or task.name in given.cases)
         ]
-        rows = list(scores(wanted, given.processes, given.lines))
+        rows = list(scores(wanted, given.processes, given.lines, quick=given.quick))
         if not (given.robots or given.cases):
             keep(given.label, part, rows, given.every)
 
