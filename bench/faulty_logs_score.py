@@ -28,16 +28,20 @@ _STATES = 400
 _LENGTH = 200
 """Letters of a sentence that are kept."""
 _TITLES = ("Torques [", "What the peak", "The file's own")
-CAUSE_OF_OLD_KIND = {
+CAUSE_OF_KIND = {
     "sign": "torque-sign",
     "exchanged": "exchanged-torques",
     "negative": "negative-inertia",
     "unexplained-joint": "unexplained",
     "partly-unexplained": "unexplained",
     "other-torques": "unexplained",
-    "quantised": "quantised",
+    "angle-unit": "degrees",
+    "degrees-option": "degrees",
+    "time-unit": "time-scale",
+    "closed-pause": "pause",
+    "single-row": "spikes",
 }
-"""Names of causes, of kinds that were renamed."""
+"""Names of causes, of kinds that have others: those of the program before its table of doubts, and those of reading a log."""
 _IN_CONTRADICTIONS = (
     ("degree", "degrees"),
     ("gap", "pause"),
@@ -47,7 +51,7 @@ _IN_CONTRADICTIONS = (
     ("one row", "spikes"),
 )
 """Words in a contradiction between columns, whose kind does not say the cause."""
-NO_CAUSE = ("unexciting", "unexplained", "contradiction", "quantised")
+NO_CAUSE = ("unexciting", "unexplained", "negative-inertia", "contradiction", "quantised", "left-out")
 """Names that say that something is wrong, not what."""
 
 
@@ -55,7 +59,7 @@ def name_of(kind: str, sentence: str) -> str:
     """Name of the cause of a doubt, by its kind, and for contradictions between columns by its sentence."""
     if kind == "contradiction":
         return next((name for word, name in _IN_CONTRADICTIONS if word in sentence), kind)
-    return CAUSE_OF_OLD_KIND.get(kind, kind)
+    return CAUSE_OF_KIND.get(kind, kind)
 
 
 @contextmanager
