@@ -97,8 +97,20 @@ def keep(label: str, part: str, rows: list[dict[str, Any]], every: int) -> None:
     )
     told = {key: describe()[key] for key in ("date", "cpu", "python")}
     kept.setdefault(label, {})[part] = {"commit": commit.stdout.strip(), **told, "every": every, "logs": rows}
-    text = json.dumps(kept, indent=1, ensure_ascii=False)
-    KEPT.write_text(text + "\n", "utf-8")
+    KEPT.write_text(as_text(kept), "utf-8")
+
+
+def as_text(kept: dict[str, dict[str, Any]]) -> str:
+    """JSON of the results, a line for each log."""
+    lean = {
+        label: {part: run | {"logs": f"{label} {part}"} for part, run in runs.items()} for label, runs in kept.items()
+    }
+    text = json.dumps(lean, indent=1, ensure_ascii=False)
+    for label, runs in kept.items():
+        for part, run in runs.items():
+            rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in run["logs"])
+            text = text.replace(f'"logs": "{label} {part}"', f'"logs": [\n{rows}\n]')
+    return text + "\n"
 
 
 def main() -> None:

@@ -141,9 +141,13 @@ def case_rows(parts: dict[str, list[Row]]) -> Iterable[list[str]]:
             mine = [rows[robot] for robot in ARMS if robot in rows]
             verdicts = "".join(_LETTERS.get(row["verdict"], "?") for row in mine)
             wrong = [100 * row["wrong"] for row in mine if "wrong" in row]
-            spread = f"{min(wrong):.2g}–{max(wrong):.2g} %" if wrong else "–"
+            spread = f"{_percent(min(wrong))}–{_percent(max(wrong))} %" if wrong else "–"
             cells += [verdicts, spread, _names(mine)]
         yield cells
+
+
+def _percent(x: float) -> str:
+    return f"{x:.1f}" if x < 10 else f"{x:.0f}"
 
 
 def _names(rows: Sequence[Row]) -> str:
@@ -202,8 +206,7 @@ of the robot that it finds are. Made by `python -m bench.faulty_logs faults clea
 `faulty_logs.json`, and `python -m bench.faulty_logs_table`, which writes this page."""
 _FAULTS = """Verdicts of UR5, Panda, xArm 6 and TX40 in this order: O is OK, U UNSURE, L LOOK AGAIN. Torques wrong by: error of
 the torques of another motion, as a share of each joint's torque (rms), root mean square over the joints; least and largest of
-the four. Named first: the first doubt
-that says a cause; – where there is none. † No single log can tell it."""
+the four. Named first: the first doubt that says a cause; – where there is none. † No single log can tell it."""
 
 
 if __name__ == "__main__":
