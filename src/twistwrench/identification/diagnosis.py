@@ -26,7 +26,7 @@ import numpy as np
 
 from ..estimation.covariance import autocorrelation_length, student_quantile
 from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import NormalEquations, Prior
+from ..estimation.least_squares import MAD, NormalEquations, Prior
 from ..typing import Array
 from . import causes
 from .causes import Cause, Law, LogStates
@@ -52,6 +52,9 @@ _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Preference among causes that explain as much: the first."""
 _POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
 _STATES = 200
+_PUSHED, _SHORTEST, _GAP, _MOST_PUSHED, _BY_FORCE = 5.0, 0.3, 0.2, 0.25, 0.5
+"""Times the usual residual, least length of a push and most of a gap in it [s], most of the rows, and least share of squares
+that one force explains."""
 _ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
 """Direction of gravity along no axis, so that groups are those of any mounting."""
 _HIGHEST, _SLOWEST = 10.0, 0.1
@@ -199,6 +202,10 @@ class FoundCause:
     number: float | None = None
     """Value of a discrete cause, in its unit."""
     cost: float = 0.0
+    span: tuple[float, float] | None = None
+    """Times [s] between which it acts."""
+    size: float | None = None
+    """Acceleration of a base that sways [m/s²]."""
 
     @property
     def most(self) -> tuple[int, float]:
@@ -248,6 +255,9 @@ def log_causes(
 def diagnose(start: CauseFit) -> list[FoundCause]:
     """Causes of what a fit leaves, in the order in which they are found, each put in before the next is sought."""
     found, fit = list[FoundCause](), start
+    if push := _push(fit):
+        found.append(replace(push, effect=effect(fit, push)))
+        fit = push.fit
     for stage in (_of_the_log, _of_the_joints):
         fit = _at_best_speed(fit)
         for _ in range(_ROUNDS):
@@ -290,6 +300,75 @@ def _possible(found: FoundCause) -> bool:
     return found.kind not in _POSITIVE or found.value is None or bool(found.value[0] > 0)
 
 
+def _push(fit: CauseFit) -> FoundCause | None:
+    """Rows of 0.3 s at least whose residuals are five times those of the others, as a force on the tip makes them."""
+    s, rest, robot = fit.states, fit, fit.states.base.unknown.robot
+    if robot.model.tip is None:
+        return None
+    left, runs, sigma = fit.left, list[tuple[int, int]](), np.ones(len(fit.live))
+    for _ in range(2):  # at first the push is in the fit as well
+        sigma = MAD * np.median(np.abs(left), axis=0) + np.sqrt(fit.floor)
+        size = np.sqrt(((left / sigma)[:, fit.live] ** 2).mean(axis=1))
+        runs = _runs(s.time[s.rows], size > _PUSHED * np.median(size))
+        kept = np.ones(len(s.rows), bool)
+        for a, b in runs:
+            kept[a:b] = False
+        if not 1.0 - _MOST_PUSHED < kept.mean() < 1.0:
+            return None
+        rest = fit.refit(s.changed(rows=s.rows[kept]))
+        left = fit.tau - fit.W @ rest.x
+    a, b = max(runs, key=lambda run: run[1] - run[0])
+    J = np.asarray(robot.jacobian(s.q[s.rows[a:b]], kind="world_aligned"))[
+        :, 3:
+    ]  # τ = J' f, f constant in the world's axes
+    A = (J / sigma).swapaxes(1, 2)[:, fit.live].reshape(-1, 3)
+    y = (left[a:b] / sigma)[:, fit.live].ravel()
+    f, *_ = np.linalg.lstsq(A, y, rcond=None)
+    if float(((y - A @ f) ** 2).sum()) > (1.0 - _BY_FORCE) * float(y @ y):
+        return None
+    span = float(s.time[s.rows[a]]), float(s.time[s.rows[b - 1]])
+    return FoundCause("push", (), np.inf, np.inf, fit, rest, number=float(np.linalg.norm(f)), span=span)
+
+
+def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
+    """Acceleration of the base along two horizontal axes at one frequency, that at which most of it is.
+
+    Row by row the residual is W(e_x) x a_x + W(e_y) x a_y; columns of its cosine and sine are fitted together.
+    """
+    s = fit.states
+    if not s.gravity.any() or len(s.pieces) != 1:
+        return [], 0
+    x = fit.x[: s.base.count]
+    level = np.linalg.svd(s.gravity[None])[2][1:]
+    still = s.changed(dq=0.0 * s.dq, ddq=0.0 * s.ddq)
+    e = [(still.changed(gravity=s.gravity - g).columns - still.columns) @ x * fit.live for g in level]
+    A = np.stack(e, axis=-1) * np.sqrt(fit.weight)[:, None]
+    y = (fit.left * np.sqrt(fit.weight))[..., None]
+    N = A.swapaxes(1, 2) @ A
+    N += np.trace(N, axis1=1, axis2=2).mean() * 1e-2 * np.eye(2)
+    a = np.linalg.solve(N, A.swapaxes(1, 2) @ y)[..., 0]
+    time = s.time[s.rows]
+    power = (np.abs(np.fft.rfft(a - a.mean(axis=0), 4 * len(a), axis=0)) ** 2).sum(axis=1)
+    hertz = float(np.fft.rfftfreq(4 * len(a), float(np.median(np.diff(time))))[int(power[1:].argmax()) + 1])
+    waves = (np.cos(2 * np.pi * hertz * time), np.sin(2 * np.pi * hertz * time))
+    columns = [column * wave[:, None] for column in e for wave in waves]
+    refit = fit.refit(s, *columns)
+    size = float(np.linalg.norm(refit.x[-len(columns) :]))
+    S = fit.gained(refit.left)
+    return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=size)], 1
+
+
+def _runs(time: Array, high: Array) -> list[tuple[int, int]]:
+    """Runs of rows that are high, but for short gaps, of 0.3 s at least."""
+    places = np.flatnonzero(high)
+    if not places.size:
+        return []
+    ends = np.flatnonzero(np.diff(time[places]) > _GAP)
+    begins, stops = np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(places) - 1]])
+    runs = [(int(places[a]), int(places[b]) + 1) for a, b in zip(begins, stops, strict=True)]
+    return [(a, b) for a, b in runs if time[b - 1] - time[a] >= _SHORTEST]
+
+
 def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
     """Stages 2 and 3: refits of discrete causes where much is left, and of the continuous ones whose column gains most."""
     s, found, count = fit.states, list[FoundCause](), 0
@@ -321,7 +400,8 @@ def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
             one = FoundCause(law.kind, law.joints, fit.gained(refit.left), refit.t_value(fit), fit, refit)
             found.append(replace(one, law=law, value=value, deviation=deviation))
     elastic, tried = _continuous(fit, causes.compliances(s, s.filtered(torque)))
-    return found + elastic, len(screened) + tried
+    swaying, more = _sway(fit)
+    return found + elastic + swaying, len(screened) + tried + more
 
 
 def _continuous(fit: CauseFit, tried: Iterable[Cause]) -> tuple[list[FoundCause], int]:

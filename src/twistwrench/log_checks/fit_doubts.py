@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.numbers import number, percent, plus_minus, printed
+from ..core.numbers import number, percent, plus_minus, printed, seconds
 from ..core.text import listed
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import NormalEquations, Prior
@@ -160,6 +160,9 @@ def _of_cause(seen: FittedLog, cause: FoundCause) -> Doubt:
         "value": "" if value is None else number(abs(value) if cause.kind == "late" else value, 3),
         "interval": "" if interval is None else f" (95 %: {number(interval[0], 3)} to {number(interval[1], 3)})",
         "gravity": ", ".join(number(x, 4) for x in cause.fit.states.gravity),
+        "from_": "" if cause.span is None else seconds(cause.span[0], 4),
+        "to": "" if cause.span is None else seconds(cause.span[1], 4),
+        "size": "" if cause.size is None else number(cause.size, 2),
         "way": "" if value is None else "after" if value > 0 else "before",
     }
     found = {
@@ -221,13 +224,16 @@ noise deviations hold the errors of filters only by chance, and these make such 
 _NOTABLE = 0.1
 """Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
 _SAID = "LOOK AGAIN: "
+_FIRST = ("saturated", "repeated", "buffered", "closed-pause")
+"""Doubts about columns that other causes would be seen in wrongly."""
 
 
 def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that refuse the log first; insufficient motion only if nothing else is wrong."""
     columns = list(column_doubts(seen))
-    causes = [] if seen.payload_only else [*gain_of_all(seen), *cause_doubts(seen)]
-    known = any(one.level != "note" for one in causes)
+    before = any(one.kind in _FIRST for one in columns)
+    causes = [] if seen.payload_only or before else [*gain_of_all(seen), *cause_doubts(seen)]
+    known = before or any(one.level != "note" for one in causes)
     found = [
         *_contradictions(seen),
         *columns,
