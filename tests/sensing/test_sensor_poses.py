@@ -39,7 +39,7 @@ def test_poses_stay_within_the_tilt_allowed():
     assert np.arccos(-proposal.gravity[:, 2] / 9.81).max() <= math.radians(40) + 1e-9
     with pytest.raises(tw.ValueRangeError, match="Allow more"):
         propose_poses(3, candidates=[[0, 0, 1]], within=0.5)
-    with pytest.raises(tw.ValueRangeError, match="at least one"):
+    with pytest.raises(tw.ValueRangeError, match="of at least 1"):
         propose_poses(0)
     with pytest.raises(tw.ShapeError, match="gravity directions"):
         propose_poses(1, candidates=[1, 2, 3])
@@ -54,9 +54,9 @@ def test_poses_are_proposed_for_the_gravity_that_is_there():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"count": 2.5}, "count 2.5 is no whole number"),
-        ({"count": "three"}, "count 'three' is no whole number"),
-        ({"count": -1}, "at least one pose"),
+        ({"count": 2.5}, "count=2.5: give a whole number"),
+        ({"count": "three"}, "count='three': give a whole number"),
+        ({"count": -1}, "give a whole number of at least 1"),
         ({"noise": (0.01, math.nan)}, "two positive numbers"),
         ({"noise": (0.01, -0.3)}, "two positive numbers"),
         ({"noise": None}, "two positive numbers"),

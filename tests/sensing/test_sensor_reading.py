@@ -99,9 +99,9 @@ def test_one_pose_makes_a_log_of_one_reading():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"poses": 2.5}, "count 2.5 is no whole number"),
-        ({"poses": 0}, "at least one pose"),
-        ({"poses": "twelve"}, "no array of numbers"),
+        ({"poses": 2.5}, "give a whole number of at least 1"),
+        ({"poses": 0}, "give a whole number of at least 1"),
+        ({"poses": "twelve"}, "of text, expected"),
         ({"poses": np.eye(3), "motion": 1.0}, "Give their number"),
         ({"motion": -1.0}, "motion -1.0 is no duration"),
         ({"motion": math.nan}, "motion nan is no duration"),
@@ -111,8 +111,8 @@ def test_one_pose_makes_a_log_of_one_reading():
         ({"noise": (math.nan, 1.0)}, "two numbers from 0 on"),
         ({"touch": {12: np.zeros(6)}}, "no reading 12. They are 0 to 11"),
         ({"touch": {"first": np.zeros(6)}}, "no reading 'first'"),
-        ({"touch": {0: [1, 2, 3]}}, "touch of reading 0 is no wrench"),
-        ({"touch": {0: np.full(6, math.nan)}}, "touch of reading 0 is no wrench"),
+        ({"touch": {0: [1, 2, 3]}}, "touch of reading 0 has"),
+        ({"touch": {0: np.full(6, math.nan)}}, "touch of reading 0 has"),
     ],
 )
 def test_what_cannot_be_simulated_is_said(arguments, said):

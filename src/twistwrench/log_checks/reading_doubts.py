@@ -59,14 +59,14 @@ def in_a_plane(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
     return 2.0 * mass * least < _OFF_PLANE * float(found.noise[1])
 
 
-def unexplained_turns(log: ReadingLog, found: Fit, kept: Array) -> float | None:
+def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
     """Noise [N] of forces without the poses, if surely less than the residuals; None if it is unknown.
 
     At rest forces lie on a ball about the bias, whatever the poses: |f|² = 2 b·f + r² − |b|² is linear in b and the rest.
     """
     from scipy import special
 
-    f = log.readings[kept][:, 3:]
+    f = log.readings[found.kept][:, 3:]
     n = len(f)
     if log.V is not None or n < 7:
         return None
@@ -81,8 +81,7 @@ def unexplained_turns(log: ReadingLog, found: Fit, kept: Array) -> float | None:
     radius = math.sqrt(max(float(x[3] + x[:3] @ x[:3]), 1e-300))
     off = np.linalg.norm(u - x[:3], axis=1) - radius
     own = size * max(math.sqrt(float(off @ off) / (n - 4)), 1e-12)
-    left = float(np.sqrt(np.sum(found.residuals[kept][:, 3:] ** 2) / max(3 * n - len(found.unknowns.names) / 2, 1.0)))
-    if own > _ROUND * radius * size or (left / own) ** 2 < special.fdtri(2 * n, n - 4, 1 - _SURE_POSES):
+    if own > _ROUND * radius * size or (found.noise[1] / own) ** 2 < special.fdtri(2 * n, n - 4, 1 - _SURE_POSES):
         return None
     return own
 
@@ -137,7 +136,7 @@ def departure(
     tried = {"drift": np.stack([s**k for k in range(3)], axis=1), "gain": np.column_stack([np.ones(len(s)), load])}
     best: tuple[int, str, Array] | None = None
     for name, X in tried.items():
-        basis = _basis(X)
+        basis = orthonormal(X[:, X.any(axis=0)] / np.linalg.norm(X[:, X.any(axis=0)], axis=0))
         if len(s) < _PER_COLUMN * basis.shape[1]:
             continue
         explained = np.stack([_robust(basis, rest[:, c], sigma[:, c]) for c in range(6)], axis=1)
@@ -162,11 +161,13 @@ def largest_share(explained: Array, load: Array) -> float:
     return float((part / np.maximum(whole, 1e-12)).max())
 
 
-def _basis(X: Array) -> Array:
-    """Orthonormal columns that span those of X (n, k), without what is rounding."""
-    size = np.linalg.norm(X, axis=0)
-    U, values, _ = np.linalg.svd(X[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(U[:, values > 1e-6 * values[0]])
+def orthonormal(E: Array, basis: Array | None = None) -> Array:
+    """Orthonormal columns of what E (N, k) has beside those of a basis (N, p); what is rounding is none."""
+    if basis is not None:
+        E = E - basis @ (basis.T @ E)
+        E = E - basis @ (basis.T @ E)
+    U, values, _ = np.linalg.svd(E, full_matrices=False)
+    return np.asarray(U[:, values > 1e-6])
 
 
 def _robust(X: Array, y: Array, sigma: Array) -> Array:
@@ -261,13 +262,11 @@ def _found(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Arr
     """Mass [kg], distance of the centre of mass [m] and quotient of the noises [1/m]: (3, 3) surely from, about, to."""
     from scipy import special
 
-    kept, unknowns = result.kept, result.fit.unknowns
-    mass, start = float(result.fit.load[0]), unknowns.load.start
+    mass, start = float(result.fit.load[0]), result.fit.unknowns.load.start
     t = float(special.stdtrit(min(float(result.fit.known[start]), 1e9), 1 - _SURE))
     heavy = t * result.fit.mass_deviation
     out, far = float(np.linalg.norm(sensor.load.com)), t * float(np.linalg.norm(result.fit.com_deviation))
-    freedom = max(3.0 * kept.sum() - len(unknowns.names) / 2, 1.0)
-    moment, force = np.sqrt((result.fit.residuals[kept].reshape(-1, 2, 3) ** 2).sum(axis=(0, 2)) / freedom)
+    freedom, (moment, force) = result.freedom, result.noise
     weight = mass * float(np.linalg.norm(log.gravity, axis=1).mean())
     noises = (0.0, math.nan, math.inf)
     rough = moment > _rounding(log.readings[:, :3]) and force > _rounding(log.readings[:, 3:])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.numbers import number, percent, plus_minus, seconds
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ValueRangeError
 from ..estimation.covariance import Whiteness
 from ..lie.labelled import WRENCH
 from ..log_checks.doubts import Doubt, doubt
@@ -22,6 +22,7 @@ from ..log_checks.reading_doubts import (
     largest_share,
     listed_bias,
     misfit,
+    orthonormal,
     seems_moving,
     turns_may_help,
     unexplained_turns,
@@ -91,7 +92,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
         size = np.linalg.norm(x, axis=0)
         return np.asarray(x[:, size > 0] / size[size > 0])
 
-    basis = _orthonormal(flat(fit.design), np.zeros((e.size, 0)))
+    basis = orthonormal(flat(fit.design))
     columns = _candidates(problem, fit)
     candidates = {kind: flat(of_kind) for kind, of_kind in columns.items()}
     found: list[Doubt] = []
@@ -101,7 +102,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
         sure = {}
         for kind, E in candidates.items():
             if _chance(kind, E, e, basis) < _SURE:
-                P = _orthonormal(E, basis)
+                P = orthonormal(E, basis)
                 sure[kind] = (P, float(((P.T @ e) ** 2).sum()))
         if not sure:
             break
@@ -125,21 +126,13 @@ def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
     own = [channel == c for c in range(6)] if kind in ("drift", "gain") else [np.ones(e.size, bool)]
     least = 1.0
     for rows in own:
-        P = _orthonormal(E[:, E[rows].any(axis=0)], basis)
+        P = orthonormal(E[:, E[rows].any(axis=0)], basis)
         r, free = P.shape[1], float(rows.sum() - (basis[rows] ** 2).sum()) - P.shape[1]
         before, after = (float((x[rows] ** 2).sum()) for x in (e, e - P @ (P.T @ e)))
         if r and free >= _LEAST:
             F = (before - after) / r / max(after / free, 1e-12 * before, 1e-300)
             least = min(least, len(own) * float(special.fdtrc(r, free, F)))
     return least
-
-
-def _orthonormal(E: Array, basis: Array) -> Array:
-    """Orthonormal columns of what E (N, k) has beside those of the basis (N, p); what is rounding is none."""
-    E = E - basis @ (basis.T @ E)
-    E = E - basis @ (basis.T @ E)
-    U, values, _ = np.linalg.svd(E, full_matrices=False)
-    return np.asarray(U[:, values > 1e-6])
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
@@ -287,7 +280,7 @@ def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
         return (
             f"{evidence}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
         )
-    if (own := unexplained_turns(problem.log, better[0].fit, better[0].kept)) is not None:
+    if (own := unexplained_turns(problem.log, better[0])) is not None:
         return f"{evidence}. {_poses(better[0], own)}"
     return f"{evidence}, so sign or mounting are not as given. {_ways(better, found, log)}"
 
@@ -341,7 +334,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
             doubts.append(doubt("sensor-sign", left=left, ways=_ways(better, found, log)))
         elif seems_moving(log):
             doubts.append(doubt("sensor-moving", evidence=f"Poses do not explain the readings: {left}"))
-        elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None and not _drifts(found, problem):
+        elif (own := unexplained_turns(rows, found)) is not None and not _drifts(found, problem):
             doubts.append(_poses(found, own))
     if log.V is not None and not found.fit.unknowns.inertia:
         whole = explain(found.sign, problem.with_unknowns(inertia=True))
@@ -363,9 +356,7 @@ def _drifts(found: Diagnosis, problem: Problem) -> bool:
 
 
 def _noise(found: Diagnosis) -> str:
-    left = found.fit.residuals[found.kept].reshape(-1, 2, 3)
-    freedom = max(3 * len(left) - len(found.fit.unknowns.names) / 2, 1.0)
-    moment, force = np.sqrt((left**2).sum(axis=(0, 2)) / freedom)
+    moment, force = found.noise
     return f"noise of {number(force, 2)} N and {number(moment, 2)} N m"
 
 
@@ -493,21 +484,15 @@ def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
 
 
 def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
-    if unknowns.inertia and log.V is None:
-        raise ValueRangeError(
-            f"{log.name}: inertia shows only in motion, and the log has none. Give V and dV (columns wx, wy, wz, vx, vy, "
-            "vz, dwx, …, dvz), or ask for no inertia."
-        )
-    if unknowns.delay and (log.V is None or log.time is None):
-        raise ValueRangeError(
-            f"{log.name}: a delay shows only in motion, and the log has no {'time' if log.time is None else 'motion'}. Give "
-            "time, V and dV, or ask for no delay."
-        )
-    if unknowns.tilt and log.rotations is None:
-        raise ValueRangeError(
-            f"{log.name}: the log has gravity in the sensor's frame, so a tilt of the base has no part in it. Give "
-            "orientations, or ask for no tilt."
-        )
+    still = "motion, and the log has none. Give V and dV (columns wx, wy, wz, vx, vy, vz, dwx, …, dvz)"
+    for unknown, lacks, what, where in (
+        (unknowns.inertia, log.V is None, "an inertia", still),
+        (unknowns.delay, log.V is None, "a delay", still),
+        (unknowns.delay, log.time is None, "a delay", "time, and the log has none. Give a column time"),
+        (unknowns.tilt, log.rotations is None, "a tilt of the base", "orientations, and the log has none. Give them"),
+    ):
+        if unknown and lacks:
+            raise ValueRangeError(f"{log.name}: {what} shows only in {where}, or do not ask for it.")
     least = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
     if len(log) < least:
         count, wanted = len(log), len(unknowns.names)
@@ -520,11 +505,7 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
 def _checked(
     bias: ArrayLike | None, noise: ArrayLike | None, outliers: str, confidence: float
 ) -> tuple[Array, Array | None]:
-    known_bias = np.zeros(6) if bias is None else np.asarray(arguments.real(bias, "bias"), float)
-    if known_bias.shape != (6,):
-        raise ShapeError(f"bias has shape {known_bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
-    if not np.isfinite(known_bias).all():
-        raise ValueRangeError(f"bias {known_bias.tolist()} has a value that is not a finite number.")
+    known_bias = np.zeros(6) if bias is None else arguments.finite(arguments.one(bias, "bias", 6), "bias")
     known = None if noise is None else six_noises(noise)
     arguments.choice(outliers, "outliers", ("trim", "keep"))
     if not 0 < arguments.number(confidence, "confidence") < 1:

@@ -285,14 +285,11 @@ def late(time: Array) -> int | None:
 def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:
     if value is None:
         return None
-    x = np.array(arguments.real(value, where), float)
+    x = np.array(arguments.finite(value, where), float)
     if x.shape == (width,):
         x = np.tile(x, (count, 1))
     if x.shape != (count, width):
         raise ShapeError(f"{where} has shape {x.shape}, expected ({count}, {width}), a row for each reading.")
-    if not np.isfinite(x).all():
-        row = int(np.nonzero(~np.isfinite(x).all(axis=1))[0][0])
-        raise ValueRangeError(f"{where} of reading {row} has a value that is not a finite number. Fill or remove it.")
     return x
 
 

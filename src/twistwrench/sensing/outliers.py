@@ -270,6 +270,18 @@ class Diagnosis:
         return float(np.prod(self.fit.noise))
 
     @property
+    def noise(self) -> tuple[float, float]:
+        """Noise of moments [N m] and forces [N] that is left: root mean square over the degrees of freedom."""
+        residuals = self.fit.residuals[self.kept].reshape(-1, 2, 3)
+        moment, force = np.sqrt((residuals**2).sum(axis=(0, 2)) / self.freedom)
+        return float(moment), float(force)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of three channels."""
+        return max(3.0 * self.kept.sum() - len(self.fit.unknowns.names) / 2, 1.0)
+
+    @property
     def mass(self) -> float:
         """Mass [kg]; negative if this does not explain the log."""
         return float(self.fit.load[0])

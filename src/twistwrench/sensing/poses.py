@@ -143,7 +143,7 @@ def propose_poses(
     >>> proposal.gravity.shape, bool(proposal.mass_deviation[-1] < 0.01)
     ((12, 3), True)
     """
-    count, sigma = checked_count(count), checked_noise(noise)
+    count, sigma = arguments.integer(count, "count"), checked_noise(noise)
     if not arguments.number(within, "within") >= 0:
         raise ValueRangeError(f"within {within!r} is no largest tilt. Give an angle in rad, such as 1.0.")
     directions = _choices(candidates, within)
@@ -169,17 +169,6 @@ def propose_poses(
     spread = np.array(deviations)
     spread[spread > 10.0] = math.inf  # still only what was believed
     return PoseProposal(pulls, rotations_to_gravity(pulls), spread[:, 0], spread[:, 1])
-
-
-def checked_count(count: Any) -> int:
-    """Number of poses, as an int of 1 or more."""
-    try:
-        whole = operator.index(count)
-    except TypeError:
-        raise ValueRangeError(f"count {count!r} is no whole number. Ask for a number of poses, such as 12.") from None
-    if whole < 1:
-        raise ValueRangeError(f"count {whole} proposes nothing. Ask for at least one pose.")
-    return whole
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
@@ -254,11 +243,11 @@ def simulate(
             raise ValueRangeError("a motion makes its own poses. Give their number, such as poses=500.")
         if not isinstance(motion, int | float | np.number) or not 0 < motion < math.inf:
             raise ValueRangeError(f"motion {motion!r} is no duration. Give how many seconds it lasts, such as 10.0.")
-        time = np.linspace(0.0, float(motion), checked_count(poses))
+        time = np.linspace(0.0, float(motion), arguments.integer(poses, "poses"))
         T, V, dV = lively_motion(time)
         gravity = gravity_in_frame(T)
     elif counted:
-        gravity = propose_poses(checked_count(poses)).gravity
+        gravity = propose_poses(arguments.integer(poses, "poses")).gravity
     else:
         gravity = np.atleast_2d(gravity_in_frame(unlabelled({"pose": poses}, sensor.frame)["pose"], GRAVITY))
     exact = sensor.predict(np.eye(3), V, dV, gravity=gravity)
@@ -266,7 +255,9 @@ def simulate(
     if touch is not None and not isinstance(touch, dict):
         raise ValueRangeError(f"touch is {arguments.shown(touch)}: give {{number of a reading: wrench (6,)}}.")
     for index, wrench in (touch or {}).items():
-        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * _touch(index, wrench)
+        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * arguments.finite(
+            arguments.one(wrench, f"touch of reading {index}", 6), f"touch of reading {index}"
+        )
     return ReadingLog.from_arrays(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
 
 
@@ -278,18 +269,6 @@ def _row(index: Any, count: int) -> int:
     if not -count <= row < count:
         raise ValueRangeError(f"touch: there is no reading {index!r}. They are 0 to {count - 1}.")
     return row
-
-
-def _touch(index: Any, wrench: ArrayLike) -> Array:
-    try:
-        F = np.asarray(wrench, float)
-    except (TypeError, ValueError):
-        F = np.empty(0)
-    if F.shape != (6,) or not np.isfinite(F).all():
-        raise ValueRangeError(
-            f"touch of reading {index} is no wrench: give six finite numbers, mx, my, mz, fx, fy, fz."
-        )
-    return F
 
 
 def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:

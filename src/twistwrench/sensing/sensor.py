@@ -13,7 +13,6 @@ from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
-from ..core.numbers import printed
 from ..errors import FrameError, InertiaError, ModelWarning, ShapeError, ValueRangeError
 from ..lie import quaternion, so3
 from ..lie.labelled import frame_name
@@ -63,46 +62,26 @@ _OFF = 1e-3  # numbers written with four decimals pass; a wrong column does not
 
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     """The rotations (..., 3, 3) of rotations (..., 3, 3) or poses (..., 4, 4), put exactly onto the group."""
-    try:
-        T = np.asarray(pose, float)
-    except (TypeError, ValueError, OverflowError):
-        raise ShapeError(
-            f"{where} is no array of numbers; expected rotations (..., 3, 3) or poses (..., 4, 4)."
-        ) from None
+    T = arguments.real(pose, where)
     if T.shape[-2:] not in ((3, 3), (4, 4)):
         raise ShapeError(f"{where} has shape {T.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
-    R = T[..., :3, :3]
-    if not np.isfinite(R).all():
-        raise ValueRangeError(f"{where} has entries that are not finite numbers. Fill or remove them.")
-    off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-1, -2))
-    if off.size and off.max() > _OFF:
-        raise ValueRangeError(
-            f"{where}{_index(off)} is no rotation: RᵀR differs from the identity by {printed(off.max(), 3)}, allowed is "
-            f"{printed(_OFF)}. Check the order of its entries (row by row) and its decimals."
-        )
-    if (determinant := np.linalg.det(R)).size and determinant.min() < 0:
-        raise ValueRangeError(
-            f"{where}{_index(-determinant)} mirrors: its determinant is {printed(determinant.min(), 3)}, a rotation has 1. "
-            "Swap no axes: the frame must be right-handed."
-        )
+    R = np.asarray(arguments.finite(T[..., :3, :3], where), float)
+    off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+    wrong = "is not a rotation: RᵀR is {gap} off the identity, allowed {allowed}; check the order of its entries (row by row)"
+    arguments.refuse(off, _OFF, f"{where} {wrong} and its decimals")
+    mirrored = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]
+    arguments.refuse(mirrored, 0.5, f"{where} mirrors: its determinant is -{{gap}}; the frame must be right-handed")
     return quaternion.rotation(quaternion.from_matrix(R))
 
 
 def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:
     """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first."""
-    quat = np.asarray(arguments.real(quat, where), float)
-    if quat.shape[-1:] != (4,):
-        raise ShapeError(f"{where} has shape {quat.shape}, expected (..., 4): qw, qx, qy, qz.")
-    if not np.isfinite(quat).all():
-        raise ValueRangeError(f"{where} has entries that are not finite numbers. Fill or remove them.")
-    length = np.linalg.norm(quat, axis=-1)
-    off = np.abs(length - 1.0)
-    if off.size and off.max() > _OFF:
-        raise ValueRangeError(
-            f"{where}{_index(off)} has length {printed(float(length.flat[off.argmax()]))}, off from 1 by "
-            f"{printed(off.max(), 3)}, allowed is {printed(_OFF)}. Check which columns are qw, qx, qy, qz (qw is the "
-            "scalar), or normalise them."
-        )
+    quat = np.asarray(arguments.finite(quat, where, 4), float)
+    off = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
+    wrong = (
+        "is not of unit length: off from 1 by {gap}, allowed {allowed}; check which columns are qw, qx, qy, qz (qw is"
+    )
+    arguments.refuse(off, _OFF, f"{where} {wrong} the scalar), or normalise them")
     return quaternion.rotation(quat)
 
 
@@ -114,11 +93,7 @@ def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
     >>> np.round(gravity_in_frame(so3.exp([np.pi / 2, 0, 0])), 6).tolist()  # the tool turned a quarter about x
     [0.0, -9.81, 0.0]
     """
-    g = np.asarray(arguments.real(gravity, "gravity"), float)
-    if g.shape[-1:] != (3,):
-        raise ShapeError(f"gravity has shape {g.shape}, expected (..., 3) [m/s²].")
-    if not np.isfinite(g).all():
-        raise ValueRangeError("gravity has entries that are not finite numbers.")
+    g = np.asarray(arguments.finite(gravity, "gravity", 3), float)
     R = checked_rotations(pose)
     return np.asarray((np.swapaxes(R, -1, -2) @ g[..., None])[..., 0])
 
@@ -133,14 +108,6 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
     return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
 
 
-def _index(badness: Array) -> str:
-    """Index of the worst one of a batch, from 0; empty for a single one."""
-    if badness.ndim == 0:
-        return ""
-    place = ", ".join(str(k) for k in np.unravel_index(int(badness.argmax()), badness.shape))
-    return f"[{place}]"
-
-
 # ── The sensor
 
 # The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and what the sensor does to it, so
@@ -150,7 +117,6 @@ def _index(badness: Array) -> str:
 Sign = Literal["on_sensor", "by_sensor"]
 Inertia = Literal["given", "accept", "unknown"]
 
-_TWIST, _READING = "(omega, v) in the sensor's frame", "mx, my, mz, fx, fy, fz"
 _TURNED = 1e-9  # entries of the mounting; {s} and {f} are one below
 
 
@@ -224,11 +190,9 @@ class ForceTorqueSensor:
         if not isinstance(self.load, SpatialInertia):
             raise InertiaError(f"a sensor's load is a SpatialInertia, got {type(self.load).__name__}.")
         arguments.choice(self.inertia, "inertia", get_args(Inertia))
-        bias = np.array(arguments.real(self.bias, "bias"), float)
-        if bias.shape != (6,):
-            raise ShapeError(f"bias has shape {bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
-        if not np.isfinite(bias).all() or not np.isfinite(self.load.parameters.astype(float)).all():
-            raise ValueRangeError("the sensor's bias or load has a value that is not a finite number.")
+        bias = np.array(arguments.finite(arguments.one(self.bias, "bias", 6), "bias"), float)
+        if not np.isfinite(self.load.parameters.astype(float)).all():
+            raise ValueRangeError("the sensor's load has a value that is not a finite number.")
         problem = "; ".join(self.load.defects())
         if problem and (self.inertia == "given" or self.load.mass < 0):
             raise InertiaError(
@@ -265,7 +229,7 @@ class ForceTorqueSensor:
             A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other.
         """
         given = self._unlabelled(pose=pose, V=V, dV=dV)
-        V, dV = _six(given["V"], "V", _TWIST), _six(given["dV"], "dV", _TWIST)
+        V, dV = _six(given["V"], "V"), _six(given["dV"], "dV")
         g = gravity_in_frame(given["pose"], gravity)
         _broadcast(gravity=g, V=V, dV=dV)
         F_on = load_regressor(g, V, dV) @ self.load.parameters.astype(float)
@@ -300,7 +264,7 @@ class ForceTorqueSensor:
             There is motion and the load's inertia is unknown.
         """
         given = self._unlabelled(readings=readings, pose=pose, V=V, dV=dV)
-        read = np.asarray(_six(given.pop("readings"), "readings", _READING))
+        read = np.asarray(arguments.real(given.pop("readings"), "readings", 6), float)
         predicted = self.predict(**given, gravity=gravity)
         self.warn_of_motion(given["V"], given["dV"])
         _broadcast(readings=read, predicted=predicted)
@@ -323,7 +287,7 @@ class ForceTorqueSensor:
             The sensor has a ``frame``, and a labelled wrench is in another.
         """
         given = self._unlabelled(compensated=compensated)["compensated"]
-        F = sign_factor(self.sign) * np.asarray(_six(given, "compensated", _READING))
+        F = sign_factor(self.sign) * np.asarray(arguments.real(given, "compensated", 6), float)
         Rt = np.asarray(self.mounting).T
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
@@ -366,13 +330,8 @@ def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:
     raise ShapeError(f"{taker} takes a ForceTorqueSensor, got {arguments.shown(sensor)}.")
 
 
-def _six(x: ArrayLike | None, name: str, meant: str) -> Array | None:
-    if x is None and name in ("V", "dV"):
-        return None
-    x = np.asarray(arguments.real(x, name), float)  # type: ignore[arg-type]
-    if x.shape[-1:] != (6,):
-        raise ShapeError(f"{name} has shape {x.shape}, expected (..., 6): {meant}.")
-    return x
+def _six(x: ArrayLike | None, name: str) -> Array | None:
+    return None if x is None else np.asarray(arguments.real(x, name, 6), float)
 
 
 def _broadcast(**arrays: Array | None) -> None:
