@@ -12,8 +12,8 @@ A cause c with value β turns the states s of a log into c(s, β), which the rob
 
 and laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
 
-    load friction |R_k| tanh(dq_k / v_0),   Stribeck tanh(dq_k / v_0) exp(-(dq_k / v_s)²),
-    warming (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt.
+    load friction |R_k| tanh(dq_k / v_0),   Stribeck fc_k tanh(dq_k / v_0) exp(-(dq_k / v_s)²),
+    warming fc_k (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt.
 
 The fitted torque stands in all of them, never the measured one, which contains the residual itself.
 """
@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -271,17 +271,34 @@ class Cause:
     """S by which it must explain more than others."""
 
 
+class FittedTorques(NamedTuple):
+    """Torques of states by a fit: all, those of rigid bodies (n, nv), and Coulomb's friction of each joint (nv,)."""
+
+    whole: Array
+    rigid: Array
+    coulomb: Array
+
+    @classmethod
+    def from_groups(cls, s: LogStates, x: Array) -> FittedTorques:
+        """Torques of the states ``s`` by groups ``x`` (r,)."""
+        unknown, kept = s.base.unknown, s.base.kept
+        dry = np.zeros(len(s.gain))
+        for c, joints in unknown.coulomb_columns(kept):
+            dry[joints] += abs(float(x[c])) * (unknown.kinds[int(kept[c])] == "coulomb")
+        return cls(s.torque(x), s.torque(np.where(unknown.of_bodies[kept] >= 0, x, 0.0)), dry)
+
+
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A law of joints, by the states and their fitted torques, total and rigid."""
+    """A law of joints, by the states and their fitted torques."""
 
     kind: str
     joints: tuple[int, ...]
-    values: Callable[[LogStates, Array, Array], Array]
+    values: Callable[[LogStates, FittedTorques], Array]
 
-    def column(self, s: LogStates, torque: Array, rigid: Array) -> Array:
+    def column(self, s: LogStates, fitted: FittedTorques) -> Array:
         """Column (n, nv) of the law, in the rows of its joints."""
-        return self.values(s, torque, rigid) * np.isin(np.arange(len(s.gain)), self.joints)
+        return self.values(s, fitted) * np.isin(np.arange(len(s.gain)), self.joints)
 
 
 def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
@@ -352,24 +369,24 @@ def laws(s: LogStates) -> Iterator[Law]:
         yield Law("drift", (k,), _drift)
 
 
-def _load_friction(s: LogStates, _torque: Array, rigid: Array) -> Array:
-    return np.abs(rigid) * _dry(s)
+def _load_friction(s: LogStates, fitted: FittedTorques) -> Array:
+    return np.abs(fitted.rigid) * _dry(s)
 
 
-def _delayed(s: LogStates, torque: Array, _rigid: Array) -> Array:
-    return -s.slope(torque)
+def _delayed(s: LogStates, fitted: FittedTorques) -> Array:
+    return -s.slope(fitted.whole)
 
 
-def _warming(s: LogStates, _torque: Array, _rigid: Array) -> Array:
-    return _through(s)[:, None] * _dry(s)
+def _warming(s: LogStates, fitted: FittedTorques) -> Array:
+    return _through(s)[:, None] * _dry(s) * fitted.coulomb
 
 
-def _drift(s: LogStates, _torque: Array, _rigid: Array) -> Array:
-    return _through(s)[:, None] * np.ones(len(s.gain))
+def _drift(s: LogStates, fitted: FittedTorques) -> Array:
+    return _through(s)[:, None] * np.ones(fitted.whole.shape[1])
 
 
-def _stribeck(s: LogStates, _torque: Array, _rigid: Array, *, speed: float) -> Array:
-    return np.asarray(_dry(s) * np.exp(-((s.dq / speed) ** 2)))
+def _stribeck(s: LogStates, fitted: FittedTorques, *, speed: float) -> Array:
+    return np.asarray(_dry(s) * np.exp(-((s.dq / speed) ** 2)) * fitted.coulomb)
 
 
 def _dry(s: LogStates) -> Array:

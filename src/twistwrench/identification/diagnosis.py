@@ -29,7 +29,7 @@ from ..estimation.cross_validation import FOLDS
 from ..estimation.least_squares import MAD, NormalEquations, Prior
 from ..typing import Array
 from . import causes
-from .causes import Cause, Law, LogStates
+from .causes import Cause, FittedTorques, Law, LogStates
 from .hyperparameters import SPEEDS, FitSettings
 from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples
@@ -64,7 +64,11 @@ _NUMBERS = 5e6  # entries of rows at most
 
 
 class CauseFit:
-    """Fit of the rows of states, with columns of laws (m, nv) beside those of the groups, and its residuals held out."""
+    """Fit of the rows of states, with columns of laws (m, nv) beside those of the groups, and its residuals held out.
+
+    Residuals ``left`` (m, nv) are in units of √(1 + w' C w / σ²), with C the covariance of the parameters from the other
+    fifths: rows that these do not determine say nothing.
+    """
 
     def __init__(self, states: LogStates, prior: Prior, live: Array, laws: Sequence[Array] = ()) -> None:
         self.states, self.live, self.laws, self._groups = states, live, tuple(laws), prior
@@ -92,7 +96,14 @@ class CauseFit:
             inverse = prior.size[:, None] * np.linalg.inv(scaled) * prior.size
             self._inverse.append(inverse)
             self._held.append(prior.mean + inverse @ (c - A @ prior.mean))
-        self.left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
+        self.spread = np.ones(tau.shape)
+        for f, inverse in zip(self.folds, self._inverse[:-1], strict=True):
+            for j in np.flatnonzero(live):
+                A = W[f, j][:, felt[j]]
+                self.spread[f, j] += self.weight[j] * ((A @ inverse[np.ix_(felt[j], felt[j])]) * A).sum(axis=1)
+        self.spread = np.sqrt(self.spread)
+        left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
+        self.left = left / self.spread
         self.floor = (_FLOOR * size) ** 2 + 1e-300
 
     def refit(self, states: LogStates, *laws: Array) -> CauseFit:
@@ -109,9 +120,15 @@ class CauseFit:
         """(nv,) residuals held out as shares of the torques."""
         return np.sqrt(self.squares / np.maximum((self.tau**2).mean(axis=0), 1e-300)) * self.live
 
-    def gained(self, left: Array) -> float:
-        """S of other residuals held out (m, nv)."""
-        return float(np.log(self.squares / ((left**2).mean(axis=0) + self.floor))[self.live].sum())
+    def gained(self, other: CauseFit) -> float:
+        """S of a fit with a cause."""
+        volume = np.log(self.spread / other.spread).mean(axis=0)
+        return float((np.log(self.squares / other.squares) + 2.0 * volume)[self.live].sum())
+
+    def gained_by(self, columns: Array) -> tuple[float, Array]:
+        """S of more columns (m, nv, k), at the weights of this fit, and their coefficients (k,)."""
+        left, beta = self.with_columns(columns)
+        return float(np.log(self.squares / ((left**2).mean(axis=0) + self.floor))[self.live].sum()), beta
 
     def with_columns(self, e: Array) -> tuple[Array, Array]:
         """Residuals held out (m, nv) and coefficients (k,) of more columns (m, nv, k), at the weights of this fit."""
@@ -132,7 +149,7 @@ class CauseFit:
             beta = np.linalg.solve(own, right - border.T @ x)
             if b < FOLDS:
                 f = self.folds[b]
-                left[f] = self.left[f] - (e[f] - self.W[f] @ moved) @ beta
+                left[f] = self.left[f] - (e[f] - self.W[f] @ moved) @ beta / self.spread[f]
         return left, beta
 
     def deviation(self, e: Array) -> Array:
@@ -168,7 +185,8 @@ class CauseFit:
     def t_value(self, before: CauseFit) -> float:
         """Mean over deviation of the block differences of log-likelihood against a fit without the cause."""
         a, b = before.squares, self.squares
-        d = 0.5 * (before.left**2 / a - self.left**2 / b + np.log(a / b))[:, self.live].sum(axis=1)
+        volume = 2.0 * np.log(before.spread / self.spread)
+        d = 0.5 * (before.left**2 / a - self.left**2 / b + np.log(a / b) + volume)[:, self.live].sum(axis=1)
         sums = np.add.reduceat(d, self.blocks)
         return float(sums.mean() / max(sums.std(ddof=1) / np.sqrt(len(sums)), 1e-300))
 
@@ -231,7 +249,7 @@ _TO_UNITS: Mapping[str, Callable[[float], float]] = {
     **dict.fromkeys(("zero", "tilt", "elasticity"), np.degrees),
     **dict.fromkeys(("late", "late-joint"), lambda seconds: 1e3 * seconds),
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
-    "load-friction": lambda share: 100.0 * share,
+    **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
     "gain": lambda x: float(np.exp(np.clip(x, -30.0, 30.0))),
 }
 
@@ -273,8 +291,8 @@ def diagnose(start: CauseFit) -> list[FoundCause]:
 def _at_best_speed(fit: CauseFit) -> CauseFit:
     """The fit at the speed of friction, alike in all joints, that explains most, if that is better by more than chance."""
     others = [fit.refit(fit.states.changed(friction_speed=np.full(len(fit.live), speed))) for speed in SPEEDS]
-    best = max(others, key=lambda one: fit.gained(one.left))
-    return best if fit.gained(best.left) > _WORTH else fit
+    best = max(others, key=fit.gained)
+    return best if fit.gained(best) > _WORTH else fit
 
 
 def _first(fit: CauseFit, tried: Sequence[FoundCause], count: int) -> FoundCause | None:
@@ -292,7 +310,7 @@ def _first(fit: CauseFit, tried: Sequence[FoundCause], count: int) -> FoundCause
 def _at_its_speed(fit: CauseFit, found: FoundCause) -> FoundCause:
     """The cause with the speed of friction that fits best beside it: without it another one may have."""
     refit = _at_best_speed(found.fit)
-    return replace(found, fit=refit, S=fit.gained(refit.left), t=refit.t_value(fit))
+    return replace(found, fit=refit, S=fit.gained(refit), t=refit.t_value(fit))
 
 
 def _possible(found: FoundCause) -> bool:
@@ -354,7 +372,7 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     columns = [column * wave[:, None] for column in e for wave in waves]
     refit = fit.refit(s, *columns)
     size = float(np.linalg.norm(refit.x[-len(columns) :]))
-    S = fit.gained(refit.left)
+    S = fit.gained(refit)
     return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=size)], 1
 
 
@@ -386,20 +404,19 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
     """Stage 4: laws of the joints, by their columns, and their elasticity."""
     s, screened = fit.states, list[tuple[float, Law, Array]]()
-    r = fit.W.shape[2] - len(fit.laws)
-    torque, rigid = s.torque(fit.x[:r]), s.torque(np.where(s.base.unknown.of_bodies[s.base.kept] >= 0, fit.x[:r], 0.0))
+    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     for law in causes.laws(s):
-        e = s.filtered(law.column(s, torque, rigid))[s.rows] * fit.live
+        e = s.filtered(law.column(s, fitted))[s.rows] * fit.live
         if e.any():
-            screened.append((fit.gained(fit.with_columns(e[..., None])[0]), law, e))
+            screened.append((fit.gained_by(e[..., None])[0], law, e))
     found = list[FoundCause]()
     for S, law, e in sorted(screened, key=lambda one: -one[0])[:_REFINED]:
         if S > 0.5 * LEAST_S:
             refit = fit.refit(s, e)
             value, deviation = refit.x[-1:], refit.law_deviation
-            one = FoundCause(law.kind, law.joints, fit.gained(refit.left), refit.t_value(fit), fit, refit)
+            one = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
             found.append(replace(one, law=law, value=value, deviation=deviation))
-    elastic, tried = _continuous(fit, causes.compliances(s, s.filtered(torque)))
+    elastic, tried = _continuous(fit, causes.compliances(s, s.filtered(fitted.whole)))
     swaying, more = _sway(fit)
     return found + elastic + swaying, len(screened) + tried + more
 
@@ -411,8 +428,8 @@ def _continuous(fit: CauseFit, tried: Iterable[Cause]) -> tuple[list[FoundCause]
         for start in cause.starts:
             beta = np.full(cause.size, start)
             at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            left, step = at.with_columns(_columns(at, s, cause, beta))
-            screened.append((fit.gained(left), cause, beta + step))
+            more, step = at.gained_by(_columns(at, s, cause, beta))
+            screened.append((fit.gained(at) + more if at is not fit else more, cause, beta + step))
             count += 1
     screened.sort(key=lambda one: -one[0])
     found = dict[tuple[str, tuple[int, ...]], FoundCause]()
@@ -437,12 +454,12 @@ def _columns(fit: CauseFit, s: LogStates, cause: Cause, beta: Array) -> Array:
 def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
     """The cause at the value that explains the rows held out best, from a value near it."""
     s = fit.states
-    best, S = fit.refit(cause.correct(s, beta)), -np.inf
-    S = fit.gained(best.left)
+    best = fit.refit(cause.correct(s, beta))
+    S = fit.gained(best)
     for _ in range(_STEPS):
         step = best.with_columns(_columns(best, s, cause, beta))[1]
         refit = fit.refit(cause.correct(s, beta + step))
-        gained = fit.gained(refit.left)
+        gained = fit.gained(refit)
         if gained < S + _WORTH:
             break
         best, S, beta = refit, gained, beta + step
@@ -452,7 +469,7 @@ def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
 
 
 def _judged(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
-    S = fit.gained(refit.left)
+    S = fit.gained(refit)
     return FoundCause(
         cause.kind, cause.joints, S, refit.t_value(fit), fit, refit, cause.correct, number=cause.number, cost=cause.cost
     )
@@ -475,7 +492,6 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     before = other.columns @ fit.x[:r]
     after = (found.correct(other) if found.correct else other).changed(lag=0.0).columns @ found.fit.x[:r]
     if found.law is not None:
-        rigid = other.columns @ np.where(s.base.unknown.of_bodies[s.base.kept] >= 0, found.fit.x[:r], 0.0)
-        after = after + found.law.column(other, after, rigid) * found.fit.x[-1]
+        after = after + found.law.column(other, FittedTorques.from_groups(other, found.fit.x[:r])) * found.fit.x[-1]
     size = np.sqrt((before**2).mean(axis=0))
     return float((np.sqrt(((after - before) ** 2).mean(axis=0)) / np.maximum(size, 1e-300))[fit.live].max())
