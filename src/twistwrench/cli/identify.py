@@ -376,24 +376,24 @@ def _essential(found: identification.IdentifiedRobot) -> str:
 
 @robot_command(
     "excite",
-    option("--seconds", "How long, the first harmonic.", "duration", default=20.0),
-    option("--harmonics", "Of the Fourier series.", default=5),
+    option("--seconds", "Length [s], one period of the first harmonic.", "duration", default=20.0),
+    option("--harmonics", "Number of harmonics of the Fourier series.", default=5),
     NO_MOTOR_INERTIA,
     FRICTION_LAWS,
-    option("--share", "Of the robot's limits that the motion uses.", default=0.9),
+    option("--share", "Fraction of each limit of the robot that may be used.", default=0.9),
     option("--acceleration A", "Limit every joint to it, used wholly [rad/s², m/s²].", type=float),
     option(
         "--criterion",
-        "What is sought: the largest log det of the information, or the least median of the deviations.",
+        "Objective: log det of the information less the log of the worst group's deviation, or the median deviation.",
         choices=("log_det", "deviations"),
         default="log_det",
     ),
     option("--floor Z", "Height that no link goes below [m].", type=float),
     option("--ignore-self", "Do not keep links clear of each other; the answer is then UNSURE."),
-    option("--seed", "Of the motions it begins with.", default=0),
-    option("--restarts", "How often the search begins anew.", default=3),
-    option("--noise NM", "Of the torques [N m, N]; a hundredth of each limit if not given.", type=float),
-    option("--step SECONDS", "Between rows of --out.", default=0.01),
+    option("--seed", "Seed of the random motions that the search begins with.", default=0),
+    option("--restarts", "Number of searches, of which the best is taken.", default=3),
+    option("--noise NM", "Deviation of the torques [N m, N]; a hundredth of each limit if not given.", type=float),
+    option("--step SECONDS", "Time between rows of --out.", default=0.01),
     option("--out OUT.csv", "Write the motion, as 'torques', 'view' and 'plot' read it."),
     examples=("excite panda --seconds 20 --harmonics 5 --out motion.csv",),
     robot_first=True,
@@ -435,6 +435,8 @@ def excitation_view(found: identification.ExcitingMotion, *, degrees: bool) -> I
         f"{number(found.condition)}  ·  log det {number(found.log_det)}  ·  median deviation "
         f"{number(np.median(found.predicted_deviations), 2)}",
     )
+    group, share = found.worst
+    yield f"worst deviation: {percent(share, 2)} of the prior's, of {group}"
     yield _excited_joints(found, degrees=degrees)
     base = found.information.base
     yield Table(
@@ -442,6 +444,7 @@ def excitation_view(found: identification.ExcitingMotion, *, degrees: bool) -> I
         words("group", found.groups),
         numbers("file", base.project(base.unknown.file_values)),
         numbers("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
+        numbers("of prior", found.shares_of_prior, lambda share: percent(share, 2)),
     )
 
 

@@ -105,6 +105,17 @@ class ExcitingMotion:
         return self.information.deviations(self._rows)
 
     @cached_property
+    def shares_of_prior(self) -> Array:
+        """(r,) predicted deviations as shares of the prior's, the largest plausible sizes of the base parameters."""
+        return self.predicted_deviations / self.information.prior
+
+    @property
+    def worst(self) -> tuple[str, float]:
+        """Base parameter with the largest share of the prior's deviation, and that share."""
+        k = int(self.shares_of_prior.argmax())
+        return self.groups[k], float(self.shares_of_prior[k])
+
+    @cached_property
     def log_det(self) -> float:
         """Log determinant of the information, in SI units."""
         return self.information.log_det(self._rows)
@@ -126,7 +137,7 @@ class ExcitingMotion:
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other, ``itself``, of what was looked at."""
         count = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1)
-        found = self.constraints.capsules.distances(self(np.linspace(0.0, self.duration, count))[0])
+        found = self.constraints.capsules.evaluate(self(np.linspace(0.0, self.duration, count))[0])[0]
         count = len(self.constraints.capsules.pairs)
         parts = {"itself": found[:, :count], "floor": found[:, count:]}
         return {name: float(part.min()) for name, part in parts.items() if part.size}
@@ -230,9 +241,10 @@ def exciting_trajectory(
     noise : (nv,) array_like or float, optional
         Deviation of the torques [N m, sliding joints: N]; None: a hundredth of each limit, 1 where there is none.
     criterion : "log_det" or "deviations"
-        What is made large, log det of the information, or small, the median of the predicted deviations.
+        Objective: log det of the information less r / 2 times the log of the worst of r predicted deviations over the prior's,
+        to be large; or the median of the predicted deviations, to be small.
     seed : int, of the random motions that the search begins with
-    restarts : int, how often it begins anew; the best of all is taken
+    restarts : int, number of searches; the best goes on to the end
     step : float, between samples of the motion [s]
     progress : callable, optional, called with the share that is done
 
@@ -271,19 +283,23 @@ def exciting_trajectory(
     if criterion not in CRITERIA:
         raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
     base = BaseParameters.from_unknowns(unknown)
-    information = MotionInformation(base, _noise(robot, noise), speed, series.duration, criterion)
+    typical, middle = _sizes(robot, bounds, series)
+    deviations = _noise(robot, noise)
+    torque = np.where(np.isfinite(bounds.effort), bounds.effort, deviations / _NOISE)
+    prior = base.weak_sizes(unknown.scales(torque, typical[1], typical[2]))
+    information = MotionInformation(base, deviations, speed, series.duration, prior, criterion)
     constraints = TrajectoryConstraints(robot, bounds, speed, _capsules(robot, floor, clear_of_itself), clear)
     if clear is not None and not callable(clear):
         raise ValueRangeError(
             f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
         )
-    search = MotionSearch(series, information, constraints, *_sizes(robot, bounds, series))
+    search = MotionSearch(series, information, constraints, typical, middle)
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
     if step > series.duration / 20:
         raise ValueRangeError(
             f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
         )
-    best = search.best_of(times, rng, progress or (lambda _share: None))
+    best = search.best(times, rng, progress or (lambda _share: None))
     if best is None:
         raise ValueRangeError(
             f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "

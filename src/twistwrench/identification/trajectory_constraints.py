@@ -82,21 +82,19 @@ class LinkCapsules:
         )
 
     def placed(self, poses: Array) -> Array:
-        """Ends of the capsules."""
-        n, count = poses.shape[:2]
-        rows = np.moveaxis(poses[:, :, :3, :], 2, 0).reshape(3 * n, 4 * count)
-        placed = (rows @ self._columns(count)).reshape(3, n, 2, len(self.links))
-        return np.moveaxis(placed, 2, 0)
+        """Ends of the capsules in the base frame (2, 3, n, k), from poses of all links (n, links, 4, 4)."""
+        used, columns = self._columns
+        rows = np.moveaxis(poses[:, used, :3, :], 2, 0).reshape(3 * len(poses), -1)
+        return np.moveaxis((rows @ columns).reshape(3, len(poses), 2, -1), 2, 0)
 
-    def _columns(self, count: int) -> Array:
-        """(4 count, 2 k) homogeneous coordinates of all ends, each in the rows of its link, the others zero."""
-        if "columns" not in self.__dict__:
-            k = len(self.links)
-            found = np.zeros((count, 4, 2, k))
-            found[self.links, :3, :, np.arange(k)] = np.swapaxes(self.ends, 1, 2)
-            found[self.links, 3, :, np.arange(k)] = 1.0
-            self.__dict__["columns"] = found.reshape(4 * count, 2 * k)
-        return np.asarray(self.__dict__["columns"])
+    @cached_property
+    def _columns(self) -> tuple[Array, Array]:
+        """Links with capsules (u,), and (4 u, 2 k) homogeneous coordinates of all ends, each in the rows of its link."""
+        used, mine = np.unique(self.links, return_inverse=True)
+        found = np.zeros((len(used), 4, 2, len(mine)))
+        found[mine, :3, :, np.arange(len(mine))] = np.swapaxes(self.ends, 1, 2)
+        found[mine, 3, :, np.arange(len(mine))] = 1.0
+        return used, found.reshape(-1, 2 * len(mine))
 
 
 def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
@@ -218,6 +216,8 @@ def capsule_around(points: Array) -> tuple[Array, float]:
 MARGIN = 0.02
 """m: what capsules stay away from each other and from the floor."""
 _SAMPLES = 200
+Pullback = Callable[[Array], Array]
+"""Function that takes weights of results to the derivative of their weighted sum."""
 _ALWAYS = 0.95
 """Share of random configurations from which on a pair of capsules, or one and the floor, is near by how the robot is built."""
 _STILL = 1e-9
@@ -239,11 +239,6 @@ def nearest_points(a: Array, b: Array) -> tuple[Array, Array]:
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def _between(a: Array, b: Array, s: Array, t: Array) -> Array:
-    """From the points at s of segments a to those at t of b, (3, ...)."""
-    return np.asarray(b[0] + t * (b[1] - b[0]) - a[0] - s * (a[1] - a[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +274,7 @@ class CapsuleDistances:
         pairs = np.stack([i, j], axis=1)[apart]
         q = robot.random_configuration(0, _SAMPLES)
         every = cls(robot, capsules, pairs, np.zeros(0, int), None)
-        apart = every.distances(q)
+        apart = every.evaluate(q)[0]
         near = (apart < MARGIN).mean(axis=0) >= _ALWAYS
         built = near if capsules.assumed else (apart <= 0.0).mean(axis=0) >= _ALWAYS
         margins = np.where(near, 0.0, MARGIN)[~built]  # true shapes that are near by design must not touch
@@ -311,52 +306,61 @@ class CapsuleDistances:
         """Number of distances: m + 2 k."""
         return len(self.pairs) + 2 * len(self.above)
 
-    def distances(self, q: Array, near: float = np.inf) -> Array:
-        """(n, m + 2 k) distances of the pairs, and of the ends above the floor [m]; below 0 where capsules overlap."""
-        ends = self.capsules.placed(self.robot.link_poses(q))
-        i, j = self.pairs.T
-        middle, r = 0.5 * (ends[0] + ends[1]), self.capsules.radii
+    def evaluate(self, q: Array, near: float = np.inf) -> tuple[Array, Pullback]:
+        """Distances of the pairs and of the ends above the floor [m], below 0 where capsules overlap, and their pullback.
+
+        Parameters
+        ----------
+        q : (n, nq) array
+        near : float, distance [m] beyond which a lower one, that of spheres around the capsules, stands for a pair's
+
+        Returns
+        -------
+        distances : (n, m + 2 k) array
+        pullback : function of weights (n, m + 2 k) that returns the derivative (n, nv) of the weighted sum by the joints
+        """
+        ends, (i, j), r = self.capsules.placed(self.robot.link_poses(q)), self.pairs.T, self.capsules.radii
+        middle, count = 0.5 * (ends[0] + ends[1]), len(self.pairs)
         half = r + 0.5 * np.linalg.norm(self.capsules.ends[:, 1] - self.capsules.ends[:, 0], axis=1)
         d = middle[..., j] - middle[..., i]
-        found = np.sqrt(_dot(d, d)) - half[i] - half[j]
+        found, at = np.sqrt(_dot(d, d)) - half[i] - half[j], np.full((2, len(q), count), 0.5)
         rows, which = np.nonzero(found < near)
         a, b = ends[:, :, rows, i[which]], ends[:, :, rows, j[which]]
-        d = _between(a, b, *nearest_points(a, b))
+        at[:, rows, which] = s, t = nearest_points(a, b)
+        d = b[0] + t * (b[1] - b[0]) - a[0] - s * (a[1] - a[0])
         found[rows, which] = np.sqrt(_dot(d, d)) - r[i[which]] - r[j[which]]
-        if self.floor is None:
-            return np.asarray(found)
-        heights = ends[:, 2][..., self.above] - r[self.above] - self.floor
-        return np.concatenate([found, *heights], axis=1)
+        if self.floor is not None:
+            found = np.concatenate([found, *(ends[:, 2][..., self.above] - r[self.above] - self.floor)], axis=1)
 
-    def slopes(self, q: Array, weights: Array) -> Array:
-        """Derivative by the joints of a weighted sum of the distances."""
-        found = np.zeros(q.shape)
-        rows = np.flatnonzero(weights.any(axis=1))
-        if not rows.size:
-            return found
-        q, weights = q[rows], weights[rows]
-        m, k = len(self.pairs), len(self.above)
-        used = np.flatnonzero(weights[:, :m].any(axis=0))
-        i, j = self.pairs[used].T
-        ends = self.capsules.placed(self.robot.link_poses(q))
-        a, b = ends[..., i], ends[..., j]
-        s, t = nearest_points(a, b)
-        n = _between(a, b, s, t)
-        n *= weights[:, used] / np.maximum(np.sqrt(_dot(n, n)), 1e-12)
-        along_z = np.zeros((2, 3, len(q), k))
-        along_z[0, 2], along_z[1, 2] = weights[:, m : m + k], weights[:, m + k :]
-        points = np.concatenate([a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0]), *ends[..., self.above]], axis=2)
-        forces = np.concatenate([-n, n, *along_z], axis=2)
-        wrenches = np.concatenate([np.cross(points, forces, axis=0), forces])  # about the base's origin, (6, n, points)
-        links = self.capsules.links[np.concatenate([i, j, self.above, self.above])]
+        def pullback(weights: Array) -> Array:
+            rows, which = np.nonzero(weights[:, :count])
+            (a, b), (s, t) = (ends[:, :, rows, k[which]] for k in (i, j)), at[:, rows, which]
+            a, b = a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])
+            n = (b - a) * weights[rows, which] / np.maximum(np.linalg.norm(b - a, axis=0), 1e-12)
+            low, end = np.nonzero(weights[:, count:])
+            above = np.tile(self.above, 2)[end]
+            up = np.outer([0.0, 0.0, 1.0], weights[low, count + end])
+            points = np.concatenate([a, b, ends[end // max(len(self.above), 1), :, low, above].T], axis=1)
+            forces = np.concatenate([-n, n, up], axis=1)
+            links = self.capsules.links[np.concatenate([i[which], j[which], above])]
+            return self._joint_forces(q, np.concatenate([rows, rows, low]), links, points, forces)
+
+        return found, pullback
+
+    def _joint_forces(self, q: Array, rows: Array, links: Array, points: Array, forces: Array) -> Array:
+        """Σ J' F (n, nv) of forces (3, p) at points (3, p), each on a link in one configuration of q."""
+        found = np.zeros((len(q), self.robot.nv))
+        wrenches = np.concatenate([np.cross(points, forces, axis=0), forces]).T  # about the base's origin
         for link in np.unique(links):
-            total = wrenches[:, :, links == link].sum(axis=2)
+            mine = links == link
+            total = np.zeros((len(q), 6))
+            np.add.at(total, rows[mine], wrenches[mine])
             J = self.robot.jacobian(q, frame=self.robot.link_names[link], kind="space")
-            found[rows] += np.einsum("niv,in->nv", J, total)
+            found += (J * total[:, :, None]).sum(axis=1)
         return found
 
 
-# ── Limits: each is a band, low ≤ x ≤ high, with a size that makes the distance s from its edge a share
+# ── Limits: low ≤ x ≤ high, each edge with a size that makes the distance s from it a share
 
 Clear = Callable[[Array], Array]
 """Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
@@ -364,41 +368,6 @@ _NEAR = 0.1  # m: the size of a clearance
 DENSE = 0.01
 """s: the longest step at which clearances are looked at in the end."""
 _DISPLACED = 1e-5  # displacement of configurations for slopes of the user's distances
-
-
-@dataclass(frozen=True, eq=False)
-class Band:
-    """Band low ≤ x ≤ high, (m,) each; inf where nothing is limited."""
-
-    low: Array
-    high: Array
-    size: Array
-
-    @cached_property
-    def edges(self) -> tuple[tuple[float, Array, Array], ...]:
-        """Sign, places (k,) and limits (k,) of the edges above and below."""
-        return tuple(
-            (sign, np.flatnonzero(np.isfinite(limit)), limit[np.isfinite(limit)])
-            for sign, limit in ((1.0, self.high), (-1.0, self.low))
-        )
-
-    def shares(self, x: Array) -> Array:
-        """(n, k) distances of x (n, m) from all edges, as shares; below 0 beyond them."""
-        return np.concatenate(
-            [sign * (limit - x[:, limited]) / self.size[limited] for sign, limited, limit in self.edges], axis=1
-        )
-
-    def least(self, x: Array) -> float:
-        """The least distance from an edge, as a share; below 0 beyond it."""
-        return float(self.shares(x).min(initial=np.inf))
-
-    def slope(self, forces: Array) -> Array:
-        """(n, m) derivative by x of the sum of forces (n, k) times shares."""
-        found, done = np.zeros((len(forces), len(self.size))), 0
-        for sign, limited, _ in self.edges:
-            found[:, limited] -= sign * forces[:, done : done + len(limited)] / self.size[limited]
-            done += len(limited)
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -412,67 +381,89 @@ class TrajectoryConstraints:
     clear: Clear | None = None
 
     @cached_property
-    def bands(self) -> tuple[Band, Band, Band, Band, Band]:
-        """Bands of positions, velocities, accelerations, torques and clearances."""
+    def _edges(self) -> tuple[int, Array, Array, Array]:
+        """Number of upper edges; of all, upper ones first, the column each limits (e,), the share at 0 (e,) and its slope (e,).
+
+        Columns are positions, velocities, accelerations, torques and distances.
+        """
         b = self.bounds
         half = (b.upper - b.lower) / 2.0
-        count = self.clearances(self.robot.neutral[None]).shape[1]
-        margins = np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0)  # the user's distances may come to 0
+        margins = np.full(self._clearances(self.robot.neutral[None])[0].shape[1], MARGIN)
+        margins[self.capsules.count :] = 0.0  # the user's distances may come to 0
         margins[: len(self.capsules.margins)] = self.capsules.margins
-        return (
-            Band(b.lower, b.upper, np.where(np.isfinite(half), half, 1.0)),
-            _both_ways(b.velocity),
-            _both_ways(b.acceleration),
-            _both_ways(b.effort),
-            Band(margins, np.full(count, np.inf), np.full(count, _NEAR)),
-        )
+        both = np.concatenate([b.velocity, b.acceleration, b.effort])
+        high = np.concatenate([b.upper, both, np.full(len(margins), np.inf)])
+        low = np.concatenate([b.lower, -both, margins])
+        size = np.concatenate([np.where(np.isfinite(half), half, 1.0), both, np.full(len(margins), _NEAR)])
+        above, below = np.flatnonzero(np.isfinite(high)), np.flatnonzero(np.isfinite(low))
+        columns, signs = np.concatenate([above, below]), np.repeat([-1.0, 1.0], [len(above), len(below)])
+        slopes = signs / size[columns]
+        return len(above), columns, -slopes * np.concatenate([high[above], low[below]]), slopes
 
-    def clearances(self, q: Array) -> Array:
-        """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
-        return np.concatenate([self.capsules.distances(q, MARGIN + _NEAR), self._user_clearances(q)], axis=1)
+    def evaluate(self, states: Array, *, smooth: bool = False) -> tuple[Array, Pullback]:
+        """Distances from all edges as shares of their sizes, below 0 beyond them, and their pullback.
 
-    def clearance_slopes(self, q: Array, weights: Array) -> Array:
-        """(n, nq) derivative by the joints of a sum of the clearances with weights (n, m)."""
-        own = self.capsules.count
-        found = self.capsules.slopes(q, weights[:, :own])
-        if self.clear is not None and weights[:, own:].any():
-            for k, step in enumerate(_DISPLACED * np.eye(q.shape[1])):
-                moved = (self._user_clearances(q + step) - self._user_clearances(q - step)) / (2.0 * _DISPLACED)
-                found[:, k] += (moved * weights[:, own:]).sum(axis=1)
-        return found
+        Parameters
+        ----------
+        states : (3, n, nv) array, positions, velocities and accelerations
+        smooth : bool, dry friction that turns smoothly and is at its largest, in place of the file's; always the pullback's
 
-    def _user_clearances(self, q: Array) -> Array:
+        Returns
+        -------
+        shares : (n, e) array
+        pullback : function of weights (n, e) that returns the derivative (3, n, nv) of the weighted sum by the states
+        """
+        (q, dq, ddq), f, nv = states, self.robot.model.friction, states.shape[2]
+        rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=not smooth))
+        eased, dry = np.tanh(dq / self.friction_speed), f.static + f.load * np.abs(rigid)
+        tau = rigid + f.viscous * dq + dry * eased if smooth else rigid
+        distances, of_distances = self._clearances(q)
+        upper, columns, at_0, slopes = self._edges
+        x = np.concatenate([q, dq, ddq, tau, distances], axis=1)
+
+        def pullback(weights: Array) -> Array:
+            by_x, scaled = np.zeros_like(x), weights * slopes
+            by_x[:, columns[:upper]] = scaled[:, :upper]
+            by_x[:, columns[upper:]] += scaled[:, upper:]
+            by_q, by_dq, by_ddq, by_tau, by_distances = np.split(by_x, [nv, 2 * nv, 3 * nv, 4 * nv], axis=1)
+            felt = by_tau * (1.0 + f.load * np.sign(rigid) * eased)
+            found = np.stack([by_q, by_dq, by_ddq]) + self.robot.inverse_dynamics_gradient(q, dq, ddq, felt)
+            found[0] += of_distances(by_distances)
+            found[1] += by_tau * (f.viscous + dry * (1.0 - eased**2) / self.friction_speed)
+            return np.asarray(found)
+
+        return at_0 + slopes * x[:, columns], pullback
+
+    def least(self, states: Array) -> float:
+        """The least distance from any edge, as a share of its size; below 0 beyond one. Friction as the robot's file has it."""
+        return float(self.evaluate(states)[0].min(initial=np.inf))
+
+    def _clearances(self, q: Array) -> tuple[Array, Pullback]:
+        """Distances of the capsules and those of ``clear`` [m], and their pullback by central differences."""
+        own, of_own = self.capsules.evaluate(q, MARGIN + _NEAR)
         if self.clear is None:
-            return np.zeros((len(q), 0))
+            return own, of_own
+
+        def pullback(weights: Array) -> Array:
+            found, mine = of_own(weights[:, : own.shape[1]]), weights[:, own.shape[1] :]
+            for k, step in enumerate(_DISPLACED * np.eye(q.shape[1]) if mine.any() else ()):
+                moved = (self._user_distances(q + step) - self._user_distances(q - step)) / (2.0 * _DISPLACED)
+                found[:, k] += (moved * mine).sum(axis=1)
+            return found
+
+        return np.concatenate([own, self._user_distances(q)], axis=1), pullback
+
+    def _user_distances(self, q: Array) -> Array:
         try:
-            found = np.asarray(self.clear(q), float)
+            found = np.asarray(self.clear(q) if self.clear else (), float)
         except (TypeError, ValueError) as problem:
-            raise ValueRangeError(f"clear could not be asked for {len(q)} configurations: {problem}") from None
+            raise ValueRangeError(f"clear could not be evaluated for {len(q)} configurations: {problem}") from None
         if found.ndim < 1 or len(found) != len(q) or not np.isfinite(found).all():
             raise ShapeError(
                 f"clear gave an array of shape {found.shape} for {len(q)} configurations: give a distance [m] for each, "
                 "finite, below 0 where something touches."
             )
         return found.reshape(len(q), -1)
-
-    def smooth_torques(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """(n, nv) torques, dry friction turning smoothly and at its largest."""
-        f = self.robot.model.friction
-        rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq))
-        dry = (f.static + f.load * np.abs(rigid)) * np.tanh(dq / self.friction_speed)
-        return np.asarray(rigid + f.viscous * dq + dry)
-
-    def least(self, q: Array, dq: Array, ddq: Array) -> float:
-        """The least distance from any edge, as a share of its size; below 0 beyond one. Friction as the robot's file has it."""
-        found = min(band.least(x) for band, x in zip(self.bands, (q, dq, ddq), strict=False))
-        if found < 0.0:
-            return found
-        tau = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=True))
-        return min(found, self.bands[3].least(tau), self.bands[4].least(self.clearances(q)))
-
-
-def _both_ways(limit: Array) -> Band:
-    return Band(-limit, limit, np.where(np.isfinite(limit), limit, 1.0))
 
 
 def half_and_middle(bounds: Bounds) -> tuple[Array, Array]:

@@ -27,32 +27,28 @@ from .trajectory_constraints import DENSE, TrajectoryConstraints
 class LimitBarrier:
     """Limit barrier and multipliers at the instants of a search."""
 
-    multipliers: tuple[Array, ...]  # (n, k), λ of each band's edges
+    multipliers: Array  # (n, e), λ of each edge
     rho: float = 1.0  # ρ
     aim: float = 2e-3  # s_0
     finer: int = 1  # how many times as many instants there are
 
-    def cost_and_forces(self, shares: Array, multipliers: Array) -> tuple[float, Array]:
-        """Cost of one band, and its forces (n, k): the negative derivative by the shares (n, k)."""
-        forces = np.maximum(0.0, multipliers - self.rho * (shares - self.aim))
-        return float((forces**2 - multipliers**2).sum()) / (2.0 * self.rho), forces
+    def cost_and_forces(self, shares: Array) -> tuple[float, Array]:
+        """Cost, and forces (n, e): the negative derivative by the shares (n, e)."""
+        forces = np.maximum(0.0, self.multipliers - self.rho * (shares - self.aim))
+        return float((forces**2 - self.multipliers**2).sum()) / (2.0 * self.rho), forces
 
-    def updated(self, shares: tuple[Array, ...]) -> LimitBarrier:
+    def updated(self, shares: Array) -> LimitBarrier:
         """Barrier with the multipliers updated from the shares that a search reached."""
-        pairs = zip(shares, self.multipliers, strict=True)
-        return replace(self, multipliers=tuple(self.cost_and_forces(s, m)[1] for s, m in pairs))
+        return replace(self, multipliers=self.cost_and_forces(shares)[1])
 
     def refined(self, finer: int) -> LimitBarrier:
         """The same at instants as many times finer: between two of them in proportion, with the same sum."""
         if finer == self.finer:
             return self
-        count = len(self.multipliers[0])
-        at = np.arange(finer * (count - 1) + 1) / finer
-        spread = tuple(
-            np.array([np.interp(at, np.arange(count), one) for one in m.T]).reshape(-1, len(at)).T / finer
-            for m in self.multipliers
-        )
-        return replace(self, multipliers=spread, finer=finer)
+        times, count = finer // self.finer, len(self.multipliers)
+        at = np.arange(times * (count - 1) + 1) / times
+        spread = [np.interp(at, np.arange(count), one) / times for one in self.multipliers.T]
+        return replace(self, multipliers=np.stack(spread, axis=1), finer=finer)
 
 
 # ── Windowed Fourier series, which begin and end at rest
@@ -126,21 +122,25 @@ class WindowedFourierSeries:
 # With rows W_j of joint j (the columns that :func:`identify` fits), σ_j the deviation of its torque, and n rows of m that are
 # independent of each other,
 #
-#     A = (n / m) Σ_j W_j' W_j / σ_j²,      deviations = sqrt(diag A⁻¹),      d log det A = Σ_j tr(G_j' dW_j),
+#     A = (n / m) Σ_j W_j' W_j / σ_j² + D⁻²,      deviations = sqrt(diag A⁻¹),      d log det A = Σ_j tr(G_j' dW_j),
 #     G_j = 2 (n / m) W_j A⁻¹ / σ_j²
 #
-# A search maximises the merit: log det A, or -r m with m the median of v_i = log (A⁻¹)_ii, smoothed:
+# D has the deviations of the weak prior, the largest plausible sizes of the groups: what a motion does not tell counts as known
+# no better than that. With v_i = log((A⁻¹)_ii / D_i²), a search maximises the merit,
 #
-#     Σ_i S((v_i - m) / κ) = r / 2,     S the logistic function,     dm = Σ_i w_i dv_i,     w_i ~ S',  Σ_i w_i = 1,
-#     dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii
+#     log det A - Λ / 2 κ log Σ_i exp(v_i / κ),        for κ → 0:  log det A - Λ log max_i (deviation_i / D_i),   Λ = r / 2,
+#     or -r m,  Σ_i S((v_i - m) / κ) = r / 2,  S the logistic function,   m the smoothed median of v_i for D_i = 1
 #
-# log det A does not depend on units but for a constant, the condition number does (Swevers et al., 1997).
+# Both m, of maximum and of median, have dm = Σ_i w_i dv_i with w_i ~ exp(v_i / κ) or w_i ~ S', Σ_i w_i = 1, and
+# dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii. log det A does not depend on units but for a constant, the condition number does.
+#
+# Source: Swevers et al., 1997, for log det A and the condition number; the second term is this library's own.
 
 ROWS_PER_SECOND = 25.0
 """Independent rows: two and a half a period of a cut-off of 10 Hz, as :func:`identify` keeps them."""
-_ROUNDING = 1e-13
-_DIFFERENCE = 1e-5
+_WORST = 0.25  # Λ / 2 r
 _SMOOTH = 0.7  # κ of the smoothed median: a factor of 2 between variances
+_SMOOTH_WORST = 0.3  # κ of the smoothed maximum
 Criterion = Literal["log_det", "deviations"]
 CRITERIA = get_args(Criterion)
 
@@ -153,6 +153,7 @@ class MotionInformation:
     noise: Array  # (nv,), deviation of each torque [N m, sliding joints: N]
     friction_speed: Array  # (nv,) [rad/s, m/s]
     duration: float  # [s]
+    prior: Array  # (r,), D: the largest plausible sizes of the groups
     criterion: Criterion = "log_det"  # what the merit is
 
     def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
@@ -164,15 +165,12 @@ class MotionInformation:
         import scipy.linalg
 
         weighted = (W / self.noise[:, None]).reshape(-1, W.shape[-1])
-        weighted = weighted * np.sqrt(ROWS_PER_SECOND * self.duration / len(W))
-        length = np.maximum(np.linalg.norm(weighted, axis=0), 1e-150)
-        scaled = weighted / length
-        A = scaled.T @ scaled
-        A[np.diag_indices_from(A)] += _ROUNDING
-        factor = scipy.linalg.cho_factor(A, lower=True, check_finite=False)
+        A = weighted.T @ weighted * (ROWS_PER_SECOND * self.duration / len(W)) + np.diag(self.prior**-2.0)
+        length = np.sqrt(A.diagonal())
+        factor = scipy.linalg.cho_factor(A / length[:, None] / length, lower=True, check_finite=False)
         log_det = 2.0 * float(np.log(factor[0].diagonal()).sum() + np.log(length).sum())
         inverse = scipy.linalg.cho_solve(factor, np.eye(len(A)), check_finite=False)
-        return log_det, inverse / length[:, None] / length[None, :]
+        return log_det, inverse / length[:, None] / length
 
     def log_det(self, W: Array) -> float:
         """log det A of rows (n, nv, r) at times spread evenly over the motion."""
@@ -185,40 +183,54 @@ class MotionInformation:
     def merit_and_slope(self, W: Array) -> tuple[float, Array]:
         """The merit, and G (n, nv, r), its derivative by each entry of W."""
         log_det, inverse = self._inverse(W)
-        share, merit, weighted = ROWS_PER_SECOND * self.duration / len(W), log_det, inverse
+        variances = inverse.diagonal()
         if self.criterion == "deviations":
-            variances = inverse.diagonal()
-            median, weights = _smooth_median(np.log(variances))
-            merit = -len(weights) * median
-            weighted = len(weights) * (inverse * (weights / variances)) @ inverse
-        return merit, 2.0 * share * (W @ weighted) / self.noise[:, None] ** 2
+            m, weights = _smooth_median(np.log(variances))
+            merit, slope, scale = 0.0, np.zeros_like(inverse), float(len(weights))
+        else:
+            m, weights = _smooth_maximum(np.log(variances / self.prior**2))
+            merit, slope, scale = log_det, inverse, _WORST * len(inverse)
+        slope = slope + scale * (inverse * (weights / variances)) @ inverse
+        share = ROWS_PER_SECOND * self.duration / len(W)
+        return merit - scale * m, 2.0 * share * (W @ slope) / self.noise[:, None] ** 2
 
-    def weighing(self, of_rows: Array, times: int) -> Callable[[Array, Array, Array], Array]:
-        """Function of states (times n, nv) that returns (times, n) sums of the bodies' columns with weights (n, nv, r)."""
-        unknown, n = self.base.unknown, len(of_rows)
+    @cached_property
+    def _pullback(self) -> Callable[..., tuple[Array, Array, Array]]:
+        """Derivatives by states of the regressor's entries with weights, by reverse mode."""
+        return self.base.unknown.robot.kernel("regressor", by=("q", "dq", "ddq"), form="weighted")
+
+    @cached_property
+    def _drives(self) -> dict[str, tuple[Array, Array]]:
+        """Columns (k,) of each kind of a drive's parameters, and their joints (k,)."""
+        unknown, found = self.base.unknown, dict[str, tuple[Array, Array]]()
+        kinds, still = np.array(unknown.kinds)[self.base.kept], np.zeros((1, unknown.robot.nv))
+        for kind in set(kinds[self.base.drives].tolist()):
+            mine = np.flatnonzero(kinds == kind)
+            joints = [
+                unknown.drive(int(k), still, still, self.friction_speed)[1].argmax() for k in self.base.kept[mine]
+            ]
+            found[kind] = mine, np.array(joints)
+        return found
+
+    def slopes(self, states: Array, of_rows: Array) -> Array:
+        """(3, n, nv) derivatives by the states of the sum of rows with weights (n, nv, r), each instant for itself."""
+        unknown = self.base.unknown
         places = unknown.of_bodies[self.base.kept]
         weights = np.zeros((*of_rows.shape[:2], len(unknown.robot.parameters)))
         weights[:, :, places[places >= 0]] = of_rows[:, :, places >= 0]
-        out = np.empty((times * n, *weights.shape[1:]))
-
-        def weigh(q: Array, dq: Array, ddq: Array) -> Array:
-            Y = unknown.robot.regressor(q, dq, ddq, out=out)
-            return np.asarray(np.einsum("snk,nk->sn", Y.reshape(times, n, -1), weights.reshape(n, -1)))
-
-        return weigh
-
-    def drive_slopes(self, states: Array, of_rows: Array) -> Array:
-        """(3, n, nv) derivatives by states of the drives' columns with weights (n, nv, r): each joint's by its own state."""
-        unknown, found = self.base.unknown, np.zeros(states.shape)
-        mine = unknown.of_bodies[self.base.kept] < 0
-        which, weights = self.base.kept[mine], of_rows[:, :, mine]
-        q, dq, ddq = states
-        for m, (of_dq, of_ddq) in ((1, (_DIFFERENCE, 0.0)), (2, (0.0, _DIFFERENCE))):
-            ahead, behind = (
-                unknown.columns(which, q, dq + sign * of_dq, ddq + sign * of_ddq, self.friction_speed)
-                for sign in (1, -1)
-            )
-            found[m] = ((ahead - behind) * weights).sum(axis=2) / (2.0 * _DIFFERENCE)
+        found = np.stack(self._pullback(*states, weights))
+        rate = states[1] / self.friction_speed
+        dry, bell = (
+            (1.0 - np.tanh(rate) ** 2) / self.friction_speed,
+            np.exp(-((states[1] / unknown.stribeck_speed) ** 2)),
+        )
+        stribeck = bell * (dry - 2.0 * states[1] / unknown.stribeck_speed**2 * np.tanh(rate))
+        one = np.ones_like(rate)
+        laws = {"motor_inertia": (2, one), "viscous": (1, one), "coulomb": (1, dry), "stribeck": (1, stribeck)}
+        for kind, (columns, joints) in self._drives.items():
+            if kind in laws:
+                m, slope = laws[kind]
+                found[m][:, joints] += of_rows[:, joints, columns] * slope[:, joints]
         return found
 
     def deviations(self, W: Array) -> Array:
@@ -229,6 +241,12 @@ class MotionInformation:
         """Condition number of W, in SI units."""
         s = np.linalg.svd(W.reshape(-1, W.shape[-1]), compute_uv=False)
         return float(s[0] / max(s[-1], 1e-300))
+
+
+def _smooth_maximum(values: Array) -> tuple[float, Array]:
+    """m, and its derivative by each of the values."""
+    powers = np.exp((values - values.max()) / _SMOOTH_WORST)
+    return float(values.max() + _SMOOTH_WORST * np.log(powers.sum())), powers / powers.sum()
 
 
 def _smooth_median(values: Array) -> tuple[float, Array]:
@@ -247,18 +265,21 @@ def _smooth_median(values: Array) -> tuple[float, Array]:
 # ── The search
 
 # The search minimises  -merit  with multipliers of all limits at some hundred instants (:class:`LimitBarrier`) by SciPy's
-# L-BFGS-B; then multipliers follow, the pull ρ grows, and a last round has more instants. Coefficients z are scaled so that
-# each alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the states are central differences of
-# torques and regressor, one joint displaced at a time, all instants in one call; slopes by z follow, as states are linear in z.
+# L-BFGS-B; then multipliers follow, and the pull ρ grows. The best of several such searches goes on at more instants.
+# Coefficients z are scaled so that each alone moves a joint by 1, in shares of its limits (root mean square). Slopes by the
+# states are those of torques and regressor by reverse mode, of distances by forces at the nearest points; slopes by z follow,
+# as states are linear in z.
 
-_PER_PERIOD = 32  # instants per period of the highest harmonic at which limits are looked at in the search
-_FINER = 10  # times as many, at least, at which a motion is judged in the end
+_PER_PERIOD = 16  # instants per period of the highest harmonic at which limits are looked at in the search
+_FINER = 20  # times as many, at least, at which a motion is judged in the end
 _MARGIN = 1e-4  # share of each limit that is left: what may happen between those
-_ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 1), (320.0, 50, 1), (1000.0, 30, 2))
-"""Searches with multipliers that stay: their pull ρ, the most steps, and how many times as many instants there are."""
-_REPAIRS = 6
-"""Times that a motion which passes a limit between the instants of the search is searched again with a larger margin."""
-_STEP = 1e-5  # by which states are displaced
+_OF_MERIT = 2  # times as many, at which the merit is evaluated
+_ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 2), (320.0, 50, 2))
+"""Rounds of each search, in which multipliers stay: their pull ρ, the most steps, and how many times as many instants."""
+_BY_LOG_DET = 2  # of them, by log det whatever the criterion
+_LAST = (1000.0, 40, 8)
+"""Last round, of the best search only."""
+_REPAIRS = 7  # times that it is repeated at most
 _STARTS = 20  # random motions of which a search begins at the best
 _TRIES = 400
 _NARROW = 0.02  # share of a motion's width, below which it is none
@@ -316,7 +337,7 @@ class MotionSearch:
 
     def merit(self, z: Array) -> float:
         """Objective at the instants of the search, to be maximised."""
-        return self.information.merit(self.information.rows(*self._states(z)))
+        return self.information.merit(self.information.rows(*self._states(z, _OF_MERIT)))
 
     # ── motions that fit ──
 
@@ -357,10 +378,9 @@ class MotionSearch:
             return found
 
         def fits(share: float) -> bool:
-            return self.constraints.least(*self._states(narrowed(share), finer)) >= _MARGIN
+            return self.constraints.least(self._states(narrowed(share), finer)) >= _MARGIN
 
-        rests = np.stack([self.coefficients(z)[None, :, 0], *np.zeros((2, 1, len(z)))])
-        if self.constraints.least(*rests) < _MARGIN:
+        if self.constraints.least(self._states(narrowed(0.0), finer)[:, :1]) < _MARGIN:
             return None
         if fits(1.0):
             return z
@@ -374,97 +394,68 @@ class MotionSearch:
 
     # ── the search ──
 
-    def best_of(self, times: int, rng: np.random.Generator, progress: Progress) -> Array | None:
-        """The best of some searches, each with random motions of its own; None where no motion is possible."""
+    def best(self, times: int, rng: np.random.Generator, progress: Progress) -> Array | None:
+        """The best motion of some searches, each from random ones of its own; None where no motion is possible."""
+        found = list[tuple[float, Array, Array, LimitBarrier]]()
+        first = replace(self, information=replace(self.information, criterion="log_det"))  # has fewer local optima
+        for k in range(times):
+            start = first._start(rng)
+            if start is None:
+                return None
+            z, barrier = start, LimitBarrier(np.zeros_like(self._shares(start, 1)))
+            for n, (rho, steps, finer) in enumerate(_ROUNDS, 1):
+                search = first if n <= _BY_LOG_DET else self
+                z, barrier = search._descended(z, replace(barrier, rho=rho).refined(finer), steps)
+                progress((k + n / len(_ROUNDS)) / (times + 1))
+            narrowed = self.fitted(z, finer=1)
+            found.append((-np.inf if narrowed is None else self.merit(narrowed), start, z, barrier))
+        _, start, z, barrier = max(found, key=lambda one: one[0])
+        fits = [self.fitted(z) for z in (self._finished(z, barrier), start)]
+        progress(1.0)
+        return max((z for z in fits if z is not None), key=self.merit, default=None)
 
-        def progress_of(k: int) -> Progress:
-            return lambda done: progress((k + done) / times)
+    def _start(self, rng: np.random.Generator) -> Array | None:
+        """The best of some random motions; None where there is none."""
+        best = self.random(rng)
+        for _ in range(_STARTS if best is not None else 0):
+            best = max((z for z in (best, self.random(rng)) if z is not None), key=self.merit)
+        return best
 
-        found = [self.best(rng, progress_of(k)) for k in range(times)]
-        return max((z for z in found if z is not None), key=self.merit, default=None)
-
-    def best(self, rng: np.random.Generator, progress: Progress) -> Array | None:
-        """The motion that a search from random ones comes to; None where no motion is possible."""
-        starts = list[Array]()
-        for _ in range(_STARTS):
-            z = self.random(rng)
-            if z is None:
-                break
-            starts.append(z)
-        if not starts:
-            return None
-        start = max(starts, key=self.merit)
-        most, z, done = sum(steps for _, steps, _ in _ROUNDS), start, 0
-        barrier = LimitBarrier(tuple(np.zeros_like(s) for s in self._shares(start, 1)))
-        for rho, steps, finer in _ROUNDS:
-            barrier = replace(barrier, rho=rho).refined(finer)
-            z = self._descended(z, barrier, steps, lambda count: progress(count / most), done)
-            barrier = barrier.updated(self._shares(z, barrier.finer))
-            done += steps
+    def _finished(self, z: Array, barrier: LimitBarrier) -> Array:
+        """The motion with limits at many instants, searched again with a larger margin while it passes one between these."""
+        rho, steps, finer = _LAST
+        barrier = replace(barrier, rho=rho).refined(finer)
         for _ in range(_REPAIRS):
-            beyond = _MARGIN - self.constraints.least(*self._states(z, self._fine))
+            z, barrier = self._descended(z, barrier, steps)
+            beyond = _MARGIN - self.constraints.least(self._states(z, self._fine))
             if beyond <= 0.0:
                 break
             barrier = replace(barrier, aim=barrier.aim + 1.5 * beyond)
-            z = self._descended(z, barrier, _ROUNDS[-1][1], lambda _: None)
-            barrier = barrier.updated(self._shares(z, barrier.finer))
-        fits = [found for found in (self.fitted(z), self.fitted(start)) if found is not None]
-        progress(1.0)
-        return max(fits, key=self.merit, default=None)
+        return z
 
-    def _limited(self, states: Array) -> tuple[Array, ...]:
-        """Positions, velocities, accelerations, torques and clearances at states (3, n, nv), as the bands limit them."""
-        return (*states, self.constraints.smooth_torques(*states), self.constraints.clearances(states[0]))
-
-    def _shares(self, z: Array, finer: int) -> tuple[Array, ...]:
+    def _shares(self, z: Array, finer: int) -> Array:
         """Distances from all edges at the instants of the search."""
-        pairs = zip(self.constraints.bands, self._limited(self._states(z, finer)), strict=True)
-        return tuple(band.shares(x) for band, x in pairs)
+        return self.constraints.evaluate(self._states(z, finer), smooth=True)[0]
 
-    def _descended(self, z: Array, barrier: LimitBarrier, steps: int, progress: Progress, count: int = 0) -> Array:
-        """The motion after some steps; progress is told ``count`` and the steps that are done."""
+    def _descended(self, z: Array, barrier: LimitBarrier, steps: int) -> tuple[Array, LimitBarrier]:
+        """The motion after some steps, and the barrier with the multipliers that follow."""
         from scipy.optimize import minimize
-
-        def tick(_: Array) -> None:
-            nonlocal count
-            count += 1
-            progress(count)
 
         def cost(x: Array) -> tuple[float, Array]:
             value, slope = self.cost_and_slope(x.reshape(z.shape), barrier)
             return value, slope.ravel()
 
         options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
-        called: Any = tick  # the stubs of SciPy know no callback of arrays of any rank
-        found = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", callback=called, options=options)
-        return np.asarray(found.x.reshape(z.shape))
+        z = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", options=options).x.reshape(z.shape)
+        return z, barrier.updated(self._shares(z, barrier.finer))
 
     def cost_and_slope(self, z: Array, barrier: LimitBarrier) -> tuple[float, Array]:
         """-merit with the edges' part, and its derivative by z (nv, K)."""
-        states = self._states(z, barrier.finer)
+        states = self._states(z, _OF_MERIT)
         merit, G = self.information.merit_and_slope(self.information.rows(*states))
-        cost, slopes = -merit, list[Array]()
-        for band, x, m in zip(self.constraints.bands, self._limited(states), barrier.multipliers, strict=True):
-            value, forces = barrier.cost_and_forces(band.shares(x), m)
-            cost += value
-            slopes.append(band.slope(-forces))
-        by_states = np.stack(slopes[:3]) + self._slopes(states, -G, slopes[3])
-        by_states[0] += self.constraints.clearance_slopes(states[0], slopes[4])
-        by_coefficients = np.einsum("mnj,mnk->jk", by_states, self._basis(barrier.finer))
-        return cost, np.einsum("jk,jkl->jl", by_coefficients, self._units)
-
-    def _slopes(self, states: Array, of_rows: Array, of_torques: Array) -> Array:
-        """(3, n, nv) derivatives by the states of Σ of_rows · W + Σ of_torques · τ, each instant for itself."""
-        found = self.information.drive_slopes(states, of_rows)
-        n, nv = states.shape[1:]
-        weigh = self.information.weighing(of_rows, 6)
-        for j in range(nv):
-            moved = np.repeat(states[:, None], 6, axis=1)  # forth and back in q_j, dq_j and ddq_j
-            for m in range(3):
-                moved[m, 2 * m, :, j] += _STEP
-                moved[m, 2 * m + 1, :, j] -= _STEP
-            q, dq, ddq = moved.reshape(3, 6 * n, nv)
-            tau = self.constraints.smooth_torques(q, dq, ddq).reshape(6, n, nv)
-            value = weigh(q, dq, ddq) + np.einsum("snj,nj->sn", tau, of_torques)
-            found[:, :, j] += (value[::2] - value[1::2]) / (2.0 * _STEP)
-        return found
+        shares, pullback = self.constraints.evaluate(self._states(z, barrier.finer), smooth=True)
+        cost, forces = barrier.cost_and_forces(shares)
+        slope = np.zeros_like(z)
+        for finer, by_states in ((_OF_MERIT, self.information.slopes(states, -G)), (barrier.finer, pullback(-forces))):
+            slope += np.einsum("mnj,mnk->jk", by_states, self._basis(finer), optimize=True)
+        return cost - merit, np.einsum("jk,jkl->jl", slope, self._units)
