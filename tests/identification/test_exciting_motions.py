@@ -14,6 +14,7 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import exciting_trajectory
 from twistwrench.identification.trajectory_constraints import nearest_points
+from twistwrench.identification.trajectory_search import MotionSearch, typical_sizes
 
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
@@ -41,25 +42,16 @@ def keeps(one, q, dq, ddq):
     return motion.violations(one.bounds, friction=True) == () and (clear.size == 0 or clear.min() >= 0.0)
 
 
-def random_motions(one, count, rng, instants=801, tries=20_000):
-    """States (3, n, nv) of random Fourier series, each joint as wide as its limits let it be, narrowed until all is kept."""
-    b, nv = one.bounds, one.robot.nv
-    basis = one.series.basis(np.linspace(0, one.duration, instants))
-    low, high = (np.where(np.isfinite(x), x, s * np.pi) for x, s in ((b.lower, -1), (b.upper, 1)))
-    motions = []
-    for _ in range(tries):
-        rest = rng.uniform(low, high) * 0.6 + 0.2 * (low + high)
-        q, dq, ddq = basis[:, :, 1:] @ rng.normal(size=(nv, one.series.count - 1)).T
-        wide = [(high - rest) / q.max(0), (rest - low) / -q.min(0), b.velocity / abs(dq).max(0)]
-        scale = 0.999 * np.min([*wide, b.acceleration / abs(ddq).max(0)], axis=0)
-        for shrink in 0.8 ** np.arange(15):
-            states = rest + shrink * scale * q, shrink * scale * dq, shrink * scale * ddq
-            if keeps(one, *states):
-                motions.append(np.stack(states))
-                break
-        if len(motions) == count:
-            return motions
-    raise AssertionError("random motions do not fit")
+def random_motions(one, count, rng, instants=801):
+    """States (3, n, nv) of random Fourier series at rest at both ends, as wide as the constraints of the motion found let them be."""
+    sizes = typical_sizes(one.robot, one.bounds, one.series)
+    search = MotionSearch(one.series, one.information, one.constraints, *sizes)
+    basis, motions = one.series.basis(np.linspace(0, one.duration, instants)), []
+    while len(motions) < count:
+        states = basis @ search.coefficients(search.random(rng)).T
+        if one.constraints.least(states) >= 0.0:
+            motions.append(states)
+    return motions
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -133,6 +133,17 @@ def test_shares_of_intervals_are_those_measured():
         assert f"| {' | '.join('–'.join(x) for x in ends)} |" in page("sensor")
 
 
+def test_exciting_motions_are_better_than_the_best_of_random_ones_as_measured():
+    text, found = page("identification"), kept("excitation")
+    for robot in ("ur5", "panda"):
+        mine, best = found[robot]["found"], found[robot]["best of 500"]
+        assert mine["condition"] <= best["condition"] and mine["worst deviation"] <= best["worst deviation"]
+        assert mine["log det"] >= best["log det"]
+        for name, x in (("found", mine), ("best of 500", best)):
+            numbers = f"{x['condition']:.0f} | {100 * x['worst deviation']:.2f} % | {x['log det']:.0f}"
+            assert f"| {robot}, {name} | {numbers} |" in text
+
+
 def test_what_real_logs_leave_unexplained_is_what_was_measured():
     text, found = page("identification"), kept("real_logs")
     robot, one, other, simple = (

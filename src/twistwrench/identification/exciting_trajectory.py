@@ -28,10 +28,16 @@ from .trajectory_constraints import (
     Clear,
     LinkCapsules,
     TrajectoryConstraints,
-    half_and_middle,
     shared_bounds,
 )
-from .trajectory_search import CRITERIA, Criterion, MotionInformation, MotionSearch, WindowedFourierSeries
+from .trajectory_search import (
+    CRITERIA,
+    Criterion,
+    MotionInformation,
+    MotionSearch,
+    WindowedFourierSeries,
+    typical_sizes,
+)
 
 _JUDGED = 2001  # instants at which a motion is judged, at least
 NAMES = {"itself": "itself", "floor": "the floor"}
@@ -283,7 +289,7 @@ def exciting_trajectory(
     if criterion not in CRITERIA:
         raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
     base = BaseParameters.from_unknowns(unknown)
-    typical, middle = _sizes(robot, bounds, series)
+    typical, middle = typical_sizes(robot, bounds, series)
     deviations = _noise(robot, noise)
     torque = np.where(np.isfinite(bounds.effort), bounds.effort, deviations / _NOISE)
     prior = base.weak_sizes(unknown.scales(torque, typical[1], typical[2]))
@@ -314,18 +320,6 @@ def _capsules(robot: Robot, floor: float | None, clear_of_itself: bool) -> Capsu
         raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
     itself = arguments.flag(clear_of_itself, "clear_of_itself")
     return CapsuleDistances.from_capsules(robot, LinkCapsules.from_robot(robot), floor=height, itself=itself)
-
-
-def _sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:
-    """Typical positions, velocities and accelerations (3, nv), and where joints are in the middle (nv,)."""
-    turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
-    half, middle = half_and_middle(bounds)
-    both = np.isfinite(half)
-    rate = 2.0 * np.pi * series.harmonics / series.duration
-    wide = np.where(both, half, np.where(turning, np.pi, 1.0))
-    fast = np.minimum(bounds.velocity, wide * rate)
-    typical = np.stack([wide, fast, np.minimum(bounds.acceleration, fast * rate)])
-    return typical, np.where(both, middle, np.clip(0.0, bounds.lower, bounds.upper))
 
 
 def _bounds(

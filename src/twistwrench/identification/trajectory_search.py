@@ -18,9 +18,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.polynomial import polynomial
 
+from ..motion.bounds import Bounds
+from ..robot import Robot
 from ..typing import Array
 from .parameters import BaseParameters
-from .trajectory_constraints import DENSE, TrajectoryConstraints
+from .trajectory_constraints import DENSE, TrajectoryConstraints, half_and_middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +119,18 @@ class WindowedFourierSeries:
         return q, dq, ddq
 
 
+def typical_sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:
+    """Typical positions, velocities and accelerations (3, nv), and where joints are in the middle (nv,)."""
+    turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
+    half, middle = half_and_middle(bounds)
+    both = np.isfinite(half)
+    rate = 2.0 * np.pi * series.harmonics / series.duration
+    wide = np.where(both, half, np.where(turning, np.pi, 1.0))
+    fast = np.minimum(bounds.velocity, wide * rate)
+    typical = np.stack([wide, fast, np.minimum(bounds.acceleration, fast * rate)])
+    return typical, np.where(both, middle, np.clip(0.0, bounds.lower, bounds.upper))
+
+
 # ── Fisher information of a motion about base parameters
 
 # With rows W_j of joint j (the columns that :func:`identify` fits), σ_j the deviation of its torque, and n rows of m that are
@@ -204,7 +218,7 @@ class MotionInformation:
         """Columns (k,) of each kind of a drive's parameters, and their joints (k,)."""
         unknown, found = self.base.unknown, dict[str, tuple[Array, Array]]()
         kinds, still = np.array(unknown.kinds)[self.base.kept], np.zeros((1, unknown.robot.nv))
-        for kind in set(kinds[self.base.drives].tolist()):
+        for kind in dict.fromkeys(kinds[self.base.drives].tolist()):
             mine = np.flatnonzero(kinds == kind)
             joints = [
                 unknown.drive(int(k), still, still, self.friction_speed)[1].argmax() for k in self.base.kept[mine]
