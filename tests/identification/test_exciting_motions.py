@@ -159,16 +159,14 @@ LINK = """<link name="link{k}"><inertial><origin xyz="0 0 0.2"/><mass value="1"/
   <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial>
   <visual><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.03" length="0.3"/></geometry></visual></link>
 <joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/><origin xyz="0 0 {z}"/>
-  <axis xyz="{axis}"/><limit lower="-2.9" upper="2.9" velocity="3" effort="60"/></joint>"""
+  <axis xyz="{axis}"/><limit lower="{lower}" upper="2.9" velocity="3" effort="60"/></joint>"""
 
 
 @pytest.fixture(scope="module")
 def folding(tmp_path_factory):
-    """Three links of one length and one plane, which fold onto the base and onto each other."""
-    links = "".join(
-        LINK.format(k=k, parent=f"link{k - 1}" if k else "base", z=0.4, axis="0 1 0" if k else "0 1 0.001")
-        for k in range(3)
-    )
+    """Three links of one length and one plane, which are folded so that the last comes near the first wherever they move."""
+    bent = ({"parent": "base", "axis": "0 1 0.001", "lower": -2.9}, *({"axis": "0 1 0", "lower": 0.9},) * 2)
+    links = "".join(LINK.format(**{"k": k, "parent": f"link{k - 1}", "z": 0.4, **one}) for k, one in enumerate(bent))
     path = tmp_path_factory.mktemp("folding") / "folding.urdf"
     path.write_text(BOXES.format(links=links), encoding="utf-8")
     return tw.load(path)
