@@ -34,7 +34,11 @@ from .parameters import BaseParameters
 from .rows import SteadySamples, kept_rows, low_pass, of_springs, states_below
 
 _PORTION = 2048
-_OF_DRIVES = ("dq", "ddq", "pieces", "friction_speed")
+_MADE_OF = {
+    "bodies": ("q", "dq", "ddq", "gravity", "rows", "lag"),
+    "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lag"),
+}
+"""Fields that columns are made of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,27 +139,33 @@ class LogStates:
     @cached_property
     def columns(self) -> Array:
         """(m, nv, r) columns of the groups at the rows, friction low-passed as the torques are."""
-        unknown, kept = self.base.unknown, self.base.kept
-        at = slice(None) if self.lag else self.rows
-        places = unknown.of_bodies[kept]
-        W = np.empty((len(self.time[at]), unknown.model.nv, len(kept)))
-        Y = unknown.regressor(self.q[at], self.dq[at], self.ddq[at], self.gravity)
-        W[:, :, places >= 0] = Y[:, :, places[places >= 0]]
-        W[:, :, places < 0] = self.drives[at]
+        of_bodies = self.base.unknown.of_bodies[self.base.kept] >= 0
+        W = np.empty((*self.bodies.shape[:2], len(of_bodies)))
+        W[:, :, of_bodies], W[:, :, ~of_bodies] = self.bodies, self.drives
         if self.lag:
             W = np.concatenate([_lagged(W[s], self.lag * float(self.rate[s.start])) for s in self.pieces])[self.rows]
         return np.asarray(W * self.gain[:, None] if (self.gain != 1.0).any() else W)
 
     @cached_property
+    def bodies(self) -> Array:
+        """Columns of the bodies at the rows, or in all states that a low-pass needs."""
+        at = slice(None) if self.lag else self.rows
+        places = self.base.unknown.of_bodies[self.base.kept]
+        Y = self.base.unknown.regressor(self.q[at], self.dq[at], self.ddq[at], self.gravity)
+        return np.asarray(Y[:, :, places[places >= 0]])
+
+    @cached_property
     def drives(self) -> Array:
-        """(n, nv, k) columns of motor inertias, friction and offsets in all states."""
-        unknown, found = self.base.unknown, []
-        for k in self.base.kept[unknown.of_bodies[self.base.kept] < 0].tolist():
-            value, share = unknown.drive(k, self.dq, self.ddq, self.friction_speed)
-            if unknown.kinds[k] in ("coulomb", "stribeck"):
-                value = self.filtered(value)
-            found.append(value[:, None] * share)
-        return np.stack(found, axis=-1) if found else np.zeros((*self.dq.shape, 0))
+        """Columns of motor inertias, friction and offsets, for the same states."""
+        unknown, at = self.base.unknown, slice(None) if self.lag else self.rows
+        which = self.base.kept[unknown.of_bodies[self.base.kept] < 0].tolist()
+        found = np.empty((*self.dq[at].shape, len(which)))
+        for c, k in enumerate(which):
+            dry = unknown.kinds[k] in ("coulomb", "stribeck")
+            rates = (self.dq, self.ddq) if dry else (self.dq[at], self.ddq[at])
+            value, share = unknown.drive(k, *rates, self.friction_speed)
+            found[:, :, c] = (self.filtered(value)[at] if dry else value)[:, None] * share
+        return found
 
     def torque(self, x: Array) -> Array:
         """(n, nv) torques W x of all states, in portions."""
@@ -168,10 +178,11 @@ class LogStates:
         return np.concatenate(found)
 
     def changed(self, **columns: Any) -> LogStates:
-        """The same with other values of some fields; columns of drives that no change concerns are kept."""
+        """The same with other values of some fields; columns that no change concerns are kept."""
         found = replace(self, **columns)
-        if "drives" in self.__dict__ and all(getattr(found, name) is getattr(self, name) for name in _OF_DRIVES):
-            found.__dict__["drives"] = self.__dict__["drives"]
+        for part, fields in _MADE_OF.items():
+            if part in self.__dict__ and all(getattr(found, name) is getattr(self, name) for name in fields):
+                found.__dict__[part] = self.__dict__[part]
         return found
 
 
