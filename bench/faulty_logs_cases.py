@@ -92,13 +92,12 @@ class Case:
 
 def tilted(truth: Truth, _states: States, rng: np.random.Generator, *, degrees: float) -> Truth:
     """The base tilted about a horizontal axis."""
-    angle = rng.uniform(0, 2 * np.pi)
-    return replace(truth, gravity=turned_gravity(np.radians(degrees), np.array([np.cos(angle), np.sin(angle), 0.0])))
+    return replace(truth, gravity=turned_gravity(truth.gravity, np.radians(degrees), rng.uniform(0, 2 * np.pi)))
 
 
 def mounted(truth: Truth, _states: States, _rng: np.random.Generator, *, degrees: float) -> Truth:
     """On a wall or a ceiling."""
-    return replace(truth, gravity=turned_gravity(np.radians(degrees), np.array([1.0, 0.0, 0.0])))
+    return replace(truth, gravity=turned_gravity(truth.gravity, np.radians(degrees), 0.0))
 
 
 def laws(truth: Truth, _states: States, _rng: np.random.Generator, **changes: float) -> Truth:
@@ -322,8 +321,8 @@ def _cases() -> tuple[Case, ...]:
             for f in (3, 1)
         ),
         single("Stribeck", ("stribeck",), (partial(laws, static=0.5),)),
-        single("load friction 10 %", ("load-friction",), (partial(laws, load=0.1),), value={"load-friction": 0.1}),
-        single("warming 40 %", ("warming",), (partial(laws, warming=-0.4),), value={"warming": -0.4}),
+        single("load friction 10 %", ("load-friction",), (partial(laws, load=0.1),), value={"load-friction": 10.0}),
+        single("warming 40 %", ("warming",), (partial(laws, warming=-0.4),)),
         single("elastic 0.5 deg", ("elasticity",), log=(partial(elastic, degrees=0.5),), value={"elasticity": 0.5}),
         Case("asymmetric Coulomb 40 %", ("asymmetry",), (partial(laws, asymmetry=0.4),), told=False),
         *(single(f"tilt {d} deg", tilt, (partial(tilted, degrees=d),), value={"tilt": float(d)}) for d in (3, 10, 30)),
@@ -443,7 +442,7 @@ def _cases() -> tuple[Case, ...]:
             ("load-friction",),
             (loaded, partial(laws, load=0.1)),
             (),
-            {"load-friction": 0.1},
+            {"load-friction": 10.0},
             notes=("payload",),
         ),
         Case("a joint that follows", variant="mimic"),

@@ -174,13 +174,14 @@ def coloured(rows: int, columns: int, rng: np.random.Generator, memory: float, r
 # ── True robots
 
 
-def turned_gravity(angle: float, about: Array, size: float = 9.81) -> Array:
-    """Gravity in the axes of a base that is turned by an angle [rad] about one of its own axes."""
-    u = about / np.linalg.norm(about)
-    g = np.array([0.0, 0.0, -size])
+def turned_gravity(gravity: Array, angle: float, direction: float) -> Array:
+    """Gravity in the axes of a base that is turned by an angle about a horizontal axis, at an angle ``direction`` [rad]."""
+    up = -gravity / np.linalg.norm(gravity)
+    x = np.array([1.0, 0.0, 0.0])
+    level = (x - up * (up @ x)) / np.sqrt(1 - (up @ x) ** 2)
+    u = np.cos(direction) * level + np.sin(direction) * np.cross(up, level)
     # Rodrigues, by the angle turned back: what the base sees of a world that stands still.
-    c, s = np.cos(-angle), np.sin(-angle)
-    return g * c + np.cross(u, g) * s + u * (u @ g) * (1 - c)
+    return gravity * np.cos(angle) - np.cross(u, gravity) * np.sin(angle)
 
 
 @dataclass(frozen=True, eq=False)
