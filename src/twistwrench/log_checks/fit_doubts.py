@@ -194,7 +194,6 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
     if left > _TOLD * without or _OF_FILE[0] <= gain <= _OF_FILE[1]:
         return []
     words = {
-        "joints": "all joints",
         "value": number(gain, 3),
         "interval": "",
         "evidence": "so the file's bodies explain it best",
