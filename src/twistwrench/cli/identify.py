@@ -79,6 +79,12 @@ def parse_friction(text: str) -> tuple[str, ...]:
         default=0.1,
     ),
     FRICTION_LAWS,
+    option(
+        "--assume CAUSE",
+        "Take this cause off the logs, its value an unknown of the fit: gain:JOINT, zero:JOINT, tilt, late, load-friction or "
+        "another name of the report; may be repeated.",
+        multiple=True,
+    ),
     option("--csv OUT.csv", "Write the groups with their intervals as a table."),
     option("--report OUT.html", "Write all of it as one page."),
     option("--plot OUT.png", "Draw measured and predicted torques, groups, and γ."),
@@ -128,7 +134,7 @@ def _fitting(given: Given) -> dict[str, Any]:
         "motor_inertia": not given.no_motor_inertia,
         "cutoff": _number(given.cutoff, "--cutoff"),
         "shift": _number(given.shift, "--shift"),
-        **given.pick("method", "payload_only", "stribeck_speed"),
+        **given.pick("method", "payload_only", "stribeck_speed", "assume"),
     }
 
 
@@ -145,6 +151,11 @@ def _identified(
     paths = (*given.logs, *given.tests)
     portions = any(x is not None for x in (given.information, given.add, given.workers, given.scheduler))
     if portions or total_bytes(paths) > LARGE:
+        if given.assume:
+            raise ValueRangeError(
+                "--assume takes logs that fit into memory, without --information, --add or --workers."
+            )
+        del fitting["assume"]
         return robot_from_portions(robot, given, {**fitting, **reading})
     motions = {path: read_motion(path, robot, side=fitting["motor_side"], **reading) for path in dict.fromkeys(paths)}
     if lacking := [path for path, motion in motions.items() if motion.tau is None]:

@@ -191,6 +191,10 @@ class GroupCovariance:
         """(r,) standard deviations."""
         return np.sqrt(np.maximum(self.matrix.diagonal(), 0.0))  # of what is known, rounding is left
 
+    def of_first(self, count: int) -> GroupCovariance:
+        """The first groups alone."""
+        return GroupCovariance(self.matrix[:count, :count], self.freedom[:count], self.textbook[:count], self.block)
+
     def half_width(self, level: float = 0.95) -> Array:
         """(r,) half the width of intervals that hold the truth with that chance.
 

@@ -79,13 +79,21 @@ class LogStates:
 
     @classmethod
     def from_samples(
-        cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array, most: float
+        cls,
+        base: BaseParameters,
+        samples: Sequence[SteadySamples],
+        cutoff: float,
+        friction_speed: Array,
+        most: float,
+        *,
+        whole: bool = False,
     ) -> LogStates:
-        """States of samples on steady clocks, with ``most`` rows at most."""
+        """States of samples on steady clocks, with ``most`` rows at most; of all samples, q and τ as they are, if ``whole``."""
         found, rows, pieces, at = [], [], [], 0
         total = sum(s.seconds for s in samples)
         for one in samples:
-            s = states_below(one, cutoff)
+            s = states_below(one, cutoff, one.rate if whole else None)
+            s = replace(s, q=one.q, tau=one.tau) if whole else s
             kept = kept_rows(s, cutoff, max(1.0, most * one.seconds / total), cut=one.cut)
             found.append(s)
             rows.append(at + np.arange(len(s.time))[kept])
@@ -124,11 +132,13 @@ class LogStates:
     @cached_property
     def measured(self) -> Array:
         """(m, nv) measured torques at the rows, springs taken off."""
-        tau = self.tau
-        if self.shift:
-            tau = np.concatenate([self._moved(s) for s in self.pieces])
         known = of_springs(self.base, self.q[self.rows], self.dq[self.rows], self.ddq[self.rows])
-        return np.asarray(tau[self.rows] - known)
+        return np.asarray(self.in_time[self.rows] - known)
+
+    @cached_property
+    def in_time(self) -> Array:
+        """(n, nv) measured torques, the shift taken off."""
+        return np.concatenate([self._moved(s) for s in self.pieces]) if self.shift else self.tau
 
     def _moved(self, s: slice) -> Array:
         from scipy.interpolate import make_interp_spline
@@ -249,10 +259,10 @@ def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Ar
     return s.changed(q=s.q - beta * turn, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
 
 
-def compliances(s: LogStates, torque: Array) -> Iterator[Cause]:
-    """Elasticity of each joint, and of all alike; β is the angle at the largest fitted torque (n, nv)."""
+def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> Iterator[Cause]:
+    """Elasticity of each joint, and of all alike; β is the angle at the ``largest`` (nv,) of the fitted torques (n, nv)."""
     every = tuple(range(torque.shape[1]))
-    share = torque / np.maximum(np.abs(torque).max(axis=0), 1e-300)
+    share = torque / np.maximum(np.abs(torque).max(axis=0) if largest is None else largest, 1e-300)
     rate = s.slope(share)
     rates = share, rate, s.slope(rate)
     for joints in (*((k,) for k in every), *([every] if len(every) > 1 else [])):
@@ -306,6 +316,8 @@ class Law:
     kind: str
     joints: tuple[int, ...]
     values: Callable[[LogStates, FittedTorques], Array]
+    speed: float = 0.0
+    """Speed at which static friction has faded."""
 
     def column(self, s: LogStates, fitted: FittedTorques) -> Array:
         """Column (n, nv) of the law, in the rows of its joints."""
@@ -374,7 +386,7 @@ def laws(s: LogStates) -> Iterator[Law]:
     for joints in (*((k,) for k in every), *([every] if len(every) > 1 else [])):
         yield Law("load-friction", joints, _load_friction)
         yield Law("warming", joints, _warming)
-        yield from (Law("stribeck", joints, partial(_stribeck, speed=speed)) for speed in STRIBECK_SPEEDS)
+        yield from (Law("stribeck", joints, partial(_stribeck, speed=speed), speed) for speed in STRIBECK_SPEEDS)
     for k in every:
         yield Law("late-joint", (k,), _delayed)
         yield Law("drift", (k,), _drift)

@@ -237,12 +237,17 @@ class FoundCause:
         if self.value is None or self.deviation is None:
             return self.number, None
         t = float(student_quantile(max(1.0, len(self.fit.blocks) - 1.0), 0.95))
-        size = float(np.linalg.norm(self.value)) if len(self.value) > 1 else float(self.value[0])
-        along = self.value / size if len(self.value) > 1 and size else np.eye(len(self.value))[0]
-        half = t * float(np.sqrt(((along * self.deviation) ** 2).sum()))
-        to = _TO_UNITS.get(self.kind, float)
-        low, high = sorted(float(to(size + way * half)) for way in (-1.0, 1.0))
-        return float(to(size)), (low, high)
+        return in_units(self.kind, self.value, t * self.deviation)
+
+
+def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
+    """β (k,) and its interval, of half the widths (k,), in the unit of the table; the size of β that is a vector."""
+    size = float(np.linalg.norm(value)) if len(value) > 1 else float(value[0])
+    along = value / size if len(value) > 1 and size else np.eye(len(value))[0]
+    wide = float(np.sqrt(((along * half) ** 2).sum()))
+    to = _TO_UNITS.get(kind, float)
+    low, high = sorted(float(to(size + way * wide)) for way in (-1.0, 1.0))
+    return float(to(size)), (low, high)
 
 
 _TO_UNITS: Mapping[str, Callable[[float], float]] = {
@@ -258,8 +263,14 @@ def log_causes(
     unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
 ) -> list[FoundCause]:
     """Causes of what the best fit to logs leaves, where there are any; its delay is taken off before."""
-    gravity = np.linalg.norm(unknown.model.gravity) * _ASKEW
-    base = BaseParameters.from_unknowns(unknown, gravity=gravity)
+    return diagnose(log_fit(unknown, samples, settings, dead))
+
+
+def log_fit(
+    unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
+) -> CauseFit:
+    """Fit to the rows of logs that causes are sought in."""
+    base = askew_base(unknown)
     nv, cutoff = unknown.model.nv, min(settings.cutoff, _HIGHEST)
     most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
     speed = np.minimum(settings.friction_speed, _SLOWEST)
@@ -267,7 +278,29 @@ def log_causes(
     size = [np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-6) for x in (s.tau, s.dq, s.ddq)]
     sizes = unknown.scales(*(np.maximum(x, 1e-2 * np.median(x)) for x in size))
     prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
-    return diagnose(CauseFit(s, prior, ~dead))
+    return CauseFit(s, prior, ~dead)
+
+
+def askew_base(unknown: UnknownParameters) -> BaseParameters:
+    """Groups of the robot mounted askew, which are those of any mounting."""
+    return BaseParameters.from_unknowns(unknown, gravity=np.linalg.norm(unknown.model.gravity) * _ASKEW)
+
+
+def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
+    """The best of some causes, at the value that explains the rows held out best, however little that is."""
+    s, found = fit.states, list[FoundCause]()
+    for cause in tried:
+        if not cause.step:
+            found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
+            continue
+        screened = list[tuple[float, Array]]()
+        for start in cause.starts:
+            beta = np.full(cause.size, start)
+            at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
+            left, step = at.with_columns(_columns(at, s, cause, beta))
+            screened.append((fit.gained(left), beta + step))
+        found.append(_refined(fit, cause, max(screened, key=lambda one: one[0])[1]))
+    return max(found, key=lambda one: one.S)
 
 
 def diagnose(start: CauseFit) -> list[FoundCause]:

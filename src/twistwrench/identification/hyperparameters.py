@@ -11,11 +11,44 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from ..core.numbers import number
+from ..core.text import listed
 from ..estimation.cross_validation import FOLDS
 from ..estimation.least_squares import Information, NormalEquations, Prior, left_out, squares_of, sum_of
 from ..typing import Array
 from .parameters import BaseParameters, speed_owner
 from .rows import MOST_ROWS, FilteredRows, JudgedStates, SteadySamples, cutoffs, torques_below
+
+
+@dataclass(frozen=True)
+class AssumedCause:
+    """A cause that a fit was made with, and what it came out as.
+
+    Attributes
+    ----------
+    kind : str, name of its row in the table of doubts, such as ``gain``
+    joints : tuple of str, empty for a cause of the whole log
+    value : float or None, in ``unit``; None for a cause without a value
+    interval : (float, float) or None, 95 % interval of the value
+    unit : str
+    gravity : tuple of float or None, in the base's frame [m/s²], where the cause turns it
+    """
+
+    kind: str
+    joints: tuple[str, ...] = ()
+    value: float | None = None
+    interval: tuple[float, float] | None = None
+    unit: str = ""
+    gravity: tuple[float, ...] | None = None
+
+    def __str__(self) -> str:
+        said = f"{self.kind} of {listed(self.joints, 4)}" if self.joints else self.kind
+        if self.value is not None:
+            said += f" {number(self.value, 4)}{' ' + self.unit if self.unit else ''}"
+        if self.interval is not None:
+            said += f" (95 %: {number(self.interval[0], 4)} to {number(self.interval[1], 4)})"
+        if self.gravity is not None:
+            said += f", gravity {', '.join(number(x, 4) for x in self.gravity)} m/s²"
+        return said
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +60,13 @@ class FitSettings:
     cutoff : float [Hz]
     friction_speed : (nv,) array, v_0 [rad/s or m/s]
     shift : float, by how much torques are later in the log than the positions they belong to [s]
+    assumed : tuple of AssumedCause, taken off the log before
     """
 
     cutoff: float
     friction_speed: Array
     shift: float
+    assumed: tuple[AssumedCause, ...] = ()
 
     def __str__(self) -> str:
         speeds = ", ".join(map(number, self.friction_speed))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
-from ..estimation.covariance import autocorrelation_length, group_covariance
+from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..log_checks.fit_doubts import FittedLog, doubts_of
@@ -21,6 +21,7 @@ from ..motion.smoothing import continuous
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
+from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .chunks import gap_notes
 from .diagnosis import log_causes
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
@@ -51,6 +52,7 @@ def identify(
     known: Mapping[str, float] | None = None,
     payload_only: str | None = None,
     stribeck_speed: float = STRIBECK_SPEED,
+    assume: str | Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> IdentifiedRobot:
     """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
@@ -75,6 +77,11 @@ def identify(
     payload_only : str, optional
         A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
     stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
+    assume : str or sequence of str, causes that are taken off the logs, with values that are unknowns of the fit
+        ``gain:JOINT``, ``zero:JOINT``, ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``; ``load-friction``, ``warming`` and
+        ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``, ``both-signs``, ``degrees`` and
+        ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and ``exchanged-positions``, each with ``:JOINT:JOINT``;
+        ``mounting``; ``time-scale``. The logs are then kept in memory.
     progress : callable, optional, called with the share that is done
 
     Returns
@@ -112,7 +119,7 @@ def identify(
         raise ShapeError("identify: there is no log. Give one with torques at least.")
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
-    asked = fit_options(cutoff, friction_speed, shift)
+    asked, wanted = fit_options(cutoff, friction_speed, shift), wanted_causes(assume, robot.model.velocity_names)
     same: dict[str, Any] = {
         "motor_inertia": motor_inertia,
         "friction": friction,
@@ -120,7 +127,7 @@ def identify(
         "known": known,
         "stribeck_speed": stribeck_speed,
     }
-    if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
+    if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES and not wanted:
         from .streaming import accumulate
 
         fixed: dict[str, Any] = {"method": method, "cutoff": cutoff, "friction_speed": friction_speed, "shift": shift}
@@ -128,7 +135,7 @@ def identify(
         return whole.identified(accumulate(robot, tested, like=whole) if tested else None)
     unknown = unknown_of(robot, payload_only=payload_only, **same)
     tell = progress or (lambda _share: None)
-    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only)[0]
+    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only, wanted=wanted)[0]
 
 
 def identified(
@@ -143,20 +150,38 @@ def identified(
     payload_only: str | None = None,
     anew: bool = True,
     most_rows: float = MOST_ROWS,
+    wanted: Sequence[WantedCause] = (),
 ) -> tuple[IdentifiedRobot, Array, float]:
     """The identification of checked logs, joints without a torque (nv,), and the autocorrelation length of the residuals.
 
     Settings are chosen anew for each fifth held out where ``anew``.
     """
-    source, sizes, prior = _source(unknown, trained, asked, most_rows)
-    base = source.base
-    tell(0.2)
-    settings = source.choose(prior, range(FOLDS))
+    samples, dead, asked = *_rows_of(trained, asked), _without_delay(asked, wanted)
+
+    def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
+        source = SettingRows(base, samples, asked, dead, most_rows)
+        sizes = base.unknown.scales(*source.typical())
+        return source, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
+
+    assumed = None
+    if wanted:
+        begin = begin_settings(unknown.model.nv, samples, asked)
+        start = AssumedCauses.estimated(unknown, samples, wanted, begin, dead)
+        assumed, settings, (source, sizes, prior) = start.refined(build, method, most_rows)
+    else:
+        source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
+        tell(0.2)
+        settings = source.choose(prior, range(FOLDS))
+    base, unknown = source.base, source.base.unknown
     tell(0.4)
     trial = Trial(source, settings)
     rows, fold = trial.rows, trial.fold
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
-    covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
+    E = np.zeros((*trial.tau.shape, 0)) if assumed is None else assumed.columns(most_rows)
+    covariance = fit_covariance(trial, E, x, sigma, weights, prior)
+    if assumed is not None:
+        settings = replace(settings, assumed=assumed.found(covariance))
+        covariance = covariance.of_first(base.count)
     tell(0.5)
 
     def settings_without(block: int) -> FitSettings:
@@ -167,9 +192,10 @@ def identified(
         return chosen
 
     among = _five_fold(source, prior, method, settings_without)
-    held_out = _predicted(source, tested, settings, x) if tested else among
+    held_out = _predicted(source, tested, settings, x, assumed) if tested else among
     begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may be another cause
     causes = [] if payload_only else log_causes(unknown, source.samples, begin, source.dead)
+    causes = [cause for cause in causes if not any(one.stands_for(cause) for one in wanted)]
     seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
@@ -191,24 +217,29 @@ def identified(
         information=_weighted(trial, sigma, weights).together(),
         folds=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
         payload_frame=payload_only,
-        notes=_remarks((*trained, *tested)),
+        notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks((*trained, *tested))),
     )
     return found, source.dead, autocorrelation_length((trial.tau - trial.W @ x) / sigma)
 
 
-def _source(
-    unknown: UnknownParameters, trained: Sequence[Motion], asked: FitOptions, most_rows: float
-) -> tuple[SettingRows, Array, Prior]:
-    """Rows of the logs, the largest plausible sizes of the unknown parameters (p,), and the weak prior of their groups."""
-    base, samples = BaseParameters.from_unknowns(unknown), _samples(trained, "logs")
+def _rows_of(trained: Sequence[Motion], asked: FitOptions) -> tuple[list[SteadySamples], Array]:
+    """Samples of the logs, and the joints (nv,) without a torque."""
+    samples = _samples(trained, "logs")
     if asked.cutoff is not None:  # pieces too short for it
         samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
     dead = _dead(trained)
     if dead.all():
         raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
-    source = SettingRows(base, samples, asked, dead, most_rows)
-    sizes = unknown.scales(*source.typical())
-    return source, sizes, Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
+    return samples, dead
+
+
+def _without_delay(asked: FitOptions, wanted: Sequence[WantedCause]) -> FitOptions:
+    """Options of a fit that ``late`` is assumed in: the delay is then one of the causes. Raises ValueRangeError."""
+    if not any(one.kind == "late" for one in wanted):
+        return asked
+    if asked.shift is not None:
+        raise ValueRangeError("a shift is given, and late is assumed, which estimates it. Leave one of them out.")
+    return replace(asked, shift=0.0)
 
 
 def fit_options(cutoff: float | None, friction_speed: float | None, shift: float | None) -> FitOptions:
@@ -301,10 +332,14 @@ def _five_fold(
     return reduce(operator.add, found)
 
 
-def _predicted(source: SettingRows, tested: Sequence[Motion], settings: FitSettings, x: Array) -> HeldOut:
-    """Logs of their own, with the settings of the training logs."""
+def _predicted(
+    source: SettingRows, tested: Sequence[Motion], settings: FitSettings, x: Array, assumed: AssumedCauses | None
+) -> HeldOut:
+    """Logs of their own, with the settings of the training logs, and the causes that these assume."""
+    samples = _samples(tested, "test")
+    samples = samples if assumed is None else assumed.of_other_logs(samples)
     options = FitOptions(settings.cutoff, source.asked.friction_speed, settings.shift)
-    trial = Trial(SettingRows(source.base, _samples(tested, "test"), options, source.dead), settings)
+    trial = Trial(SettingRows(source.base, samples, options, source.dead), settings)
     rows = HeldOutRows(trial.rows.time, trial.rows.log, trial.tau, trial.W @ x)
     return HeldOut.from_rows("test", rows, source.base.unknown.model.velocity_names)
 

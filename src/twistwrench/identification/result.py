@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path, replacing
 from ..core.glossary import complete
 from ..core.numbers import percent, printed
+from ..core.text import listed
 from ..core.verdict import Verdict
 from ..errors import UnknownNameError, ValueRangeError
 from ..estimation.covariance import GroupCovariance
@@ -92,9 +93,10 @@ class IdentifiedRobot:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
+        assumed = f", assuming {listed(self.settings.assumed, 3)}" if self.settings.assumed else ""
         return (
             f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {percent(self.held_out.all, 3)} held out "
-            f"({self.held_out.kind}), {self.verdict.word}>"
+            f"({self.held_out.kind}), {self.verdict.word}{assumed}>"
         )
 
     def _repr_html_(self) -> str:
@@ -147,10 +149,25 @@ class IdentifiedRobot:
 
     @property
     def robot(self) -> Robot:
-        """The identified robot: bodies that can exist, friction, motor inertias; or the original with the payload found."""
+        """The identified robot: bodies that can exist, friction, motor inertias; or the original with the payload found.
+
+        Gravity is that of the logs, also where a cause that was assumed turns it.
+        """
         if self.payload is not None:
             return self.original.with_payload(self.payload.inertia, self.payload.frame)
-        return self.consistent.robot
+        robot, load = self.consistent.robot, self.load_friction
+        if not load:
+            return robot
+        friction = robot.model.friction
+        shares = np.array([load.get(joint, 0.0) for joint in robot.model.velocity_names])
+        return Robot(replace(robot.model, friction=replace(friction, load=shares)))
+
+    @property
+    def load_friction(self) -> Mapping[str, float]:
+        """Load friction by joint, as a share of the torque that is carried, where it was assumed and came out above zero."""
+        names = self.original.model.velocity_names
+        assumed = [one for one in self.settings.assumed if one.kind == "load-friction" and (one.value or 0.0) > 0.0]
+        return {joint: 0.01 * (one.value or 0.0) for one in assumed for joint in one.joints or names}
 
     @cached_property
     def payload(self) -> IdentifiedPayload | None:
@@ -299,6 +316,7 @@ class IdentifiedRobot:
                 for d in self.doubts
             ],
             "notes": list(self.notes),
+            "assumed": [asdict(one) for one in self.settings.assumed],
             "base_parameters": self.base.count,
             "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": _known(self.held_out.joints)},
             "training": {"all": self.trained.all, "joints": _known(self.trained.joints)},

@@ -32,9 +32,15 @@ SIGNATURE = "twistwrench identify"
 """Beginning of comments in written files."""
 
 
-def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, object] | None = None) -> str:
+def actuator_text(
+    model: Model,
+    found: ConsistentRobot,
+    given: Mapping[str, object] | None = None,
+    load: Mapping[str, float] | None = None,
+) -> str:
     """An actuator file with friction and motor inertias; entries that were ``given`` stay, but for these.
 
+    ``load`` is the load friction of joints, as a share of the torque that they carry.
     With a known ratio the motor's inertia is that of an extra rotor, Ia / ratio²; without, the reflected one.
     """
     import yaml
@@ -56,6 +62,8 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
         if name in stribeck:
             law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {unit_of('tau', turns)}"
             law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {unit_of('dq', turns)}"
+        if load and name in load:
+            law["load"] = repr(load[name])
         if law:
             entry["friction"] = law
     content["actuators"] = entries
@@ -321,9 +329,16 @@ def write_identified(
             f"no file can say what one motor does to several joints: {together}. Without it the torques of these joints are "
             "not predicted as they are here"
         )
+    notes += [
+        f"the files are of the log without {one}" for one in found.settings.assumed if one.kind != "load-friction"
+    ]
+    if found.load_friction and actuators is None:
+        notes.append(
+            f"load friction stands in an actuator file only, and none is written: {_numbers(found.load_friction)}"
+        )
     notes += consistent.outside(found.interval(), found.standard_deviations)
     made = None if path is None else written_robot(found.original, consistent, _headline(found, logs))
-    text = None if actuators is None else actuator_text(found.original.model, consistent, given)
+    text = None if actuators is None else actuator_text(found.original.model, consistent, given, found.load_friction)
     if text is not None and not same_actuators(text, consistent) <= _SAME:
         raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
     if path is not None and made is not None:
