@@ -92,7 +92,7 @@ def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[Wa
             ways = [":".join([kind, *["JOINT", "JOINT"][:count]]) for count in JOINTS_OF_CAUSE[kind]]
             raise ValueRangeError(f"assume {text!r}: write {' or '.join(ways)}.")
         one = WantedCause(kind, tuple(sorted(names.index(joint) for joint in joints)))
-        if any(other.kind == kind and (not {*other.joints, *one.joints} or other == one) for other in found):
+        if any(other.kind == kind and (other == one or () in (other.joints, one.joints)) for other in found):
             raise ValueRangeError(f"assume {text!r}: the cause is given twice.")
         found.append(one)
     order = list(JOINTS_OF_CAUSE)
