@@ -21,7 +21,16 @@ from ..estimation.cross_validation import FOLDS
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..log_checks.doubts import doubt_table
 from ..typing import Array
-from .causes import STRIBECK_SPEEDS, Cause, LogStates, compliances, continuous_causes, discrete_causes, laws
+from .causes import (
+    STRIBECK_SPEEDS,
+    Cause,
+    FittedTorques,
+    LogStates,
+    compliances,
+    continuous_causes,
+    discrete_causes,
+    laws,
+)
 from .diagnosis import CauseFit, FoundCause, estimated, in_units, log_fit
 from .hyperparameters import AssumedCause, FitOptions, FitSettings, SettingRows, Trial
 from .parameters import BaseParameters, UnknownParameters
@@ -243,6 +252,7 @@ class AssumedCauses:
         N = NormalEquations.from_rows(W, 0.0 * root, root=root).N.sum(axis=0)
         size = np.sqrt(np.maximum(N.diagonal(), 1e-300))
         left = 1.0 / np.linalg.inv(N / size[:, None] / size + 1e-10 * np.eye(len(N))).diagonal()[len(self.x) :]
+        left *= (W != 0.0).any(axis=(0, 1))[len(self.x) :]
         at = 0
         for one in self.causes:
             if (left[at : at + len(one.beta)] < _UNTOLD).any():
@@ -304,12 +314,6 @@ def _corrected(s: LogStates, causes: Iterable[_TakenOff], x: Array) -> LogStates
     return s
 
 
-def _torques(s: LogStates, x: Array) -> tuple[Array, Array]:
-    """(n, nv) fitted torques and those of the rigid bodies alone."""
-    rigid = s.base.unknown.of_bodies[s.base.kept] >= 0
-    return s.torque(x), s.torque(np.where(rigid, x, 0.0))
-
-
 def _joints(wanted: WantedCause, s: LogStates) -> tuple[int, ...]:
     """Numbers of the joints of a cause that every joint has."""
     return wanted.joints or tuple(range(len(s.gain)))
@@ -319,10 +323,10 @@ def _with_law(one: WantedCause, fit: CauseFit, x: Array) -> tuple[_TakenOff, Cau
     """A law of joints with its coefficient."""
     s = fit.states
     law = next(law for law in laws(s) if (law.kind, law.joints) == (one.kind, _joints(one, s)))
-    refit = fit.refit(s, s.filtered(law.column(s, *_torques(s, x)))[s.rows] * fit.live)
+    refit = fit.refit(s, s.filtered(law.column(s, FittedTorques.from_groups(s, x)))[s.rows] * fit.live)
 
     def correct(s: LogStates, x: Array, beta: Array) -> LogStates:
-        return s.changed(tau=s.in_time - beta[0] * law.column(s, *_torques(s, x)), shift=0.0)
+        return s.changed(tau=s.in_time - beta[0] * law.column(s, FittedTorques.from_groups(s, x)), shift=0.0)
 
     return _TakenOff(one, correct, refit.x[-1:], 1.0), refit
 
@@ -363,11 +367,11 @@ def _taken_off(one: WantedCause, s: LogStates, x: Array, best: FoundCause) -> _T
 def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParameters:
     """Unknown parameters with static friction of each joint, faded at the speed that explains most."""
     s, best = fit.states, list[tuple[float, float]]()
-    x = fit.x[: s.base.count]
+    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     for speed in STRIBECK_SPEEDS:
-        mine = [law for law in laws(s) if law.kind == "stribeck" and len(law.joints) == 1]
-        columns = [s.filtered(law.column(s, *_torques(s, x)))[s.rows] for law in mine if law.speed == speed]
-        best.append((fit.gained(fit.refit(s, *columns).left), speed))
+        mine = (law for law in laws(s) if (law.kind, law.speed, len(law.joints)) == ("stribeck", speed, 1))
+        columns = (s.filtered(law.column(s, fitted))[s.rows] for law in mine)
+        best.append((fit.gained(fit.refit(s, *(e for e in columns if e.any()))), speed))
     friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))
     return replace(unknown, friction=friction, stribeck_speed=max(best)[1])
 

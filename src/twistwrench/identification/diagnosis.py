@@ -78,7 +78,7 @@ class CauseFit:
         self.W, self.tau = W, tau
         size = np.sqrt((tau**2).mean(axis=0))
         if laws:
-            usual = [float(size.max() / max(np.abs(e).max(), 1e-300)) for e in laws]
+            usual = [float(size.max() / max(np.abs(e).max(), 1e-9)) for e in laws]
             prior = Prior(np.append(prior.mean, 0.0 * np.array(usual)), np.append(prior.size, 1e2 * np.array(usual)))
         felt = np.concatenate([states.base.felt, *((e != 0.0).any(axis=0)[:, None] for e in laws)], axis=1)
         edges = np.linspace(0, len(tau), FOLDS + 1).astype(int)
@@ -297,8 +297,8 @@ def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
         for start in cause.starts:
             beta = np.full(cause.size, start)
             at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            left, step = at.with_columns(_columns(at, s, cause, beta))
-            screened.append((fit.gained(left), beta + step))
+            gained, step = at.gained_by(_columns(at, s, cause, beta))
+            screened.append((gained + fit.gained(at), beta + step))
         found.append(_refined(fit, cause, max(screened, key=lambda one: one[0])[1]))
     return max(found, key=lambda one: one.S)
 
