@@ -1,1 +1,1 @@
-"""Checks of logs: doubts from residuals of an identified robot, and from readings of a force-torque sensor."""
+"""Checks of logs: the table of doubts, and those of motions and of residuals of an identified robot."""

@@ -19,10 +19,10 @@ from ..errors import ModelWarning, ShapeError, TwistWrenchError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import WRENCH
 from ..log_checks.doubts import Doubt, doubt, verdict_from_doubts
-from ..log_checks.reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving
 from ..typing import Array
 from .fit import Uncertainty
 from .log import ReadingLog
+from .reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving
 from .sensor import ForceTorqueSensor
 
 

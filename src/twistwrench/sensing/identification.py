@@ -17,17 +17,6 @@ from ..errors import ValueRangeError
 from ..estimation.covariance import Whiteness
 from ..lie.labelled import WRENCH
 from ..log_checks.doubts import Doubt, doubt
-from ..log_checks.reading_doubts import (
-    in_a_plane,
-    largest_share,
-    listed_bias,
-    misfit,
-    orthonormal,
-    seems_moving,
-    turns_may_help,
-    unexplained_turns,
-    unit_doubt,
-)
 from ..typing import Array
 from .contact_detection import six_noises
 from .fit import Fit, Problem, SensorState, Unknowns, few, fit
@@ -48,6 +37,17 @@ from .outliers import (
     upside_down,
 )
 from .poses import advice, blind_spots
+from .reading_doubts import (
+    in_a_plane,
+    largest_share,
+    listed_bias,
+    misfit,
+    orthonormal,
+    seems_moving,
+    turns_may_help,
+    unexplained_turns,
+    unit_doubt,
+)
 from .result import Identification, weakness
 from .sensor import ForceTorqueSensor, Inertia, Sign, sign_factor
 

@@ -255,9 +255,9 @@ def simulate(
     if touch is not None and not isinstance(touch, dict):
         raise ValueRangeError(f"touch is {arguments.shown(touch)}: give {{number of a reading: wrench (6,)}}.")
     for index, wrench in (touch or {}).items():
-        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * arguments.finite(
-            arguments.one(wrench, f"touch of reading {index}", 6), f"touch of reading {index}"
-        )
+        what = f"touch of reading {index}"
+        F = arguments.finite(arguments.one(wrench, what, 6), what)
+        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * F
     return ReadingLog.from_arrays(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
 
 

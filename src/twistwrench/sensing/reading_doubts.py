@@ -11,14 +11,14 @@ import numpy as np
 from ..core.gravity import KGF
 from ..core.numbers import number, percent, printed
 from ..lie.labelled import WRENCH
+from ..log_checks.doubts import Doubt, doubt
 from ..typing import Array
-from .doubts import Doubt, doubt
 
 if TYPE_CHECKING:
-    from ..sensing.fit import Fit
-    from ..sensing.log import ReadingLog
-    from ..sensing.outliers import Diagnosis
-    from ..sensing.sensor import ForceTorqueSensor
+    from .fit import Fit
+    from .log import ReadingLog
+    from .outliers import Diagnosis
+    from .sensor import ForceTorqueSensor
 
 _SURE_POSES = 1e-4  # chance to blame the poses by luck
 _MAYBE = 1e-2  # chance to try other explanations in vain
