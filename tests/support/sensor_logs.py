@@ -28,11 +28,15 @@ def tool(mass=MASS, sign="on_sensor", mounting=None):
     return ForceTorqueSensor(load, BIAS, sign, np.eye(3) if mounting is None else mounting)
 
 
-def dwells(rng, poses=12, samples=100, error=0.0, noise=NOISE, turned=False):
-    """Poses x samples at rest; each pose has an error of ``error`` sigma, of the readings, or turned, of its orientation."""
+def dwells(rng, poses=12, samples=100, error=0.0, noise=NOISE, turned=False, mounting=0.0):
+    """Poses x samples at rest; each pose has an error of ``error`` sigma, of the readings, or turned, of its orientation.
+
+    ``mounting``: degrees by which the sensor's axes are turned.
+    """
     g = propose_poses(poses).gravity
     felt = g + np.cross(rng.normal(size=g.shape) * error * noise[3] / (MASS * 9.81), g) if turned else g
-    exact = AT_REST.predict(np.eye(3), gravity=felt)
+    axes = tw.so3.exp(np.radians(mounting) * np.array([0.6, -0.64, 0.48]))
+    exact = ForceTorqueSensor(AT_REST.load, BIAS, mounting=axes).predict(np.eye(3), gravity=felt)
     if not turned:
         exact = exact + error * noise * rng.normal(size=exact.shape)
     readings = np.repeat(exact, samples, axis=0) + noise * rng.normal(size=(poses * samples, 6))

@@ -52,6 +52,7 @@ from .result import Identification, weakness
 from .sensor import ForceTorqueSensor, Inertia, Sign, sign_factor
 
 _SURE = 1e-4  # chance that an unknown which is none is offered
+_OF_ROWS = 0.1  # rows are few: a chance of 1e-3 is enough if the channels of a row share its error
 _LEAST = 4.0  # degrees of freedom that are to be left
 _NEARLY = 0.8  # of the most that any explains, from which the one of fewest columns is preferred
 _GAIN = 0.05  # of the load's wrench, from which a gain or cross-talk is told from poses that are off by a degree or two
@@ -123,7 +124,8 @@ def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
     from scipy import special
 
     channel = np.arange(e.size) % 6
-    own = [channel == c for c in range(6)] if kind in ("drift", "gain") else [np.ones(e.size, bool)]
+    by_channel = kind in ("drift", "gain")
+    own = [channel == c for c in range(6)] if by_channel else [np.ones(e.size, bool)]
     least = 1.0
     for rows in own:
         P = orthonormal(E[:, E[rows].any(axis=0)], basis)
@@ -131,8 +133,24 @@ def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
         before, after = (float((x[rows] ** 2).sum()) for x in (e, e - P @ (P.T @ e)))
         if r and free >= _LEAST:
             F = (before - after) / r / max(after / free, 1e-12 * before, 1e-300)
-            least = min(least, len(own) * float(special.fdtrc(r, free, F)))
+            chance = len(own) * float(special.fdtrc(r, free, F))
+            least = min(least, chance if by_channel else max(chance, _OF_ROWS * _chance_of_rows(P, e, free / 6)))
     return least
+
+
+def _chance_of_rows(P: Array, e: Array, free: float) -> float:
+    """The same by Hotelling's test, for rows whose six channels share the error of their pose.
+
+    b = P'e is the sum of the rows' P_g'e_g; its covariance is that of what is left, Σ s_g s_g' n / ν, s_g = P_g'e'_g.
+    """
+    from scipy import special
+
+    r, b = P.shape[1], P.T @ e
+    if free < r:
+        return 1.0
+    s = (P * (e - P @ b)[:, None]).reshape(-1, 6, r).sum(axis=1)
+    T2 = float(b @ np.linalg.lstsq(s.T @ s * len(s) / free, b, rcond=None)[0])
+    return float(special.fdtrc(r, free - r + 1, T2 * (free - r + 1) / (free * r)))
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
