@@ -88,7 +88,7 @@ def _noted(rows: Iterator[dict[str, Any]], lines: Path | None) -> Iterator[dict[
         yield row
 
 
-def keep(label: str, part: str, rows: list[dict[str, Any]], every: int) -> None:
+def keep(label: str, part: str, rows: list[dict[str, Any]], which: str) -> None:
     """Put the rows of a part beside what is kept, with the commit of the program and the processor."""
     kept = json.loads(KEPT.read_text("utf-8")) if KEPT.is_file() else {}
     where = Path(tw.__file__).parent
@@ -96,7 +96,7 @@ def keep(label: str, part: str, rows: list[dict[str, Any]], every: int) -> None:
         ["git", "rev-parse", "--short", "HEAD"], cwd=where, capture_output=True, text=True, check=True
     )
     told = {key: describe()[key] for key in ("date", "cpu", "python")}
-    kept.setdefault(label, {})[part] = {"commit": commit.stdout.strip(), **told, "every": every, "logs": rows}
+    kept.setdefault(label, {})[part] = {"commit": commit.stdout.strip(), **told, "which": which, "logs": rows}
     KEPT.write_text(as_text(kept), "utf-8")
 
 
@@ -119,6 +119,7 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", help="only these")
     parser.add_argument("--cases", nargs="+", help="only these")
     parser.add_argument("--every", type=int, default=1, help="every so many logs of the part")
+    parser.add_argument("--first", type=int, help="so many of these at most")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="settings chosen once, not for each fifth of the time")
     parser.add_argument("--lines", type=Path, help="file of a row a log, from which a run that was stopped goes on")
@@ -136,12 +137,13 @@ def main() -> None:
     for part in given.parts:
         wanted = [
             task
-            for task in tasks(part)[:: given.every]
+            for task in tasks(part)[:: given.every][: given.first]
             if (not given.robots or task.robot in given.robots) and (not given.cases or task.name in given.cases)
         ]
         rows = list(scores(wanted, given.processes, given.lines, quick=given.quick))
         if not (given.robots or given.cases):
-            keep(given.label, part, rows, given.every)
+            which = "all" if given.every == 1 else f"every {given.every}th"
+            keep(given.label, part, rows, which if given.first is None else f"{which}, the first {given.first}")
 
 
 if __name__ == "__main__":

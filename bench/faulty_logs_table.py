@@ -177,7 +177,7 @@ def page(kept: dict[str, Any]) -> str:
             run["commit"],
             run["date"],
             run["cpu"],
-            "all" if run["every"] == 1 else f"every {run['every']}th",
+            run["which"],
         ]
         for label in labels
         for part, run in kept[label].items()

@@ -152,7 +152,9 @@ def test_kinds_become_names_of_causes():
 
 
 def test_the_page_shows_every_case():
-    kept = {"before": {"faults": {"commit": "x", "date": "", "cpu": "", "every": 1, "logs": [ROW | {"doubts": []}]}}}
+    kept = {
+        "before": {"faults": {"commit": "x", "date": "", "cpu": "", "which": "all", "logs": [ROW | {"doubts": []}]}}
+    }
     text = table.page(kept)
     assert all(f"| {name}" in text for name in parts.FAULTS)
 
