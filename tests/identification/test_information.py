@@ -237,7 +237,7 @@ def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     jumped = tw.Motion(motion.time, q, motion.dq, motion.ddq, motion.tau, robot=arm, in_seconds=True)
     jumped.to_csv(tmp_path / "log.csv")
     doubts = accumulate(arm, tmp_path / "log.csv", **FIXED).doubts
-    (said,) = (d for d in doubts if d.kind == "contradiction")
+    (said,) = (d for d in doubts if d.kind == "jump")
     assert "log.csv: " in said.sentence and "jump" in said.sentence
     assert said.refuses  # as it does of a log that is read at once
 

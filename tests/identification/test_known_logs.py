@@ -186,7 +186,7 @@ def test_coarse_positions():
 def test_degrees_in_place_of_radians():
     m = LOG.motion
     found = identify(ARM, tw.Motion(m.time, np.degrees(m.q), tau=m.tau, robot=ARM, in_seconds=True), **GIVEN)
-    assert "contradiction" in kinds(found, refusing=True)
+    assert "angle-unit" in kinds(found, refusing=True)
 
 
 def test_a_motion_too_short_to_tell():

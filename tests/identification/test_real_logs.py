@@ -102,7 +102,7 @@ def test_one_log_of_the_double_pendulum_from_the_other(pendulum, tmp_path, logs)
 
 def test_torques_with_compensated_friction_are_announced(pendulum, tmp_path):
     alone = identified(tmp_path, pendulum, pendulum_log("063536"), "--cutoff", 5, code=1)
-    assert [doubt["kind"] for doubt in alone["doubts"]] == ["partly-unexplained"]
+    assert [doubt["kind"] for doubt in alone["doubts"] if doubt["level"] != "note"] == ["partly-unexplained"]
     beside = identified(
         tmp_path, pendulum, pendulum_log("060143"), "--test", pendulum_log("063536"), "--cutoff", 5, code=1
     )

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from motions import wrapped
 
 from twistwrench import robots
+from twistwrench.estimation.noise import noise, quantum, survey
 from twistwrench.formats import load_model
-from twistwrench.log_checks.noise import noise, quantum, survey
 from twistwrench.motion.coordinates import Continuity, Coordinates, joint_rates
 from twistwrench.motion.differentiation import Differentiation, noise_gain
 from twistwrench.motion.log_table import windows

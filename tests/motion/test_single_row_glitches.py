@@ -15,7 +15,7 @@ CLEAN = START + SHARE[:, None] * (END - START)
 
 
 def contradictions(q, t=T):
-    return tw.Motion(t, q, robot=ROBOT).contradictions
+    return tuple(map(str, tw.Motion(t, q, robot=ROBOT).contradictions))
 
 
 @pytest.mark.parametrize("row", [3, 17, 200, 397])
@@ -61,7 +61,7 @@ def test_what_may_be_meant_is_no_glitch(name):
 @pytest.mark.parametrize("row", range(60, 70))
 def test_portions_of_a_long_file_find_the_same(row):
     """Long logs are looked at in portions; whatever row a portion ends at, the glitch is found."""
-    from twistwrench.log_checks.rate_checks import OVERLAP, SingleRowGlitches
+    from twistwrench.estimation.sampling import OVERLAP, SingleRowGlitches
 
     q = CLEAN.copy()
     q[row, 2] += 0.3

@@ -18,6 +18,7 @@ from ..errors import ValueRangeError
 from ..joints.units import unit_of
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
+from ..motion.motion_log import ASKED
 from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, verdict, words
 from ..reports.load_case import TERMS, PayloadMargin, cause_label
 from ..reports.motors import Demand, MotorUse, Steps
@@ -364,8 +365,9 @@ def verdict_view(report: TorqueReport) -> Line:
     line = verdict(word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
     if (margin := _payload_margin(report)) is not None:
         line.pieces.append(f"\n{margin.words}")
-    for hint in report.hints:
-        line.pieces += [("\nIS THE UNIT RIGHT?", "bold yellow"), f" {hint}."]
+    for doubt in report.doubts:
+        if doubt.level == "note" and doubt.kind in ASKED:
+            line.pieces += [("\nIS THE UNIT RIGHT?", "bold yellow"), f" {doubt}."]
     if remark := force_remark(load.with_load.model, report.joints):
         line.pieces += [("\nIS A CONTACT MISSING?", "bold yellow"), f" {remark}"]
     return line

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..core.numbers import number
 from ..errors import TrajectoryError, ValueRangeError
-from ..log_checks.rate_checks import LEFT_OUT
+from ..log_checks.doubts import Doubt, doubt
+from ..log_checks.fit_doubts import LEFT_OUT
 from ..motion.log_table import slices, windows
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
@@ -94,9 +95,7 @@ def gap_notes(lengths: Array) -> tuple[str, ...]:
     if not len(lengths):
         return ()
     count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
-    return (
-        f"{count}, {number(float(np.sum(lengths)), 3)} s in all: the logs are split there, and nothing is filled in.",
-    )
+    return (doubt("gap", count=count, seconds=number(float(np.sum(lengths)), 3)).sentence,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +140,12 @@ class LogSource:
 
     def notes(self) -> tuple[str, ...]:
         """A sentence for each kind of rows left out."""
-        notes = self.log.notes if self.motion is None else self.motion.notes
-        return tuple(note for note in notes if note.startswith(LEFT_OUT))
+        doubts = self.log.doubts() if self.motion is None else self.motion.doubts
+        return tuple(doubt.sentence for doubt in doubts if doubt.kind == LEFT_OUT)
 
-    def contradictions(self) -> tuple[str, ...]:
-        """A sentence for each contradiction in a file of the joints' own columns."""
-        return () if self.motion is not None or self.side is not None else self.log.contradictions(self.robot.limits)
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Doubts about a file of the joints' own columns."""
+        return () if self.motion is not None or self.side is not None else self.log.doubts(self.robot.limits)
 
     def rows(self, rows: slice) -> LogRows:
         """Some rows, of the joints' side."""

@@ -14,8 +14,9 @@ from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeEr
 from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..log_checks.fit_doubts import FittedLog, doubts_of
-from ..log_checks.rate_checks import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
+from ..estimation.sampling import SingleRowGlitches, gaps, new_rows, spikes
+from ..log_checks.contradictions import row_doubts
+from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
 from ..robot import Robot
@@ -34,6 +35,7 @@ MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
 METHODS = ("irls", "wls", "ols")
 _WRONG = 0.01  # share of the rows that may leave their path alone, to be left out
+_CLOSED = 1.0  # s of a pause whose stamps were closed up
 _DEAD = 0.8  # share of the rows, in which a torque that is measured is one number at most
 
 
@@ -282,26 +284,31 @@ def _samples(motions: Sequence[Motion], what: str) -> list[SteadySamples]:
 
 
 def _believed(motion: Motion) -> Motion:
-    """Motion without rows with a single wrong number or a wrong stamp, and notes on them."""
+    """Motion without rows that repeat others or have a wrong number, stamp or spike; pauses that were closed up are back."""
     c = motion.coordinates
     at = c.position_of[c.position_of >= 0]
     glitches = SingleRowGlitches(len(at), c.angular[at])
     glitches.add(motion.time, motion.q[:, at])
-    wrong = glitches.times()
-    if not 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):
+    wrong, kept, doubts = glitches.times(), ~spikes(np.asarray(motion.tau)).any(axis=1), motion.doubts
+    found, time, q = {doubt.kind for doubt in doubts}, motion.time, continuous(motion.robot.model, motion.q)
+    if "repeated" in found and (new := new_rows(q)) is not None:
+        kept &= new
+    if "pause" in found:
+        time = time + _CLOSED * np.searchsorted([gap.time for gap in gaps(time, q)], time)
+    if 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):
+        kept &= ~np.isin(motion.time, wrong)
+        names = [motion.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
+        others = (doubt for doubt in doubts if doubt.kind not in ("single-row", "stamp"))
+        doubts = (*others, *row_doubts(glitches, names, left_out=True))
+    if kept.all() and time is motion.time:
         return motion
-    kept = ~np.isin(motion.time, wrong)
-    names = [motion.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
-    said = (*(f"{LEFT_OUT}{s}." for s in glitches.sentences(names, c.angular[at])),)
-    said += (f"{LEFT_OUT}{stamp_words(glitches.stamps())}.",) if glitches.stamps() else ()
-    before = tuple(note for note in motion.notes if SINGLE_ROW not in note)
-    columns = {name: getattr(motion, name)[kept] for name in ("time", "q", "dq", "ddq", "tau")}
-    return replace(motion, **columns, notes=(*before, *said))
+    columns = {name: getattr(motion, name)[kept] for name in ("q", "dq", "ddq", "tau")}
+    return replace(motion, time=time[kept], **columns, read=doubts)
 
 
 def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, and on their gaps."""
-    said = [note for motion in motions for note in motion.notes if note.startswith(LEFT_OUT)]
+    said = [doubt.sentence for motion in motions for doubt in motion.doubts if doubt.kind == LEFT_OUT]
     lengths = [float(np.diff(motion.time)[k]) for motion in motions for k in pauses(motion.time).tolist()]
     return (*said, *gap_notes(np.array(lengths)))
 

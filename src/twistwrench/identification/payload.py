@@ -185,11 +185,10 @@ def read_motion(
         return Motion.from_file(path, robot, columns=columns, rate=rate, degrees=degrees, gain=gain)
     log = MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain)
     rows = side.of_joints(log.motion(log.table))
-    tally = Contradictions(log.coordinates, time_stated=True)
-    tally.add(rows)
-    notes = (*log.notes, *(f"LOOK AGAIN: {said}" for said in tally.sentences(robot.limits)))
-    given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
-    return Motion(rows.time, rows.q, **given, robot=robot, notes=notes, in_seconds=True)
+    tally = Contradictions(log.coordinates, runs=[rows])
+    tally.add(rows.time, rows.q)
+    given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "in_seconds": True}
+    return Motion(rows.time, rows.q, **given, robot=robot, notes=log.notes, read=tuple(tally.doubts(robot.limits)))
 
 
 # ── A payload alone

@@ -201,7 +201,7 @@ class IdentifiedRobot:
     def verdict(self) -> Verdict:
         """OK, UNSURE, or LOOK AGAIN where no number can be trusted."""
         refused = [doubt.sentence for doubt in self.doubts if doubt.refuses]
-        unsure = [doubt.sentence for doubt in self.doubts if not doubt.refuses]
+        unsure = [doubt.sentence for doubt in self.doubts if doubt.level == "unsure"]
         return Verdict.from_reasons(look_again=refused, unsure=unsure)
 
     @property
@@ -311,10 +311,7 @@ class IdentifiedRobot:
         return {
             "robot": self.original.name,
             "verdict": str(self.verdict.word),
-            "doubts": [
-                {"kind": d.kind, "joints": list(d.joints), "sentence": d.sentence, "refuses": d.refuses}
-                for d in self.doubts
-            ],
+            "doubts": [doubt.to_dict() for doubt in self.doubts],
             "notes": list(self.notes),
             "assumed": [asdict(one) for one in self.settings.assumed],
             "base_parameters": self.base.count,

@@ -17,8 +17,8 @@ from ..core.third_party import Failure, Workers
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..estimation.cross_validation import HeldOut, HeldOutRows
 from ..estimation.least_squares import Method
-from ..log_checks.doubts import Doubt
-from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, contradiction
+from ..log_checks.doubts import Doubt, doubt
+from ..log_checks.fit_doubts import NOTABLE_IN_OTHERS, OTHERS, of_reading
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -47,8 +47,8 @@ class Chunk:
     end: int
     blocks: int
 
-    def moments(self) -> tuple[JointBlocks, tuple[str, ...]]:
-        """Sums over its rows, and a sentence for each contradiction in the log, with the chunk that ends it."""
+    def moments(self) -> tuple[JointBlocks, tuple[Doubt, ...]]:
+        """Sums over its rows, and the doubts about the log, with the chunk that ends it."""
         frame, clock = self.frame, self.clock
         margin = frame.margin(clock.rate)
         every = max(1, int(clock.rate / (STATE_RATE * frame.settings.cutoff)))
@@ -59,7 +59,7 @@ class Chunk:
         for window in steady_windows(self.source, clock, core, margin, self.begin, self.end):
             for time, entries in rows_of(frame, window):
                 found = found.added(frame, entries, np.searchsorted(edges, time, side="right"))
-        return found, self.source.contradictions() if self.end == clock.rows else ()
+        return found, self.source.doubts() if self.end == clock.rows else ()
 
 
 # ── The pass over all rows
@@ -172,7 +172,7 @@ def _sum_of_logs(
     start: NormalEquationBlocks,
     like: NormalEquationBlocks | None,
     work: Sequence[Chunk],
-    made: Iterable[tuple[JointBlocks, tuple[str, ...]] | Failure],
+    made: Iterable[tuple[JointBlocks, tuple[Doubt, ...]] | Failure],
     failed: dict[str, str],
 ) -> NormalEquationBlocks:
     """All chunks together, with doubts on logs that are left out, contradict themselves, or are not like the others."""
@@ -180,29 +180,27 @@ def _sum_of_logs(
     frame = start.frame
     x = np.pad(frame.x, (0, frame.width - len(frame.x))) if like is None else block_solution(like)[0]
     whole: NormalEquationBlocks | None = None  # a sum all along: parts of many logs are large
-    left, said = dict[str, HeldOut](), dict[str, str]()
-    for part, sentences in _parts(start, work, made, failed):
+    left, said = dict[str, HeldOut](), list[Doubt]()
+    for part, doubts in _parts(start, work, made, failed):
         whole = part if whole is None else whole + part
         left[part.logs[0]] = block_residuals(part, x)
-        if sentences:
-            said[part.logs[0]] = sentences[0]
+        said += of_reading(doubts, part.logs[0])
     if whole is None:
         raise TrajectoryError(
             next(iter(failed.values()), "accumulate: the logs are too short to identify a robot from.")
         )
-    doubts = [Doubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
-    doubts += [contradiction(sentence, path) for path, sentence in said.items()]
+    lost = [doubt("left-out", path=path, reason=reason) for path, reason in failed.items()]
     usual = [block_residuals(like, x)] if like is not None else list(left.values())
-    return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
+    return replace(whole, doubts=(*start.doubts, *lost, *said, *_others(left, usual)))
 
 
 def _parts(
     start: NormalEquationBlocks,
     work: Sequence[Chunk],
-    made: Iterable[tuple[JointBlocks, tuple[str, ...]] | Failure],
+    made: Iterable[tuple[JointBlocks, tuple[Doubt, ...]] | Failure],
     failed: dict[str, str],
-) -> Iterator[tuple[NormalEquationBlocks, list[str]]]:
-    """Normal equations of each log, with its contradictions; reasons of logs without any go into ``failed``."""
+) -> Iterator[tuple[NormalEquationBlocks, list[Doubt]]]:
+    """Normal equations of each log, with the doubts about it; reasons of logs without any go into ``failed``."""
     for source, of_log in groupby(zip(work, made, strict=True), lambda pair: pair[0].source):
         chunks, results = zip(*of_log, strict=True)
         if broken := [result.reason for result in results if isinstance(result, Failure)]:
@@ -222,7 +220,7 @@ def _parts(
             logs=(source.path,),
             notes=(*source.notes(), *clock.notes),
         )
-        yield part, [sentence for _, sentences in results for sentence in sentences]
+        yield part, [doubt for _, doubts in results for doubt in doubts]
 
 
 def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[Doubt]:

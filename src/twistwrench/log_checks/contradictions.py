@@ -1,19 +1,30 @@
-"""Contradictions within a motion: angles in the wrong unit, omitted turns, rates unlike positions, jumps, unit of time."""
+"""Doubts about a motion without a model: unit of angles and time, omitted turns, jumps, rates unlike positions, sampling."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core.numbers import number, printed, seconds
+from ..core.numbers import number, percent, printed, seconds
 from ..core.text import listed
+from ..estimation.sampling import (
+    OVERLAP,
+    Gap,
+    SingleRowGlitches,
+    gaps,
+    late_by_turns,
+    new_rows,
+    rate_delays,
+    rate_scales,
+    spikes,
+)
 from ..joints.units import unit_of
 from ..typing import Array
-from .rate_checks import OVERLAP, RateLag, RateScale, SingleRowGlitches, near, scale_words, segments
+from .doubts import Doubt, doubt, doubt_table
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -21,6 +32,8 @@ if TYPE_CHECKING:
     from ..motion.coordinates import Coordinates
     from ..motion.motion import Motion
     from ..motion.motion_log import LogRows
+
+# ── Angles in another unit
 
 _FAR, _MANY_TURNS = 3.0, 4 * math.pi
 """Times the reach of a joint's limits, or a full turn, and an angle [rad], that no joint with limits turns to."""
@@ -34,98 +47,131 @@ _DEGREE = math.radians(1.0)
 
 
 def angle_doubts(
-    names: Sequence[str], least: Array, most: Array, limits: tuple[Array, Array], factor: Array, known: Array
-) -> tuple[list[str], list[str]]:
-    """Doubts about the unit of angles: contradictions, where it is wrong for near certain, and hints.
+    names: Sequence[str], extent: Array, limits: tuple[Array, Array], factor: Array, known: Array
+) -> list[Doubt]:
+    """Doubts about the unit of angles, notes where it may be meant.
 
-    Of the turning joints (k,) each: what is read of them [rad], their limits, infinite where there are none, the factor from
-    the file's numbers to radians, and whether the file gives that unit.
+    Of the turning joints (k,) each: least and most that is read of them [rad], their limits, infinite where there are none,
+    the factor from the file's numbers to radians, and whether the file gives that unit.
     """
-    size, reach = np.maximum(np.abs(least), np.abs(most)), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+    size, reach = np.abs(extent).max(axis=0), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
     bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
     far = bounded & (size > _FAR * np.maximum(np.where(bounded, reach, 1.0), _FULL_TURN / _FAR))
     wound = size > _MANY_TURNS
     degrees, written = (factor == _DEGREE) & ~known, size / factor
-    moves = (most - least) / factor > _SURE_MOVE
-    if degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any():
-        small = [
-            f"read in degrees, no angle is beyond {printed(written[degrees].max(), 3)} degrees: the file seems to be in "
-            "radians. Leave --degrees out, or name the unit of its columns, as 'JOINT [deg]'"
-        ]
-    else:
-        small = []
+    moves = np.ptp(extent, axis=0) / factor > _SURE_MOVE
+    small = degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any()
     if far.any() and 2 * far.sum() >= bounded.sum() and 2 * (far & wound).sum() > far.sum():
-        return [_too_far(names, size, limits, reach, far)], []
-    if small and degrees.sum() >= _FEWEST:
-        return small, []
-    if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
-        return [], [_too_far(names, size, limits, reach, wound)]
-    return [], [_too_far(names, size, limits, reach, far)] if far.any() else small
+        return [_too_far(names, size, limits, reach, far)]
+    if not (small and degrees.sum() >= _FEWEST):
+        if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
+            return [_too_far(names, size, limits, reach, wound, level="note")]
+        if far.any():
+            return [_too_far(names, size, limits, reach, far, level="note")]
+    if not small:
+        return []
+    level: Any = None if degrees.sum() >= _FEWEST else "note"
+    return [doubt("degrees-option", level=level, angle=printed(written[degrees].max(), 3))]
 
 
-def _too_far(names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array) -> str:
-    """Sentence on angles that are ``far`` (k,) out."""
+def _too_far(
+    names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array, **level: Any
+) -> Doubt:
+    """Doubt about angles that are ``far`` (k,) out."""
     k = int(np.flatnonzero(far)[(size / np.where(np.isfinite(reach), reach, 1.0))[far].argmax()])
     lower, upper = (printed(limit[k], 3) for limit in limits)
-    limit = f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else ""
-    degrees = bool((size[far] * _DEGREE <= _WITHIN * reach[far]).all())
-    others = int(far.sum()) - 1
-    more = f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else ""
-    question = "Did you mean --degrees? Or are" if degrees else "Are"
-    counts = "" if degrees else ", or counts of an encoder"
-    return (
-        f"{names[k]} goes to {printed(size[k], 4)} rad{limit}{more}: the angles seem to be in another unit. "
-        f"{question} they those of the motors, before their gears{counts}? Positions are those of the joints, in radians, "
-        "or in the unit that a column names, as 'JOINT [deg]'"
+    degrees, others = bool((size[far] * _DEGREE <= _WITHIN * reach[far]).all()), int(far.sum()) - 1
+    return doubt(
+        "angle-unit",
+        [names[k]],
+        joint=names[k],
+        angle=printed(size[k], 4),
+        limit=f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else "",
+        more=f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else "",
+        question="Did you mean --degrees? Or are" if degrees else "Are",
+        counts="" if degrees else ", or counts of an encoder",
+        **level,
     )
 
 
-# ── Angles logged within one turn, unwrapped and held against the limits
+# ── Rows with a single wrong number, or a wrong stamp
+
+_LISTED = 3
 
 
-class AngleWrapping:
-    """A tally over the angles (n, k) of joints, which come in any portions; turns are added to joints that are ``counted``."""
-
-    def __init__(self, counted: NDArray[np.bool_], size: tuple[float, float]) -> None:
-        """``size`` are the least and the largest step [rad] that is taken for a full turn."""
-        self._counted, self._size = counted, size
-        self._turned = np.zeros(len(counted))
-        self._lowest, self._highest = np.full(len(counted), math.inf), np.full(len(counted), -math.inf)
-
-    def add(self, q: Array, moved: Array) -> None:
-        """Angles (n, k) that begin with the last of those before, and the steps (n - 1, k) between them."""
-        size = np.abs(moved)
-        turns = np.where((size > self._size[0]) & (size < self._size[1]) & self._counted, -np.sign(moved), 0.0)
-        turned = self._turned + np.concatenate([np.zeros((1, len(self._turned))), np.cumsum(turns, axis=0)])
-        self._turned = turned[-1]
-        there = q + math.tau * turned
-        self._lowest = np.minimum(self._lowest, there.min(axis=0))
-        self._highest = np.maximum(self._highest, there.max(axis=0))
-
-    def sentences(
-        self, wrapped: NDArray[np.bool_], places: NDArray[np.int_], names: Sequence[str], limits: Limits
-    ) -> list[str]:
-        """A sentence for each joint that was ``wrapped`` (k,) and is within its limits after no whole number of turns.
-
-        ``places`` (k,) are those of the joints among ``names`` and limits.
-        """
-        said = []
-        for k in np.flatnonzero(wrapped).tolist():
-            j, low, high = int(places[k]), float(self._lowest[k]), float(self._highest[k])
-            lower, upper, slack = (float(x[j]) for x in (limits.lower, limits.upper, limits.tolerance))
-            if not (math.isfinite(lower) and math.isfinite(upper)):
-                continue
-            first = math.ceil((lower - slack - low) / math.tau)
-            if high + math.tau * first > upper + slack:
-                said.append(
-                    f"{names[j]} steps by about a full turn, as angles do that are logged within one turn; it then turns by "
-                    f"{printed(high - low, 4)} rad in all, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, do "
-                    "not allow: log the angle without wrapping"
-                )
-        return said
+def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: bool = False) -> list[Doubt]:
+    """Doubts about the rows of each joint, and about wrong stamps; notes that they are ``left_out``."""
+    said = []
+    for k, found in glitches.result():
+        wrong = [g for g in found if not g.late]
+        if wrong:
+            size = printed(math.degrees(wrong[0].size) if glitches.turns[k] else wrong[0].size, 3)
+            when = listed((f"{seconds(g.time, 4)} s" for g in wrong), _LISTED)
+            words = {"joint": names[k], "size": f"{size} {'degrees' if glitches.turns[k] else 'm'}", "when": when}
+            said.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
+    return [*said, *stamp_doubts(glitches.stamps(), left_out=left_out)]
 
 
-# ── Rates against positions, jumps, and steps of time
+def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> list[Doubt]:
+    """Doubt about rows with a wrong stamp, by their times with what they are late by [s], if there are any."""
+    if not stamps:
+        return []
+    late = max(stamps.values(), key=abs)
+    words = {
+        "rows": f"{len(stamps)} row{'s' if len(stamps) > 1 else ''}",
+        "when": listed((f"{seconds(time, 4)} s" for time in stamps), _LISTED),
+        "late": seconds(abs(late)),
+        "way": "late" if late > 0 else "early",
+    }
+    return [_row_doubt("stamp", [], words, left_out=left_out)]
+
+
+def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, left_out: bool) -> Doubt:
+    """Doubt of that kind, or the note that its rows are left out."""
+    if not left_out:
+        return doubt(kind, joints, **words)
+    return doubt("rows-left-out", joints, what=doubt_table()[kind].sentence.format(**words).rstrip(":"))
+
+
+# ── Scale of a rate against the slope of its base, in words
+
+_DEGREES, _RPM, _NEAR = math.degrees(1.0), 30 / math.pi, 0.1
+"""Factors between units, and relative tolerance within which a scale is one."""
+_CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+_NOTHING = 0.02
+
+
+def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
+    """Description of a rate column by its scale against the slope of ``base``; ``per`` is the unit's end, such as /s."""
+    slope = f"the slope of the {base}"
+    name = f"name the unit, as in 'JOINT [deg{per}]'"
+    known = [(f"{factor:g}", factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
+    known.append(("1/1000", 1e-3, "time, or the column, seems to be in another unit"))
+    if angular:
+        known.append(("57.3", _DEGREES, f"it seems to be in deg{per}; {name}"))
+        known.append(
+            ("1/57.3", 1 / _DEGREES, "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'")
+        )
+        known += [("9.55", _RPM, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'")] * (per == "/s")
+    else:
+        known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
+    for shown, factor, reason in known:
+        if _near(gain, factor):
+            return f"is {shown} times {slope}: {reason}"
+    if math.isinf(gain):
+        return f"moves, and the {base} stand"
+    if abs(gain) < _NOTHING:
+        return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
+    if _near(gain, -1.0):
+        return f"has the opposite sign of {slope}"
+    return f"is not {slope}, but some {printed(gain, 2)} times it"
+
+
+def _near(gain: float, factor: float) -> bool:
+    return abs(gain / factor - 1.0) < _NEAR
+
+
+# ── Rates against positions, jumps, omitted turns, and steps of time
 
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
 """Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
@@ -138,16 +184,17 @@ _TOO_FAST = 3.0
 _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
 """A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
 more finely than it is slow."""
-
 _BEYOND, _NO_ROBOT = 1.5, 30.0
 """Times its limit, and rad/s or m/s without one, that no joint moves at: times are not in a unit that would make it so fast."""
 _SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
 """A step of time [s] so long in a motion that never goes faster than that share of its limits is in ms: robots are built for
 their limits, and loggers for steps of 0.1 ms and more."""
+_SPIKES = 0.01
+"""Share of the rows with spikes that is a doubt."""
 
 
 class Contradictions:
-    """A tally over the rows of a motion, which come in portions."""
+    """A tally over the rows of a motion, which come in portions; rates and sampling are those of its :attr:`runs`."""
 
     def __init__(
         self,
@@ -156,6 +203,7 @@ class Contradictions:
         time_stated: bool = True,
         angle: Array | None = None,
         angle_stated: Array | None = None,
+        runs: Sequence[LogRows | Motion] = (),
     ) -> None:
         """Factors ``angle`` (nq,) from the file's angles to radians; ``angle_stated`` (nq,): the file gives that unit."""
         count = len(coordinates.names)
@@ -164,20 +212,21 @@ class Contradictions:
         self._names = coordinates.velocity_names
         self._angular = coordinates.angular_velocity
         self._single = np.flatnonzero(coordinates.position_of >= 0)
+        self._own = [self._names[k] for k in self._single.tolist()]
         self.places = coordinates.position_of[self._single]
         """(k,) the entries of q that are checked: those of joints with one."""
         self._turns = coordinates.angular[self.places]
         self._bounded = self._turns & ~coordinates.endless[self.places]
         self._time_stated = time_stated
+        self.runs = runs
+        """Runs of rows, the whole motion or excerpts of a long one."""
         count = len(self._single)
-        self._velocity, self._acceleration = RateScale(count), RateScale(len(self._names))
-        self._derived = RateScale(count)
-        self._delay = RateLag(count)
         self.glitches = SingleRowGlitches(count, self._turns)
         """Rows at which a joint leaves its path alone."""
-        self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
-        self._wraps = np.zeros(count, int)
-        self._turned = AngleWrapping(self._bounded, _WRAP)
+        self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
+        self._unwrapped = self._range.copy()
+        """Least and largest angles, as they are, and with the turns that were left out."""
+        self._turned, self._wraps = np.zeros(count), np.zeros(count, int)
         self._jumps: dict[int, tuple[float, float, float]] = {}
         """Fastest step beyond half a turn of each joint: speed, time before, size."""
         self._wrapped: dict[int, tuple[float, float, float]] = {}
@@ -187,214 +236,222 @@ class Contradictions:
         """Median step of time of each portion [s]."""
         self._steps = 0
 
-    def add(self, motion: LogRows | Motion, before: int = 0) -> None:
-        """Take in consecutive rows, the first of which were the last ``before``: as many as ``OVERLAP``, or as there were."""
-        t, q = motion.time, motion.q[:, self.places]
-        self.add_steps(t[max(0, before - 1) :], q[max(0, before - 1) :])
+    def add(self, t: Array, q: Array, before: int = 0) -> None:
+        """Take in times (n,) and coordinates (n, nq), the first ``before`` (at most OVERLAP) of which were the last ones."""
+        q = q[:, self.places]
         self.glitches.add(t[max(0, before - OVERLAP) :], q[max(0, before - OVERLAP) :])
-        self.add_rates(motion, before, delays=True)
-
-    def add_rates(self, motion: LogRows | Motion, before: int = 0, *, delays: bool = False) -> None:
-        """Take in velocities and accelerations beside the slopes of what they belong to, after the first ``before`` rows."""
-        t, curves = motion.time[before:], motion.q[before:, self.places]
-        dq, ddq = (None if rate is None else rate[before:] for rate in (motion.dq, motion.ddq))
-        curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
-        if delays and dq is not None:
-            self._delay.add(t, curves, dq[:, self._single])
-        for s in segments(t) if dq is not None or ddq is not None else ():
-            if dq is not None:
-                self._velocity.add(t[s], curves[s], dq[s][:, self._single])
-            if ddq is not None and dq is not None:
-                self._acceleration.add(t[s], dq[s], ddq[s])
-            elif ddq is not None:
-                self._derived.add(t[s], np.gradient(curves[s], t[s], axis=0), ddq[s][:, self._single])
-
-    def add_steps(self, t: Array, q: Array) -> None:
-        """Take in times (n,) and coordinates ``places`` (n, k), and the steps between them."""
-        self._least, self._greatest = np.minimum(self._least, q.min(axis=0)), np.maximum(self._greatest, q.max(axis=0))
+        t, q = t[max(0, before - 1) :], q[max(0, before - 1) :]
         h, moved = np.diff(t), np.diff(q, axis=0)
-        self._turned.add(q, moved)
+        size = np.abs(moved)
+        wraps = (size > _WRAP[0]) & (size < _WRAP[1]) & self._bounded
+        turned = self._turned + np.cumsum(np.pad(np.where(wraps, -np.sign(moved), 0.0), ((1, 0), (0, 0))), axis=0)
+        self._turned = turned[-1]
+        for kept, x in ((self._range, q), (self._unwrapped, q + math.tau * turned)):
+            kept[:] = np.minimum(kept[0], x.min(axis=0)), np.maximum(kept[1], x.max(axis=0))
         if not len(h):
             return
         self._steps += len(h)
         self._usual.append(float(np.median(h)))
-        size = np.abs(moved)
-        far = (size > math.pi) & self._bounded
-        speed = np.where(far | (size > math.pi) & self._turns, 0.0, size / h[:, None])
-        self._speed = np.maximum(self._speed, speed.max(axis=0))
-        self._move = np.maximum(self._move, np.where((size > math.pi) & self._turns, 0.0, size).max(axis=0))
-        for row, k in np.argwhere(far).tolist():
+        over = (size > math.pi) & self._turns
+        self._speed = np.maximum(self._speed, np.where(over, 0.0, size / h[:, None]).max(axis=0))
+        self._move = np.maximum(self._move, np.where(over, 0.0, size).max(axis=0))
+        self._wraps += wraps.sum(axis=0)
+        for row, k in np.argwhere(over & self._bounded).tolist():
             found = float(size[row, k] / h[row]), float(t[row]), float(moved[row, k])
-            if _WRAP[0] < size[row, k] < _WRAP[1]:
-                self._wraps[k] += 1
+            if wraps[row, k]:
                 self._wrapped.setdefault(k, found)
             elif k not in self._jumps or found[0] > self._jumps[k][0]:
                 self._jumps[k] = found
 
-    def _within_a_turn(self) -> Array:
-        about_zero = (self._least >= -math.pi - _SPILL) & (self._greatest <= math.pi + _SPILL)
-        return np.asarray(about_zero | ((self._least >= -_SPILL) & (self._greatest <= math.tau + _SPILL)))
-
-    def notes(self) -> list[str]:
-        """Notes on corrections that were made."""
-        found = np.flatnonzero((self._wraps > 0) & self._within_a_turn())
-        return [
-            f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, "
-            f"first at t = {seconds(self._wrapped[k][1], 4)} s: the log keeps within a turn, so it is taken to turn on."
-            for k in found.tolist()
-        ]
-
-    def sentences(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
-        """Contradictions, a sentence each; velocity limits help to distinguish a jump from a fast motion."""
-        time, (angles, _) = self._of_time(limits), self._angle_doubts(limits)
-        jumps: list[str] = []
-        if not angles:
-            jumps = self._of_jumps(limits)
-            if limits is not None:
-                wrapped = (self._wraps > 0) & self._within_a_turn()
-                jumps += self._turned.sentences(wrapped, self._single, self._names, limits)
-            if glitches:
-                names = [self._names[k] for k in self._single.tolist()]
-                jumps += [f"{said}: remove the row" for said in self.glitches.sentences(names, self._turns)]
-        delays = np.zeros(len(self._single)) if time else self._delay.result()
+    def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> list[Doubt]:
+        """All doubts and notes; velocity limits help to distinguish a jump from a fast motion."""
+        time, angles = self.of_time(limits), self._of_angles(limits)
+        misread = any(found.refuses for found in angles)
+        paths = [] if misread else [*self._of_jumps(limits), *self._of_turns(limits)]
+        if glitches and not misread:
+            paths += row_doubts(self.glitches, self._own)
+        delays = np.zeros(len(self._single)) if time else self._delays
         rates = self.of_rates(time_doubted=bool(time), late=delays != 0.0)
-        return (*time, *angles, *jumps, *rates, *self._of_delays(delays))
-
-    def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
-        """A sentence for each thing that is odd, and may yet be meant."""
-        _, found = self._angle_doubts(limits)
         step = float(np.median(self._usual)) if self._usual else 0.0
-        if step >= _LONG_STEP and not self._time_stated and not self._of_time(limits):
-            found.append(f"the usual time step is {printed(step, 4)} s. Is time in ms? It is taken to be in seconds")
-        return tuple(found)
+        odd = (
+            [doubt("time-step", step=printed(step, 4))]
+            if step >= _LONG_STEP and not self._time_stated and not time
+            else []
+        )
+        return [*time, *angles, *paths, *rates, *self._of_delays(delays), *odd, *self._sampling]
 
-    def _angle_doubts(self, limits: Limits | None) -> tuple[list[str], list[str]]:
-        """Contradictions and hints of :func:`angle_doubts`."""
+    def _of_angles(self, limits: Limits | None) -> list[Doubt]:
         turns = self._turns
         k, places, bounded = self._single[turns], self.places[turns], self._bounded[turns]
         lower = np.where(bounded, -np.inf if limits is None else limits.lower[k], -np.inf)
         upper = np.where(bounded, np.inf if limits is None else limits.upper[k], np.inf)
         names = [self._names[j] for j in k.tolist()]
-        factor, known = self._factor[places], self._stated[places]
-        return angle_doubts(names, self._least[turns], self._greatest[turns], (lower, upper), factor, known)
+        return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], self._stated[places])
 
-    def _of_time(self, limits: Limits | None) -> list[str]:
-        if self._time_stated or (found := self.slow_steps(limits)) is None:
-            return []
-        why, unit = found
-        return [
-            f"{why}: time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
-            f"'time=COLUMN [{unit}]'"
-        ]
-
-    def slow_steps(self, limits: Limits | None) -> tuple[str, str] | None:
-        """Why the steps of time are too long for how little the joints move in them, and the unit it may be in."""
+    def of_time(self, limits: Limits | None) -> list[Doubt]:
+        """Doubt about the unit of time: its steps are too long for how little the joints move in them."""
         step = float(np.median(self._usual)) if self._usual else 0.0
-        moving = self._greatest - self._least > _SOME_MOVE
-        if self._steps + 1 < _FEWEST_ROWS or not moving.any():
-            return None
+        moving = self._range[1] - self._range[0] > _SOME_MOVE
+        if self._time_stated or self._steps + 1 < _FEWEST_ROWS or not moving.any():
+            return []
         unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
         if (factor * self._speed > np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).any():
-            return None  # in that unit the motion would be too fast for the robot
-        usual = f"the usual step of time is {printed(step, 4)} s"
+            return []  # in that unit the motion would be too fast for the robot
+        share = float((self._speed / velocity)[moving].max()) if np.isfinite(velocity[moving]).all() else math.inf
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
-            return f"{usual}, and within one no joint moves by more than {printed(self._move.max(), 2)} rad or m", unit
-        if limits is not None and step >= _SLOW_STEP:
-            shares = self._speed[moving] / limits.velocity[self._single[moving]]
-            if np.isfinite(limits.velocity[self._single[moving]]).all() and shares.max() < _SLOW_SHARE:
-                return (
-                    f"{usual}, and no joint moves faster than {printed(100 * shares.max(), 2)} % of its limit of velocity",
-                    unit,
-                )
-        return None
+            why = f"within one no joint moves by more than {printed(self._move.max(), 2)} rad or m"
+        elif step >= _SLOW_STEP and share < _SLOW_SHARE:
+            why = f"no joint moves faster than {printed(100 * share, 2)} % of its limit of velocity"
+        else:
+            return []
+        return [doubt("time-unit", why=f"the usual step of time is {printed(step, 4)} s, and {why}", unit=unit)]
 
-    def _of_delays(self, delays: Array) -> list[str]:
-        said = []
-        for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
-            if found.any():
-                names = listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
-                late = np.abs(delays[found])
-                size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
-                said.append(
-                    f"{names}: the velocity column is {size} s {way} against the positions: shift it, or leave it out, then it "
-                    "is derived"
-                )
-        return said
+    def _within_a_turn(self) -> Array:
+        least, most = self._range
+        about_zero = (least >= -math.pi - _SPILL) & (most <= math.pi + _SPILL)
+        return np.asarray(about_zero | ((least >= -_SPILL) & (most <= math.tau + _SPILL)))
 
-    def _of_jumps(self, limits: Limits | None) -> list[str]:
-        said, whole = [], self._within_a_turn()
+    def _of_jumps(self, limits: Limits | None) -> Iterator[Doubt]:
+        whole = self._within_a_turn()
         for k, joint in enumerate(self._single.tolist()):
             jump = self._jumps.get(k) or (None if whole[k] else self._wrapped.get(k))
             if jump is None:
                 continue
-            known = float(limits.velocity[joint]) if limits is not None else math.inf
-            if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
-                said.append(
-                    f"{self._names[joint]} jumps by {printed(jump[2], 4)} rad after t = {seconds(jump[1], 4)} s, at "
-                    f"{printed(jump[0], 3)} rad/s, and is not a joint that turns for ever: remove the rows, or add the "
-                    "turns that the log left out"
-                )
-        return said
+            known, (speed, when, size) = float(limits.velocity[joint]) if limits is not None else math.inf, jump
+            if speed > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
+                said: dict[str, Any] = {"angle": printed(size, 4), "time": seconds(when, 4), "speed": printed(speed, 3)}
+                yield doubt("jump", [self._own[k]], joint=self._own[k], **said)
 
-    def of_rates(self, *, time_doubted: bool = False, late: Array | None = None) -> list[str]:
-        """A sentence for each rate that is not the slope of what it belongs to.
+    def _of_turns(self, limits: Limits | None) -> Iterator[Doubt]:
+        """Notes on turns that were added, and doubts about joints that are within their limits after no number of them."""
+        for k in np.flatnonzero((self._wraps > 0) & self._within_a_turn()).tolist():
+            name, times = self._own[k], f"{self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}"
+            yield doubt("turned-on", [name], joint=name, count=times, time=seconds(self._wrapped[k][1], 4))
+            low, high = self._unwrapped[:, k].tolist()
+            if limits is None:
+                continue
+            lower, upper, slack = (float(x[self._single[k]]) for x in (limits.lower, limits.upper, limits.tolerance))
+            if not (math.isfinite(lower) and math.isfinite(upper)):
+                continue
+            if high + math.tau * math.ceil((lower - slack - low) / math.tau) > upper + slack:
+                said: dict[str, Any] = {
+                    "angle": printed(high - low, 4),
+                    "lower": printed(lower, 4),
+                    "upper": printed(upper, 4),
+                }
+                yield doubt("wrapped", [name], joint=name, **said)
+
+    # ── rates
+
+    @cached_property
+    def _curves(self) -> list[Array]:
+        """Positions (n, k) of each run, without the turns that were left out."""
+        found = [rows.q[:, self.places] for rows in self.runs]
+        for curves in found:
+            curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
+        return found
+
+    def _beside(self, rate: str) -> list[tuple[Array, Array, Array]]:
+        """Time, curves and rates of each run that has them; ``derived``: accelerations beside positions alone."""
+        found = []
+        for rows, curves in zip(self.runs, self._curves, strict=True):
+            if rate == "velocity" and rows.dq is not None:
+                found.append((rows.time, curves, rows.dq[:, self._single]))
+            elif rate == "acceleration" and rows.dq is not None and rows.ddq is not None:
+                found.append((rows.time, rows.dq, rows.ddq))
+            elif rate == "derived" and rows.dq is None and rows.ddq is not None and len(curves) > 1:
+                found.append((rows.time, np.gradient(curves, rows.time, axis=0), rows.ddq[:, self._single]))
+        return found
+
+    @cached_property
+    def _delays(self) -> Array:
+        return rate_delays(self._beside("velocity"), len(self._single))
+
+    def _of_delays(self, delays: Array) -> Iterator[Doubt]:
+        for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
+            if found.any():
+                names, late = [self._own[k] for k in np.flatnonzero(found).tolist()], np.abs(delays[found])
+                size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
+                yield doubt("rate-late", names, late=size, way=way)
+
+    @cached_property
+    def _scales(self) -> list[tuple[str, str, list[str], Array, Array]]:
+        """Name of each kind of rates, what it is the slope of, joints, whether they turn, and scales."""
+        every, found = np.arange(len(self._names)), []
+        for kind, joints, base in (
+            ("velocity", self._single, "positions"),
+            ("acceleration", every, "velocities"),
+            ("derived", self._single, "positions' velocities"),
+        ):
+            angular, rate = self._angular[joints], "velocity" if kind == "velocity" else "acceleration"
+            names = [self._names[k] for k in joints.tolist()]
+            found.append((rate, base, names, angular, rate_scales(self._beside(kind), angular)))
+        return found
+
+    def of_rates(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
+        """Doubts about rates that are not the slope of what they belong to.
 
         ``late`` (k,) bool: the velocity is that of another time, so that its size is not compared.
         """
-        every, found = np.arange(len(self._names)), []
-        cases = (
-            (self._velocity, self._single, "velocity", "positions", "/s"),
-            (self._acceleration, every, "acceleration", "velocities", "/s^2"),
-            (self._derived, self._single, "acceleration", "positions' velocities", "/s^2"),
-        )
-        for tally, joints, rate, base, per in cases:
-            angular = self._angular[joints]
-            gains = tally.result(angular)
-            if tally is self._velocity and late is not None:
-                gains = np.where(late, 1.0, gains)
+        found = []
+        for rate, base, names, angular, scales in self._scales:
+            gains = np.where(late, 1.0, scales) if rate == "velocity" and late is not None else scales
             said: dict[str, list[str]] = {}
             least, most = _ALLOWED[rate]
             for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
-                if time_doubted and math.isfinite(gains[k]) and any(near(gains[k], f) for f in _UNITS):
+                if time_doubted and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in _CLOCKS):
                     continue
-                what = scale_words(float(gains[k]), bool(angular[k]), base, per)
-                said.setdefault(what, []).append(self._names[joints[k]])
-            found += [f"{listed(names)}: the {rate} column {what}" for what, names in said.items()]
+                per = "/s" if rate == "velocity" else "/s^2"
+                said.setdefault(scale_words(float(gains[k]), bool(angular[k]), base, per), []).append(names[k])
+            found += [doubt("rate", which, rate=rate, what=what) for what, which in said.items()]
         return found
 
+    # ── sampling
 
-# ── Times in milliseconds or less, given without a unit
+    @cached_property
+    def _sampling(self) -> list[Doubt]:
+        """Doubts about repeated rows, or else steps off the paths, and about spikes."""
+        times = [rows.time for rows in self.runs]
+        rows = [new for curves in self._curves if curves.size and (new := new_rows(curves)) is not None]
+        if 2 * len(rows) > len(times):
+            step = float(np.median(np.concatenate([np.diff(t) for t in times])))
+            apart = step * float(np.median(np.concatenate([np.diff(np.flatnonzero(new)) for new in rows])))
+            said: dict[str, Any] = {
+                "rate": number(1 / apart, 3),
+                "rows": number(1 / step, 3),
+                "apart": seconds(apart, 3),
+            }
+            return [doubt("repeated", found={"value": 1 / apart, "unit": "Hz"}, **said), *self._of_spikes()]
+        found = [gap for t, q in zip(times, self._curves, strict=True) for gap in gaps(t, q)]
+        return [*_of_gaps(found, times), *self._of_spikes()]
 
-_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
-
-
-def time_doubt(coordinates: Coordinates, time: Array, q: Array, dq: Array | None, limits: Limits) -> str:
-    """Doubt about times (n,) in seconds, of positions (n, nq) and velocities (n, nv) or None; "" without a doubt.
-
-    With velocities: the way that they make in these times is 1000 (or 1000², 1000³) times the way of the positions. Without:
-    joints hardly move within steps that are long.
-    """
-    if dq is None:
-        found = Contradictions(coordinates)
-        found.add_steps(time, q[:, found.places])
-        slow = found.slow_steps(limits)
-        return "" if slow is None else f"{slow[0]}: time seems to be in {slow[1]}"
-    single = np.flatnonzero(coordinates.position_of >= 0)
-    steps = np.abs(np.diff(q[:, coordinates.position_of[single]], axis=0))
-    steps = np.where(coordinates.angular_velocity[single] & (steps > np.pi), 0.0, steps)  # a turn that was left out
-    speeds = np.abs(dq[:, single])
-    moved, summed = steps.sum(axis=0), (0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time)[:, None]).sum(axis=0)
-    moving = moved > _SOME_MOVE
-    gains = (summed[moving] / moved[moving]).tolist()
-    for factor, unit in _UNITS.items():
-        if gains and all(near(gain, factor) for gain in gains):
-            times = f"{printed(factor)} times the way of the positions"
-            return f"velocities make {times} in these times: time seems to be in {unit}"
-    return ""
+    def _of_spikes(self) -> Iterator[Doubt]:
+        off = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
+        rows, total = sum(int(one.any(axis=1).sum()) for one in off), sum(map(len, off))
+        if rows:
+            joint = self._names[int(np.sum([one.sum(axis=0) for one in off], axis=0).argmax())]
+            level: Any = "unsure" if rows > _SPIKES * total else "note"
+            told = {"value": float(rows), "unit": "rows"}
+            yield doubt("spikes", [joint], level=level, rows=percent(rows / total, 2), joint=joint, found=told)
 
 
-# ── Columns of mimic joints, checked against those of their leaders, and columns that are not used
+def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
+    """Doubts about steps off the paths of all joints: a buffer, or rows that are missing."""
+    if not found:
+        return
+    first = seconds(found[0].time, 4)
+    if len(times) == 1 and (turns := late_by_turns(found, times[0][0], times[0][-1])) is not None:
+        late, share = turns
+        told = {"value": 1e3 * late, "unit": "ms"}
+        said: dict[str, Any] = {"late": number(1e3 * late, 3), "count": len(found), "time": first}
+        yield doubt("buffered", found=told, share=percent(share, 2), **said)
+        return
+    when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
+    yield doubt("pause", when=when, found={"value": found[0].time, "unit": "s"})
+
+
+# ── Columns of mimic joints, checked against those of their leaders
 
 _SHARE = 0.1
 """Share of a joint's travel; less is play, and the error of a coupling."""
@@ -402,8 +459,8 @@ _LEAST = {True: 0.02, False: 0.002}
 """Least deviation that is reported, of turning [rad] and sliding [m] joints."""
 
 
-def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[LogRows, Array]]) -> list[str]:
-    """A sentence for each mimic joint whose column goes elsewhere than its leader takes it.
+def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[LogRows, Array]]) -> list[Doubt]:
+    """Doubts about mimic joints whose columns go elsewhere than their leaders take them.
 
     ``portions`` are rows of the log, and the table that they are from.
     """
@@ -418,16 +475,13 @@ def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[L
             row = int(distance.argmax())
             off[k] = max(off[k], (float(distance[row]), float(motion.time[row])))
     return [
-        f"{follower.name} is {number(distance)} {unit_of('q', follower.angular)} from where its leader takes it, at t = "
-        f"{seconds(when)} s: correct its <mimic>, or load the robot with its mimic joints independent"
+        doubt(
+            "mimic",
+            [follower.name],
+            joint=follower.name,
+            distance=f"{number(distance)} {unit_of('q', follower.angular)}",
+            time=seconds(when),
+        )
         for k, ((follower, _, _), (distance, when)) in enumerate(zip(columns, off, strict=True))
         if distance > max(_LEAST[follower.angular], _SHARE * float(most[k] - least[k]))
     ]
-
-
-def unused_doubt(unused: Sequence[str], held: Sequence[str], checked: int) -> str:
-    """Doubt about columns that vary and are not used, while joints are held still for want of one."""
-    return (
-        f"{checked} of {checked + len(held)} joints checked: {listed(held, 6)} held still for want of a column, while "
-        f"columns that vary are not used, {listed(unused, 6)}. Say which they are with --columns"
-    )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +14,11 @@ from ..core.numbers import number, percent, plus_minus, printed, seconds
 from ..core.text import listed
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import NormalEquations, Prior
+from ..estimation.noise import quantum
+from ..estimation.sampling import cut_off
 from ..model.model import BASE
 from ..typing import Array
 from .doubts import Doubt, Level, doubt, doubt_table
-from .noise import quantum
-from .rate_checks import LEFT_OUT, SINGLE_ROW
 
 if TYPE_CHECKING:
     from ..identification.diagnosis import FoundCause
@@ -32,14 +32,16 @@ OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
 """Ratio of the residual of other logs to that of the training logs, and least residual, from which the logs differ."""
 
 
-_HARMLESS = ("velocity column", "acceleration column", "velocities make", SINGLE_ROW)
-"""Words of contradictions that change nothing here: rates are derived from positions, and single rows hardly count."""
+LEFT_OUT = "rows-left-out"
+"""Notes on rows that were left out, which stand beside the doubts."""
 
 
-def contradiction(sentence: str, log: str = "") -> Doubt:
-    """The doubt about columns of a log that contradict each other, as reading it found."""
-    refuses = not any(word in sentence for word in _HARMLESS)
-    return Doubt("contradiction", f"{log}: {sentence}" if log else sentence, level="refuse" if refuses else "unsure")
+def of_reading(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
+    """Doubts found without a model; those whose row ``identify`` does not read change nothing here, and are notes."""
+    for one in doubts:
+        if one.kind != LEFT_OUT:
+            level = one.level if "identify" in doubt_table()[one.kind].reads else "note"
+            yield replace(one, level=level, sentence=f"{log}: {one.sentence}" if log else one.sentence)
 
 
 def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
@@ -89,7 +91,6 @@ class FittedLog:
 
 # ── Columns
 
-_SATURATED, _SATURATED_ROWS = 0.02, 30
 _COARSE = 0.15
 
 
@@ -102,10 +103,8 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
     cutoff = seen.settings.cutoff
     for k in np.flatnonzero(~seen.dead).tolist():
         tau = np.concatenate([np.asarray(m.tau)[:, k] for m in seen.motions])
-        extreme = max((float(tau.max()), float(tau.min())), key=lambda x: (tau == x).sum())
-        count = int((tau == extreme).sum())
-        if extreme != 0 and count >= max(_SATURATED_ROWS, _SATURATED * len(tau)):
-            yield doubt("saturated", seen.names[k : k + 1], extreme=number(extreme), rows=percent(count / len(tau), 3))
+        if (cut := cut_off(tau)) is not None:
+            yield doubt("saturated", seen.names[k : k + 1], extreme=number(cut[0]), rows=percent(cut[1], 3))
     for k, name in enumerate(seen.names):
         step = quantum([motion.q[:, k] for motion in seen.motions])
         size = float(np.sqrt((seen.acceleration[:, k] ** 2).mean()))
@@ -222,20 +221,18 @@ _NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
 noise deviations hold the errors of filters only by chance, and these make such small ones."""
 _NOTABLE = 0.1
 """Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
-_SAID = "LOOK AGAIN: "
-_FIRST = ("saturated", "repeated", "buffered", "closed-pause")
-"""Doubts about columns that other causes would be seen in wrongly."""
+_SPOILED = ("buffered", "saturated")
+"""Doubts without a model in whose residuals other causes would be seen by mistake."""
 
 
 def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that refuse the log first; insufficient motion only if nothing else is wrong."""
-    columns = list(column_doubts(seen))
-    before = any(one.kind in _FIRST for one in columns)
-    causes = [] if seen.payload_only or before else [*gain_of_all(seen), *cause_doubts(seen)]
-    known = before or any(one.level != "note" for one in causes)
+    read = [*_contradictions(seen), *column_doubts(seen)]
+    spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
+    causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *cause_doubts(seen)]
+    known = spoiled or any(one.level != "note" for one in causes)
     found = [
-        *_contradictions(seen),
-        *columns,
+        *read,
         *causes,
         *([] if seen.payload_only else _without(seen)),
         *([] if known else _unexciting(seen) or _undetermined(seen)),
@@ -248,10 +245,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
 def _contradictions(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts found while the logs were read."""
     for motion in seen.motions:
-        yield from (contradiction(note.removeprefix(_SAID)) for note in motion.notes if note.startswith(_SAID))
-    for motion in seen.motions:
-        if all(note.startswith(LEFT_OUT) for note in motion.notes):  # those of files were looked at when they were read
-            yield from map(contradiction, motion.contradictions)
+        yield from of_reading(motion.doubts)
 
 
 def _without(seen: FittedLog) -> list[Doubt]:

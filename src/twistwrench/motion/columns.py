@@ -100,18 +100,31 @@ class Choice:
     """Torque per unit of a column that is a current."""
 
 
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Options by which a file is read."""
+
+    path: Path
+    columns: Mapping[str, str] | None = None
+    """Columns by what they are (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``), others by their names.
+
+    ``LOG:JOINT`` holds for the log of that path or name only.
+    """
+    rate: float | None = None
+    """Takes the place of a column of time [Hz]."""
+    degrees: bool = False
+    """Angles without a unit are in degrees."""
+    gain: Mapping[str, float] | None = None
+    """Torque per ampere by joints; of ``joint.current`` only for a column that is a current by its name or unit."""
+    locked: Sequence[str] = ()
+    """Joints whose columns are ignored."""
+
+
 class Assignment:
     """Columns of a header, given one after another to the coordinates of a robot; errors begin with ``where``."""
 
-    def __init__(
-        self,
-        cells: Sequence[str],
-        where: str,
-        coordinates: Coordinates,
-        path: str | Path = "",
-        gain: Mapping[str, float] | None = None,
-    ) -> None:
-        self.cells, self.where, self.path, self.gain = cells, where, str(path), dict(gain or {})
+    def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
+        self.cells, self.where, self.reading = cells, where, reading
         self.names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
         self.free = [k for k, cell in enumerate(cells) if cell]
         """Columns that nothing has been given to."""
@@ -133,13 +146,8 @@ class Assignment:
         cells: Sequence[str],
         coordinates: Coordinates,
         where: str,
-        *,
-        locked: Sequence[str],
-        columns: Mapping[str, str],
-        rate: float | None,
+        reading: Reading,
         look: Callable[[int], Array],
-        path: str | Path = "",
-        gain: Mapping[str, float] | None = None,
     ) -> Assignment:
         """Give the header's columns to the robot's coordinates; raises TrajectoryError and UnknownNameError.
 
@@ -149,9 +157,9 @@ class Assignment:
             raise TrajectoryError(
                 f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
             )
-        found = cls(cells, where, coordinates, path, gain)
-        requested = found.requested(columns)
-        found.time = found.assign_time(requested.pop(("time", 0), None), rate, look)
+        found = cls(cells, where, coordinates, reading)
+        requested = found.requested(reading.columns or {})
+        found.time = found.assign_time(requested.pop(("time", 0), None), reading.rate, look)
         for (part, k), choice in requested.items():
             found.assign(part, k, choice)
         found.assign_by_exact_name()
@@ -162,7 +170,7 @@ class Assignment:
             own = [c for c in found.free if found.split[c][0] == follower.name]
             found.mimic_joints += [(follower, Choice(c, found.split[c][1])) for c in own[:1]]
         mimic = [choice.column for _, choice in found.mimic_joints]
-        of_locked = [k for k in found.free if _belongs(found.split[k][0], locked)]
+        of_locked = [k for k in found.free if _belongs(found.split[k][0], reading.locked)]
         if len(found.given["tau"]) < len(found.names["tau"]):
             # Torques are for comparison only, and may be those of some joints.
             found.free += [choice.column for choice in found.given["tau"].values()]
@@ -175,13 +183,13 @@ class Assignment:
             found.notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
         return found
 
-    def factor(self, choice: Choice, part: str, angular: bool, *, degrees: bool) -> float:
-        """Factor from a column to SI units: by its unit or gain, else by ``degrees``."""
+    def factor(self, choice: Choice, part: str, angular: bool) -> float:
+        """Factor from a column to SI units: by its unit or gain, else by the angles' common unit."""
         if choice.gain is not None:
             return choice.gain
         if choice.unit is not None:
             return unit_factor(choice.unit, part, angular, f"{self.where}, column {self.cells[choice.column]!r}")
-        return math.radians(1.0) if degrees and angular and part != "tau" else 1.0
+        return math.radians(1.0) if self.reading.degrees and angular and part != "tau" else 1.0
 
     def found(self) -> str:
         """The names, as they end an error."""
@@ -235,21 +243,20 @@ class Assignment:
             rest = max((name for name in known if key.endswith(f":{name}")), key=len, default="")
             if key in known or not rest:
                 found[key] = column
-            elif key.removesuffix(f":{rest}") in (self.path, Path(self.path).name):
+            elif key.removesuffix(f":{rest}") in (str(self.reading.path), self.reading.path.name):
                 own[rest] = column
         return found | own
 
     def take_currents(self) -> None:
         """Give torques that are currents their gain; raises TrajectoryError if the unit is that of a torque."""
-        names = self.names["tau"]
-        for name in self.gain:
+        names, gains = self.names["tau"], self.reading.gain or {}
+        for name in gains:
             if name.removesuffix(f".{CURRENT}") not in names:
                 raise UnknownNameError.from_choices("joint (of --gain)", name, names)
         for k, choice in self.given["tau"].items():
             ampere = 1.0 if choice.unit is None else current_factor(choice.unit)
-            gain = self.gain.get(names[k])
-            if gain is None and choice.unit is not None and ampere:
-                gain = self.gain.get(f"{names[k]}.{CURRENT}")
+            known = gains.get(f"{names[k]}.{CURRENT}") if choice.unit is not None and ampere else None
+            gain = gains.get(names[k], known)
             if gain is not None and ampere is None:
                 raise TrajectoryError(
                     f"{self.where}, column {self.cells[choice.column]!r}: --gain {names[k]} is for a current, and this is a "
@@ -329,10 +336,10 @@ class Assignment:
                     break
         assigned = []
         for (meant_part, k), columns in sorted(found.items(), key=lambda item: item[0][0] == CURRENT):
-            part = "tau" if meant_part == CURRENT else meant_part
-            if meant_part == CURRENT and self.names[part][k] in self.gain:
+            part, gains = ("tau", self.reading.gain) if meant_part == CURRENT else (meant_part, {})
+            if gains and self.names[part][k] in gains:
                 self.free += [choice.column for choice in [self.given[part].pop(k, None)] if choice]
-            if k in self.given[part] or (meant_part == CURRENT and not self.gain):
+            if k in self.given[part] or (meant_part == CURRENT and not gains):
                 continue
             key = self.names[part][k] + ("" if part == "q" else READ[part][0])
             if len(columns) > 1:
@@ -355,7 +362,7 @@ class Assignment:
             if meant is not None:
                 found[meant[0]].append((-1 if meant[1] is None else meant[1], k))
                 units[k] = units[k] or meant[2] or ("A" if meant[0] == CURRENT else None)
-        if not self.gain:
+        if not self.reading.gain:
             found.pop(CURRENT)
         for meant_part, columns in found.items():
             part = "tau" if meant_part == CURRENT else meant_part
@@ -419,10 +426,10 @@ def absent_joints(
     coordinates: Coordinates,
     joints: Sequence[str],
     columns: Mapping[str, str],
-    path: str | Path = "",
+    path: Path,
 ) -> tuple[str, ...]:
     """Joints without a column of their position in this header, by their names or by ``columns``."""
-    found = Assignment(cells, "", coordinates, path)
+    found = Assignment(cells, "", coordinates, Reading(path))
     names = list(found.names["q"])
     for key in found.of_this_log(columns, {*names, *(f"{name}.pos" for name in names)}):
         if key.removesuffix(".pos") in names:
@@ -487,34 +494,14 @@ class Columns:
         header: Sequence[str],
         coordinates: Coordinates,
         where: str,
-        *,
-        degrees: bool = False,
-        locked: Sequence[str] = (),
-        columns: Mapping[str, str] | None = None,
-        rate: float | None = None,
-        look: Callable[[int], Array] = lambda _column: np.zeros(0),
-        path: str | Path = "",
-        gain: Mapping[str, float] | None = None,
+        reading: Reading,
+        look: Callable[[int], Array],
     ) -> Columns:
         """From the header's cells; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`).
 
-        ``columns`` says which column is which (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``), all others
-        are found by their names; ``LOG:JOINT`` holds for the log of that ``path`` or name only. ``gain`` {joint: N m/A} makes
-        currents torques; that of ``joint.current`` only a column that is a current by its name or unit. ``rate`` [Hz] takes
-        the place of a column of time. Columns of the joints ``locked`` are ignored. ``look`` gives the first numbers of a
-        column, where its name alone does not say its unit.
+        ``look`` gives the first numbers of a column, where its name alone does not say its unit.
         """
-        found = Assignment.from_header(
-            header,
-            coordinates,
-            where,
-            locked=locked,
-            columns=columns or {},
-            rate=rate,
-            look=look,
-            path=path,
-            gain=gain,
-        )
+        found = Assignment.from_header(header, coordinates, where, reading, look)
         parts = {part: [given[k] for k in sorted(given)] for part, given in found.given.items()}
         used = [
             *([found.time.column] if found.time else []),
@@ -527,14 +514,14 @@ class Columns:
         for part, choices in parts.items():
             angular = (coordinates.angular if part == "q" else coordinates.angular_velocity).tolist()
             each = zip(choices or [Choice(-1)] * len(angular), angular, strict=True)
-            factors[part] = np.array([found.factor(choice, part, turns, degrees=degrees) for choice, turns in each])
+            factors[part] = np.array([found.factor(choice, part, turns) for choice, turns in each])
         return cls(
             header=(*["time"] * counted, *(header[k] for k in used)),
             used=tuple(used),
             time=0,
-            seconds=1.0 / rate if rate else (time_factor(unit) or 1.0) if unit else 1.0,
+            seconds=1.0 / reading.rate if reading.rate else (time_factor(unit) or 1.0) if unit else 1.0,
             counted=counted,
-            time_stated=rate is not None or unit is not None,
+            time_stated=reading.rate is not None or unit is not None,
             places={p: np.array([place[c.column] for c in cs], int) if cs else None for p, cs in parts.items()},
             factors=factors,
             angle=np.where(coordinates.angular, factors["q"], 1.0),
@@ -549,7 +536,7 @@ class Columns:
                 MimicJointColumn(
                     follower,
                     place[choice.column],
-                    found.factor(choice, "q", follower.angular, degrees=degrees),
+                    found.factor(choice, "q", follower.angular),
                 )
                 for follower, choice in found.mimic_joints
             ),

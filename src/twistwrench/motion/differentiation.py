@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import TrajectoryError
-from ..log_checks.noise import SampleErrors, Survey, sample_errors, survey
+from ..estimation.noise import SampleErrors, Survey, sample_errors, survey
 from ..model.model import Model
 from ..typing import Array
 from .coordinates import Continuity, Coordinates, joint_rates

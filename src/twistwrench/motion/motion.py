@@ -21,8 +21,8 @@ from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.tables import csv_table
 from ..errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
-from ..log_checks.contradictions import Contradictions, time_doubt
-from ..log_checks.rate_checks import stamp_words
+from ..log_checks.contradictions import Contradictions
+from ..log_checks.doubts import Doubt
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .bounds import Bounds, LimitCheck, Violation, bounds_or_own
@@ -86,6 +86,8 @@ class Motion:
     """Notes on assumptions and contradictions of its source."""
     in_seconds: bool = False
     """True if times are known to be seconds: long steps of time are then not doubted."""
+    read: tuple[Doubt, ...] | None = None
+    """Doubts found while its file was read; None: those of :attr:`doubts` are found in its numbers."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -111,19 +113,18 @@ class Motion:
                 if x.shape != (len(t), model.nv):
                     raise ShapeError(f"Motion: {label} has shape {x.shape}; give ({len(t)}, {model.nv}).")
             rates[label] = x
-        believed, doubts = bool(self.notes) or self.in_seconds, list[str]()
-        if not believed and (doubt := time_doubt(self.coordinates, t, q, rates["dq"], self.robot.limits)):
-            doubts = [f"{doubt}. Give times in seconds, as time=1e-3 * milliseconds"]
-        derived = rates["dq"] is None and rates["ddq"] is None
+        given = rates["dq"] is not None or rates["ddq"] is not None
         if rates["dq"] is None or rates["ddq"] is None:
             rates["dq"], ddq = _derived(self.robot, t, q, rates["dq"])
             rates["ddq"] = ddq if rates["ddq"] is None else rates["ddq"]
         for label, x in {"time": t, "q": q, **rates}.items():
             object.__setattr__(self, label, x)
-        if not (believed or derived or doubts):
-            tally = Contradictions(self.coordinates, time_stated=False)
-            tally.add_rates(self)  # which takes little time
-            doubts = tally.of_rates()
+        if self.notes or self.in_seconds or self.read is not None:
+            return
+        tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
+        if not given:
+            tally.add(t, q)
+        doubts = tally.of_rates() if given else tally.of_time(self.robot.limits)  # which takes little time
         for doubt in doubts:
             warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
         if doubts:
@@ -212,14 +213,19 @@ class Motion:
             found = cls._of_log(
                 MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain), robot
             )
-        return replace(found, notes=(*map(in_python_words, found.notes), *ignored))
+        said = tuple(replace(doubt, sentence=in_python_words(doubt.sentence)) for doubt in found.doubts)
+        return replace(found, notes=(*map(in_python_words, found.notes), *ignored), read=said)
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
+        from .motion_log import ASKED
+
         rows = log.motion(log.table)
-        doubts = (*(f"LOOK AGAIN: {doubt}" for doubt in log.contradictions(robot.limits)), *log.hints(robot.limits))
-        given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
-        return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *doubts), in_seconds=True)
+        doubts = log.doubts(robot.limits)
+        said = (f"LOOK AGAIN: {doubt}" if doubt.refuses else str(doubt) for doubt in doubts if doubt.level != "note")
+        asked = (str(doubt) for doubt in doubts if doubt.level == "note" and doubt.kind in ASKED)
+        given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "in_seconds": True}
+        return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *said, *asked))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -277,16 +283,22 @@ class Motion:
         return float(self.time[-1] - self.time[0])
 
     @cached_property
-    def contradictions(self) -> tuple[str, ...]:
-        """Contradictions: a sentence for each thing by which the states contradict themselves.
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Doubts and notes about the states, without the robot's dynamics, each with its kind, joints, sentence and level.
 
         Rates that are not the slope of what they belong to, jumps, angles that are far beyond the robot's limits, time
-        that seems to be in ms.
+        that seems to be in ms, repeated or late rows, spikes of torques.
         """
-        tally = Contradictions(self.coordinates, time_stated=False)
-        tally.add(self)
-        stamps = tally.glitches.stamps()
-        return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
+        if self.read is not None:
+            return self.read
+        tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
+        tally.add(self.time, self.q)
+        return tuple(tally.doubts(self.robot.limits))
+
+    @property
+    def contradictions(self) -> tuple[Doubt, ...]:
+        """Doubts by which the states contradict themselves, so that no figure can be trusted."""
+        return tuple(doubt for doubt in self.doubts if doubt.refuses)
 
     @cached_property
     def coordinates(self) -> Coordinates:

@@ -14,14 +14,16 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number, printed
+from ..core.text import listed
 from ..errors import TrajectoryError, ValueRangeError
-from ..log_checks.contradictions import Contradictions, mimic_doubts, unused_doubt
-from ..log_checks.rate_checks import LEFT_OUT, OVERLAP, stamp_words
+from ..estimation.sampling import OVERLAP
+from ..log_checks.contradictions import Contradictions, mimic_doubts, stamp_doubts
+from ..log_checks.doubts import Doubt, doubt
 from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
 from . import log_table
-from .columns import Columns, varying_columns
+from .columns import Columns, Reading, varying_columns
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of, without_times
@@ -135,6 +137,10 @@ _MOST_STAMPS = 1 << 24
 _FIRST = 1 << 12
 """Rows that show whether stamps are rounded."""
 _NO_ROTATION = 1e-6  # norm of a quaternion
+_RUNS = 16, 1 << 12
+"""Runs of rows of a long log, and rows of each, that rates and sampling are judged by."""
+ASKED = ("time-step", "angle-unit", "degrees-option")
+"""Doubts about units that may be meant, where they are notes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +168,7 @@ class _Decoded:
     stamps: dict[float, float]
     """Times of rows left out because their stamp alone is wrong, and its delay [s]."""
     contradictions: Contradictions
-    mimic_joints: list[str]
+    mimic_joints: list[Doubt]
     """Doubts about the columns of mimic joints."""
 
 
@@ -174,8 +180,8 @@ class MotionLog:
     --------
     >>> import twistwrench as tw
     >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
-    >>> log.motion(log.table).q.shape, log.contradictions(), log.hints()
-    ((751, 6), (), ())
+    >>> log.motion(log.table).q.shape, log.doubts()
+    ((751, 6), ())
     """
 
     file: MotionFile
@@ -250,9 +256,8 @@ class MotionLog:
         file = open_motion_file(path) if isinstance(path, str | Path) else path
         coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
-        options: dict[str, Any] = {"degrees": degrees, "locked": locked, "columns": columns, "rate": rate}
-        options |= {"look": file.first, "path": file.path, "gain": gain}
-        found = Columns.from_header(file.header, coordinates, where, **options)
+        reading = Reading(file.path, columns, rate, degrees, gain, locked)
+        found = Columns.from_header(file.header, coordinates, where, reading, file.first)
         unused = varying_columns(file.header, found.extra, file.first) if held else ()
         return cls(file, found, coordinates, held=tuple(held), unused=tuple(unused))
 
@@ -298,6 +303,7 @@ class MotionLog:
             stamps |= wrong
             table = without_times(table, wrong)
             found = self._contradictions(table)
+        found.runs = [self.motion(run) for run in log_table.excerpts(table, *_RUNS)]
         portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
         return _Decoded(table, duplicates, clock, stamps, found, mimic_doubts(self.columns.mimic_joints, portions))
 
@@ -311,7 +317,8 @@ class MotionLog:
         )
         for s in slices(len(table)):
             first = max(0, s.start - OVERLAP)
-            found.add(self.motion(table[first : s.stop]), s.start - first)
+            rows = table[first : s.stop]
+            found.add(rows[:, 0], columns.in_si(rows, "q"), s.start - first)
         return found
 
     def motion(self, table: Array) -> LogRows:
@@ -341,13 +348,11 @@ class MotionLog:
                 "Time stamps are rounded so that several rows share one: a steady clock of "
                 f"{number(last.clock, 4)} Hz is taken."
             )
-        said += last.duplicates.notes()
-        said += [f"{LEFT_OUT}{stamp_words(last.stamps)}."] if last.stamps else []
-        said += self.file.notes
-        return (*said, *last.contradictions.notes())
+        said += [*last.duplicates.notes(), *self.file.notes]
+        return (*said, *(str(d) for d in self.doubts() if d.level == "note" and d.kind not in ASKED))
 
-    def contradictions(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
-        """Contradictions: a sentence for each thing by which the motion contradicts itself.
+    def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[Doubt, ...]:
+        """Doubts about the log, without a model: what contradicts itself, how it was sampled, and what was left out.
 
         Parameters
         ----------
@@ -355,21 +360,17 @@ class MotionLog:
 
         Returns
         -------
-        sentences : tuple of str
+        doubts : tuple of Doubt
         """
-        checked = len(self.coordinates.velocity_names)
-        misread = (unused_doubt(self.unused, self.held, checked),) if self.unused else ()
-        found = self._decoded.contradictions.sentences(limits, glitches=glitches)
-        return (*misread, *found, *self._decoded.mimic_joints)
-
-    def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
-        """Hints: a sentence for each thing that is odd, and may yet be meant.
-
-        Returns
-        -------
-        sentences : tuple of str
-        """
-        return self._decoded.contradictions.hints(limits)
+        held, moved, last = self.held, len(self.coordinates.velocity_names), self._decoded
+        words: dict[str, Any] = {
+            "checked": f"{moved} of {moved + len(held)}",
+            "held": listed(held, 6),
+            "columns": listed(self.unused, 6),
+        }
+        misread = [doubt("unused-columns", held, **words)] if self.unused else []
+        found = last.contradictions.doubts(limits, glitches=glitches)
+        return (*misread, *found, *last.mimic_joints, *stamp_doubts(last.stamps, left_out=True))
 
     def _steady_clock(self, table: Array) -> float | None:
         """Replace stamps that rounding makes equal, as the first rows show, by a steady clock and return its rate [Hz]."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.numbers import number, percent
 from ..errors import TrajectoryError
-from ..log_checks.noise import noise, quantum
+from ..estimation.noise import noise, quantum
 from ..motion.bounds import RunningExtrema
 from ..motion.column_names import split_unit, time_factor, time_meaning
 from ..motion.log_table import LARGE, excerpts

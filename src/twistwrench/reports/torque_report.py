@@ -16,8 +16,9 @@ import numpy as np
 from ..core.numbers import printed, torque
 from ..core.tables import csv_table
 from ..errors import TrajectoryError
+from ..estimation.noise import Survey
 from ..joints.units import unit_of
-from ..log_checks.noise import Survey
+from ..log_checks.doubts import Doubt
 from ..model.limits import margin
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import Coordinates
@@ -158,11 +159,8 @@ class TorqueReport:
     """Demands of the motion on the described motors."""
     around: MotionSamples
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
-    contradictions: tuple[str, ...] = ()
-    """A sentence for each thing by which the input contradicts itself, so that no figure can be trusted."""
-
-    hints: tuple[str, ...] = ()
-    """A sentence for each thing in the input that is odd, and may yet be meant."""
+    doubts: tuple[Doubt, ...] = ()
+    """Doubts and notes about the log that no dynamics are needed for."""
     measured: tuple[MeasuredTorque, ...] = ()
     """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
     idle_payload: bool = False
@@ -523,8 +521,7 @@ def _report(
         stationary=tuple((run.stationary / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
         around=run.around[worst],
-        contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not outliers)),
-        hints=plan.trajectory.hints(run.limits),
+        doubts=plan.trajectory.doubts(run.limits, glitches=not outliers),
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)
         and run.carried <= ZERO * float(run.peak.value.max(initial=0.0)),

@@ -182,9 +182,11 @@ def verdict_of(report: TorqueReport) -> Verdict:
     doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]
     against = "the file's own torque column disagrees with the torques computed"
     look_again = [
-        *report.contradictions,
+        *report.load.contradictions,
+        *(str(doubt) for doubt in report.doubts if doubt.refuses),
         *([f"{against}: {listed(contradicted, _MOST_LISTED, '; ')}"] if contradicted else []),
     ]
+    unsure += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
     unsure += [m.cut_words for m in report.measured if m.cut and m.matters]
     if doubted:
         unsure.append(f"{against}: {listed(doubted, _MOST_LISTED, '; ')}")

@@ -13,6 +13,7 @@ from ..core import arguments
 from ..core.numbers import number, percent, printed, seconds
 from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
+from ..log_checks.doubts import Doubt
 from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
@@ -23,7 +24,7 @@ from ..typing import Array
 from .surface import Decimation
 
 if TYPE_CHECKING:
-    from ..motion.motion_log import MotionLog
+    from ..motion.motion_log import ASKED, MotionLog
     from ..robot import Robot
 
 _MOST = 4000
@@ -138,7 +139,7 @@ def motion_of(
     >>> motion.torques.shape, motion.rows
     ((21, 1), 21)
     """
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     if q is None:
         taken = getattr(time, "motion", time)
         if not isinstance(taken, Motion):
@@ -206,9 +207,13 @@ def read_motion(
     """
     differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
     motion = _gathered(load, differentiation.states(_CHUNK, progress))
-    doubts = [*load.contradictions, *trajectory.contradictions(load.robot.limits)]
-    verdict = Verdict.from_reasons(look_again=doubts)
-    told = (*(f"{verdict.word}: {said}" for said in doubts), *trajectory.hints(load.robot.limits))
+    doubts = trajectory.doubts(load.robot.limits)
+    refused = [*load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
+    verdict = Verdict.from_reasons(look_again=refused)
+    asked = (
+        str(doubt) for doubt in doubts if doubt.level == "unsure" or (doubt.level == "note" and doubt.kind in ASKED)
+    )
+    told = (*(f"{verdict.word}: {said}" for said in refused), *asked)
     return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict)
 
 

@@ -1,0 +1,144 @@
+"""Faults of a log that are seen without a model: repeated and late rows, rows cut out, spikes; and logs that have none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.estimation.sampling import cut_off
+
+ARM = tw.robots.planar_3r()
+HZ = 250.0
+T = np.arange(5000) / HZ
+
+
+def series(seed, t=T):
+    """Positions (n, 3) of five harmonics of 0.1 Hz."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2, 5, 3))
+    w = 0.2 * np.pi * np.arange(1, 6)[:, None, None] * t[:, None]
+    return 0.4 * (np.sin(w) * a[:, None] + np.cos(w) * b[:, None]).sum(axis=0)
+
+
+def torques(seed, t=T):
+    q = series(seed, t)
+    return 5.0 * np.sin(q) + 0.1 * np.random.default_rng(seed).normal(size=q.shape)
+
+
+def doubts(q, tau=None, t=T, kinds=("repeated", "buffered", "pause", "spikes")):
+    found = tw.Motion(t, q, tau=tau, robot=ARM, in_seconds=True).doubts
+    return [doubt for doubt in found if doubt.kind in kinds]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("every", [3, 4, 10])
+@pytest.mark.parametrize("between", ["held", "lines"])
+def test_repeated_rows_have_the_rate_at_which_they_were_measured(seed, every, between):
+    q = series(seed)
+    rows = np.arange(len(T)) // every * every
+    q = q[rows] if between == "held" else np.stack([np.interp(T, T[::every], x) for x in q[::every].T], axis=1)
+    (found,) = doubts(q, torques(seed))
+    assert (found.kind, found.level, found.unit) == ("repeated", "unsure", "Hz")
+    assert found.value == pytest.approx(HZ / every, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("late", [0.05, 0.1, 0.2])
+def test_positions_that_are_late_by_turns_have_their_delay(seed, late):
+    edges = np.cumsum(np.random.default_rng(seed).uniform(0.5, 2.0, 40))
+    waits = np.searchsorted(edges, T) % 2 == 1
+    (found,) = doubts(np.where(waits[:, None], series(seed, T - late), series(seed)), torques(seed))
+    assert (found.kind, found.unit) == ("buffered", "ms")
+    assert found.value == pytest.approx(1e3 * late, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("lost", [0.5, 2.0])
+def test_rows_that_were_cut_out_are_seen_where_their_stamps_were_closed_up(seed, lost):
+    kept = (T < 9.0) | (9.0 + lost <= T)
+    (found,) = doubts(series(seed)[kept], torques(seed)[kept], T[: kept.sum()])
+    assert (found.kind, found.unit) == ("pause", "s")
+    assert found.value == pytest.approx(9.0, abs=0.01)
+    assert doubts(series(seed)[kept], torques(seed)[kept], T[kept]) == []
+
+
+@pytest.mark.parametrize("share, level", [(0.002, "note"), (0.03, "unsure")])
+def test_spikes_are_counted(share, level):
+    rng = np.random.default_rng(1)
+    tau, rows = torques(1), np.arange(3, len(T), round(1 / share))
+    tau[rows, 1] += rng.choice([-50.0, 50.0], len(rows))
+    (found,) = doubts(series(1), tau)
+    assert (found.kind, found.level, found.joints, found.value) == ("spikes", level, ("joint2",), len(rows))
+
+
+def clean_logs():
+    """Logs without a fault: noise, grids, missing rows, shaken stamps, rests, corners, steady speeds."""
+    for seed in range(4):
+        rng, q, tau = np.random.default_rng(seed), series(seed), torques(seed)
+        yield f"exact {seed}", T, q, tau
+        yield f"noise {seed}", T, q + 1e-3 * rng.normal(size=q.shape), tau
+        yield f"grid {seed}", T, q.round(3), tau.round(1)
+        yield f"coarse grid {seed}", T, q.round(2), tau.round(0)
+        kept = rng.random(len(T)) > 0.3
+        yield f"missing {seed}", T[kept], q[kept], tau[kept]
+        yield f"shaken {seed}", T + rng.uniform(-1e-3, 1e-3, len(T)), q, tau
+        yield f"slow {seed}", T[::10], q[::10], tau[::10]
+        rest = np.minimum(T, 6.0) + np.maximum(T - 12.0, 0.0)
+        yield f"rest {seed}", T, series(seed, rest).round(4), torques(seed, rest).round(1)
+        points = rng.uniform(-1, 1, (12, 3))
+        corners = np.stack([np.interp(T, np.linspace(0, 20, 12), x) for x in points.T], axis=1)
+        yield f"corners {seed}", T, corners, tau
+        yield f"counts of corners {seed}", T, corners.round(3), tau
+        yield f"still {seed}", T, 0 * q + 0.3, tau
+        yield f"one joint {seed}", T, corners * [1.0, 0.0, 0.0], tau
+        sign = np.sign(np.gradient(corners, axis=0))
+        yield f"friction {seed}", T, corners, 3.0 * sign + 0.05 * rng.normal(size=q.shape)
+
+
+def test_logs_without_a_fault_have_no_doubts():
+    named = [(name, str(doubt)) for name, t, q, tau in clean_logs() for doubt in doubts(q, tau, t)]
+    assert named == []
+
+
+def test_columns_that_are_cut_off_are_told_from_coarse_ones():
+    rng = np.random.default_rng(0)
+    for x in (torques(0).T[0], rng.normal(size=5000).round(0), np.sin(T).round(1), np.ones(5000), np.zeros(5000)):
+        assert cut_off(x) is None
+    for x, extreme in ((np.clip(torques(0)[:, 0], -9, 3.0), 3.0), (np.clip(torques(0)[:, 0], -2.5, 9), -2.5)):
+        found = cut_off(x)
+        assert found is not None
+        assert found[0] == extreme
+        assert found[1] == pytest.approx((x == extreme).mean())
+
+
+# ── In an identification
+
+
+@pytest.fixture(scope="module")
+def log():
+    q = series(2)
+    motion = tw.Motion(T, q, robot=ARM)
+    return q, motion.torques() + 0.2 * np.sign(motion.dq) + 0.02 * np.random.default_rng(2).normal(size=q.shape)
+
+
+def identified(q, tau, t=T):
+    given = tw.Motion(t, q, tau=tau, robot=ARM, in_seconds=True)
+    return tw.identification.identify(ARM, given, motor_inertia=False)
+
+
+@pytest.mark.parametrize("fault", ["pause", "repeated", "spikes"])
+def test_rows_are_cut_or_parted_before_a_fit(log, fault):
+    q, tau = log
+    t, rows = T, np.arange(len(T))
+    if fault == "pause":
+        rows, t = rows[(T < 9.0) | (T >= 11.0)], T[:4500]
+    elif fault == "repeated":
+        q = q[rows // 10 * 10]
+    else:
+        tau = tau.copy()
+        tau[7::200, 0] += 100.0
+    found = identified(q[rows], tau[rows], t)
+    assert found.doubts[0].kind == fault
+    assert not found.doubts[0].refuses
+    assert found.held_out.all < 0.03
