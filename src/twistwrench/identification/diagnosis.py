@@ -42,7 +42,8 @@ _FLOOR = 0.005
 _ROUNDS = 3
 _DISCRETE = 0.03, 0.06
 """Residuals of all joints and of any one, as shares of their torques, from which discrete causes are tried."""
-_SUSPECTS = 6
+_SUSPECTS = 8
+"""Joints with the largest residuals, of which discrete causes are tried."""
 _SECONDS, _LENGTHS = 1.0, 5.0
 _STEPS, _WORTH = 5, 0.005
 _REFINED = 5
@@ -60,6 +61,8 @@ _ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
 _HIGHEST, _SLOWEST = 10.0, 0.1
 """Cut-off [Hz] and speed of friction at most."""
 _FEWEST, _MOST = 300, 1200
+_LEAST_ROWS, _PER_GROUP = 40, 3
+"""Rows, and equations for each group, from which causes are sought."""
 _NUMBERS = 5e6  # entries of rows at most
 
 
@@ -275,6 +278,8 @@ def log_fit(
     most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
     speed = np.minimum(settings.friction_speed, _SLOWEST)
     s = LogStates.from_samples(base, samples, cutoff, speed, most).changed(shift=settings.shift)
+    if len(s.rows) < _LEAST_ROWS or len(s.rows) * int((~dead).sum()) < _PER_GROUP * base.count:
+        return []
     size = [np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-6) for x in (s.tau, s.dq, s.ddq)]
     sizes = unknown.scales(*(np.maximum(x, 1e-2 * np.median(x)) for x in size))
     prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))

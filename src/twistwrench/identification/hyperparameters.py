@@ -313,10 +313,8 @@ class BoundedMemory(Generic[Made]):
 SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Speeds that friction turns at [rad/s, m/s] that are tried."""
 _USUAL_SPEED = 0.05
-_SHIFTS = tuple(
-    1e-3 * s
-    for s in (-90, -60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90)
-)
+_LATER = (1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300)
+_SHIFTS = tuple(1e-3 * s for s in (*(-s for s in reversed(_LATER)), 0, *_LATER))
 _ROWS = 10.0  # equations for each group that a cut-off has to leave
 _BYTES = 48 * 2**20
 """Memory for rows at several cut-offs, and for normal equations of the blocks at several settings, half of
