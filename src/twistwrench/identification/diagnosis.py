@@ -266,7 +266,9 @@ def log_causes(
     unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
 ) -> list[FoundCause]:
     """Causes of what the best fit to logs leaves, where there are any; its delay is taken off before."""
-    return diagnose(log_fit(unknown, samples, settings, dead))
+    fit = log_fit(unknown, samples, settings, dead)
+    rows, groups = len(fit.tau), fit.states.base.count
+    return diagnose(fit) if rows >= _LEAST_ROWS and rows * int(fit.live.sum()) >= _PER_GROUP * groups else []
 
 
 def log_fit(
@@ -278,8 +280,6 @@ def log_fit(
     most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
     speed = np.minimum(settings.friction_speed, _SLOWEST)
     s = LogStates.from_samples(base, samples, cutoff, speed, most).changed(shift=settings.shift)
-    if len(s.rows) < _LEAST_ROWS or len(s.rows) * int((~dead).sum()) < _PER_GROUP * base.count:
-        return []
     size = [np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-6) for x in (s.tau, s.dq, s.ddq)]
     sizes = unknown.scales(*(np.maximum(x, 1e-2 * np.median(x)) for x in size))
     prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
