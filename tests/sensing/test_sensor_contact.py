@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from sensor_logs import AT_REST, TRUTH, UNEQUAL, dwells
+from sensor_logs import AT_REST, TRUTH, UNEQUAL, dwells, motion
 from sensor_logs import NOISE as SIX
 from sensor_logs import NOISES as NOISE
 
@@ -172,3 +172,16 @@ def test_the_axes_of_many_covariances_are_those_of_the_middle_one():
     S = np.array([1.0, 4.0, 25.0])[:, None, None] * np.diag(SIX**2)
     many = contact_detection.CollisionThreshold.predictive(S, None, 1e-3)
     np.testing.assert_allclose(many.per_axis, 2.0 * known.per_axis, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_clean_logs_raise_no_doubt_of_the_sensor_file():
+    """100 files, a log at rest and one in motion for each: the table says once in 200 for each cause."""
+    raised = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        file = identify(dwells(rng, samples=int(rng.integers(1, 20))))
+        for log in (dwells(rng, samples=10), motion(rng, count=200)):
+            raised += compensation(log, file.sensor, file.noise, 1e-6, file.uncertainty).doubts
+    causes = [each for each in raised if each.kind != "sensor-file-inertia"]
+    assert len(causes) <= 3, causes

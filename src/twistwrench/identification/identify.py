@@ -309,7 +309,8 @@ def _believed(motion: Motion) -> Motion:
 def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, and on their gaps."""
     said = [doubt.sentence for motion in motions for doubt in motion.doubts if doubt.kind == LEFT_OUT]
-    lengths = [float(np.diff(motion.time)[k]) for motion in motions for k in pauses(motion.time).tolist()]
+    whole = [motion for motion in motions if all(doubt.kind != "pause" for doubt in motion.doubts)]  # not parted here
+    lengths = [float(np.diff(motion.time)[k]) for motion in whole for k in pauses(motion.time).tolist()]
     return (*said, *gap_notes(np.array(lengths)))
 
 

@@ -72,6 +72,13 @@ class Doubt:
     statistic : float, optional, S = Σ log(σ² without the cause / σ² with it) over the joints
     share : float, optional, share of S of all causes together
     effect : float, optional, largest share of a joint's torque (rms) in another motion by which predictions change
+
+    Examples
+    --------
+    >>> from dataclasses import asdict
+    >>> found = doubt("left-out", path="log.csv", reason="it is empty")
+    >>> str(found), found.to_dict()["stage"], Doubt.from_saved(asdict(found)) == found
+    ('log.csv is left out: it is empty', 1, True)
     """
 
     kind: str
@@ -95,12 +102,26 @@ class Doubt:
 
     @classmethod
     def from_saved(cls, saved: Mapping[str, Any]) -> Doubt:
-        """Doubt from fields that were saved as JSON."""
+        """Doubt from fields that were saved as JSON.
+
+        Parameters
+        ----------
+        saved : mapping, as ``dataclasses.asdict`` makes it
+
+        Returns
+        -------
+        doubt : Doubt
+        """
         interval = saved["interval"]
         return cls(**{**saved, "joints": tuple(saved["joints"]), "interval": interval and tuple(interval)})
 
     def to_dict(self) -> dict[str, Any]:
-        """Dictionary of its fields and those of its row."""
+        """Dictionary of its fields and those of its row.
+
+        Returns
+        -------
+        fields : dict, which ``json.dumps`` takes
+        """
         row = asdict(doubt_table()[self.kind])
         own = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
         return own | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
