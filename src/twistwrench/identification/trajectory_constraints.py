@@ -184,13 +184,11 @@ def capsule_around(points: Array) -> tuple[Array, float]:
 
     found = list[tuple[Array, float]]()
     for frame in (np.roll(axes, -k, axis=0) for k in range(3)):
-        best = minimize(
-            lambda x, frame: _volume(*capsule(x, frame)),
-            np.zeros(4),
-            (frame,),
-            "Nelder-Mead",
-            options={"maxiter": _STEPS},
-        )
+
+        def volume(x: Array, frame: Array = frame) -> float:
+            return _volume(*capsule(x, frame))
+
+        best = minimize(volume, np.zeros(4), method="Nelder-Mead", options={"maxiter": _STEPS})
         found.append(capsule(np.asarray(best.x), frame))
     return min(found, key=lambda one: _volume(*one))
 
