@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import twistwrench as tw
+from twistwrench import SpatialInertia
+from twistwrench.cli.main import main
 from twistwrench.errors import UnknownNameError, ValueRangeError
 from twistwrench.identification.assumed import JOINTS_OF_CAUSE, WantedCause, wanted_causes
 
@@ -82,3 +88,130 @@ def test_a_cause_that_a_log_does_not_tell_is_refused(log):
         tw.identification.identify(ARM, log, assume="tilt", cutoff=10.0, friction_speed=0.05, shift=0.0)
     with pytest.raises(ValueRangeError, match="late is assumed"):
         tw.identification.identify(ARM, log, assume="late", shift=0.0)
+
+
+# ── Values, parameters and another motion: the first three joints of an arm, against torques of a robot with other bodies
+
+SPEED = 0.05
+"""Speed that friction turns at, which the fits are told as well [rad/s]."""
+FIXED = {"cutoff": 10.0, "friction_speed": SPEED, "shift": 0.0}
+FAULTS = {"gain": "gain:elbow_joint", "zero": "zero:shoulder_lift_joint", "tilt": "tilt", "load": "load-friction"}
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """The robot as its file has it, of three joints."""
+    return tw.robots.ur5().lock({"wrist_1_joint": -1.0, "wrist_2_joint": 0.7, "wrist_3_joint": 0.0})
+
+
+class World:
+    """A robot that is a fifth heavier and leans, with friction, and logs of it."""
+
+    def __init__(self, arm, fault, seed):
+        self.fault, self.rng = fault, np.random.default_rng(seed)
+        self.turn = self.rng.uniform(0, 2 * np.pi)
+        lean = np.radians(10.0) if fault == "tilt" else 0.0
+        gravity = 9.81 * np.array([np.sin(lean) * np.cos(self.turn), np.sin(lean) * np.sin(self.turn), -np.cos(lean)])
+        bodies = tuple(
+            replace(body, inertia=SpatialInertia(1.2 * body.inertia.parameters)) for body in arm.model.bodies
+        )
+        self.arm, self.robot = arm, tw.Robot(replace(arm.model, bodies=bodies)).with_gravity(gravity)
+
+    def states(self, t):
+        """Positions, velocities and accelerations of a sum of harmonics."""
+        w = 0.5 * np.arange(1, 6)
+        a, b = self.rng.normal(size=(2, 5, 3)) / w[:, None]
+        s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+        q = s @ a + c @ b + [0.0, -1.0, 1.0]
+        return q, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b
+
+    def torques(self, q, dq, ddq):
+        rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq))
+        dry = np.array([4.0, 5.0, 3.0]) + (0.1 * np.abs(rigid) if self.fault == "load" else 0.0)
+        return rigid + 2.0 * dq + dry * np.tanh(dq / SPEED)
+
+    def log(self):
+        """Twenty seconds at 100 Hz, with noise of 2 % of the torques."""
+        t = np.arange(0, 20, 0.01)
+        states = self.states(t)
+        tau = self.torques(*states)
+        tau = tau + 0.02 * tau.std(axis=0) * self.rng.normal(size=tau.shape)
+        q = states[0] + np.radians(5.0) * (self.fault == "zero") * np.array([0.0, 1.0, 0.0])
+        return tw.Motion(t, q, tau=tau * np.where([0, 0, self.fault == "gain"], 1.5, 1.0), robot=self.arm)
+
+    def groups(self, base):
+        """True groups of a fit."""
+        drives = {"viscous": [2.0] * 3, "coulomb": [4.0, 5.0, 3.0], "offset": [0.0] * 3, "motor_inertia": [0.0] * 3}
+        own, names = 1.2 * self.arm.parameters, self.arm.model.velocity_names
+        values = [
+            own[place] if place >= 0 else drives[kind][names.index(name.split(".")[0])]
+            for name, kind, place in zip(base.unknown.names, base.unknown.kinds, base.unknown.of_bodies, strict=True)
+        ]
+        return base.project(np.array(values))
+
+
+VALUES = {"gain": 1.5, "zero": 5.0, "tilt": 10.0, "load": 10.0}
+
+
+def judged(arm, fault, seed):
+    """Groups whose intervals hold the truth, of how many; the fit; and the world."""
+    world = World(arm, fault, seed)
+    found = tw.identification.identify(arm, world.log(), assume=FAULTS[fault], **FIXED)
+    low, high = found.interval().T
+    truth = world.groups(found.base)
+    return ((low <= truth) & (truth <= high)), found, world
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_robot_is_identified_beside_a_cause(arm, fault):
+    held, found, world = judged(arm, fault, 1)
+    (cause,) = found.settings.assumed
+    assert abs(cause.value - VALUES[fault]) < 0.03 * VALUES[fault]
+    assert cause.interval[0] < cause.value < cause.interval[1] and held.mean() > 0.8
+    assert str(found.verdict.word) == "OK", found.doubts
+    states = world.states(np.arange(0, 20, 0.05))
+    fast = (np.abs(states[1]) > 3 * SPEED).all(axis=1)  # dry friction of a robot changes its sign at once
+    states = tuple(x[fast] for x in states)
+    assert len(states[0]) > 150
+    real = world.torques(*states)
+    predicted = np.asarray(found.robot.inverse_dynamics(*states, friction=True))
+    assert np.sqrt(((predicted - real) ** 2).sum() / (real**2).sum()) < 0.02
+
+
+@pytest.mark.slow
+def test_intervals_beside_causes_hold_the_truth(arm):
+    held = np.concatenate([judged(arm, fault, seed)[0] for fault in FAULTS for seed in range(8)])
+    assert 0.93 <= held.mean() <= 0.98, (held.mean(), len(held))
+
+
+def test_load_friction_is_written_into_the_actuator_file(arm, tmp_path):
+    _, found, _ = judged(arm, "load", 1)
+    notes = found.write(actuators=tmp_path / "drives.yaml")
+    load = arm.with_actuators(tmp_path / "drives.yaml").model.friction.load
+    np.testing.assert_allclose(load, found.settings.assumed[0].value / 100)
+    np.testing.assert_allclose(found.robot.model.friction.load, load)
+    assert not any("load friction" in note for note in notes)
+
+
+def test_files_after_a_turned_gravity_say_so(arm, tmp_path):
+    _, found, world = judged(arm, "tilt", 1)
+    notes = found.write(actuators=tmp_path / "drives.yaml")
+    assert any("without tilt" in note for note in notes)
+    np.testing.assert_allclose(found.robot.gravity, world.robot.gravity, atol=0.1)
+
+
+def test_the_command_takes_causes(tmp_path):
+    log = tmp_path / "log.csv"
+    t = np.arange(0, 10, 0.01)
+    q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    motion = tw.Motion(t, q, robot=ARM)
+    tau = (motion.torques() + 0.05 * np.random.default_rng(0).normal(size=q.shape)) * [1.0, 2.0]
+    tw.Motion(t, q, tau=tau, robot=ARM).to_csv(log)
+    fixed = ["--cutoff", "10", "--shift", "0", "--json", str(tmp_path / "found.json")]
+    given = ["identify", "planar_2r", str(log), "--assume", f"gain:{NAMES[1]}", *fixed]
+    ran = CliRunner().invoke(main, given)
+    assert ran.exit_code == 0 and f"Assumed: gain of {NAMES[1]} " in ran.output, ran.output
+    (cause,) = json.loads((tmp_path / "found.json").read_text("utf-8"))["assumed"]
+    assert abs(cause["value"] - 2.0) < 0.02 and cause["interval"][0] < cause["value"]
+    ran = CliRunner().invoke(main, [*given, "--information", str(tmp_path / "all.npz")])
+    assert ran.exit_code == 2 and "--assume" in ran.output

@@ -46,7 +46,7 @@ _SUSPECTS = 8
 """Joints with the largest residuals, of which discrete causes are tried."""
 _SECONDS, _LENGTHS = 1.0, 5.0
 _STEPS, _WORTH = 5, 0.005
-_REFINED = 5
+_REFINED, _STARTED = 5, 3
 _UNTOLD = 1e-7
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
@@ -304,7 +304,8 @@ def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
             at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
             gained, step = at.gained_by(_columns(at, s, cause, beta))
             screened.append((gained + fit.gained(at), beta + step))
-        found.append(_refined(fit, cause, max(screened, key=lambda one: one[0])[1]))
+        screened.sort(key=lambda one: -one[0])  # a step from far away promises more than it keeps
+        found += [_refined(fit, cause, beta) for _, beta in screened[:_STARTED]]
     return max(found, key=lambda one: one.S)
 
 

@@ -40,8 +40,6 @@ from .trajectory_search import (
 )
 
 _JUDGED = 2001  # instants at which a motion is judged, at least
-NAMES = {"itself": "itself", "floor": "the floor"}
-"""Names of the obstacles of clearances."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,10 +82,8 @@ class ExcitingMotion:
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """q, dq and ddq (..., nv) at t (...) [s]; before and after, it rests where it begins and ends."""
         times = np.asarray(arguments.finite(t, "t"), float)
-        q, dq, ddq = (
-            x.reshape(*times.shape, -1) for x in self.series.states(self.coefficients, np.atleast_1d(times).ravel())
-        )
-        return q, dq, ddq
+        q, dq, ddq = self.series.basis(times.ravel()) @ self.coefficients.T
+        return q.reshape(*times.shape, -1), dq.reshape(*times.shape, -1), ddq.reshape(*times.shape, -1)
 
     @cached_property
     def motion(self) -> Motion:
@@ -142,21 +138,17 @@ class ExcitingMotion:
     @cached_property
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other, ``itself``, of what was looked at."""
-        count = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1)
-        found = self.constraints.capsules.evaluate(self(np.linspace(0.0, self.duration, count))[0])[0]
-        count = len(self.constraints.capsules.pairs)
-        parts = {"itself": found[:, :count], "floor": found[:, count:]}
+        instants, capsules = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1), self.constraints.capsules
+        found, _ = capsules.evaluate(self(np.linspace(0.0, self.duration, instants))[0])
+        parts = dict(zip(("itself", "floor"), np.split(found, [len(capsules.pairs)], axis=1), strict=True))
         return {name: float(part.min()) for name, part in parts.items() if part.size}
 
     @property
     def unwatched(self) -> tuple[str, ...]:
         """Clearances that were not checked, in sentences."""
-        itself = (
-            ()
-            if self.constraints.capsules.itself or self.constraints.clear is not None
-            else ("distances of links from each other",)
-        )
-        return (*itself, *self.constraints.capsules.unwatched)
+        capsules = self.constraints.capsules
+        looked_at = capsules.itself or self.constraints.clear is not None
+        return capsules.unwatched if looked_at else ("distances of links from each other", *capsules.unwatched)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -170,8 +162,8 @@ class ExcitingMotion:
                 f"{listed(capsules.assumed, 4)}; a file with <collision> or <visual> shapes gives true ones"
             )
         unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
-        near = {name: value for name, value in self.clearances.items() if value <= 0.0}
-        unsure += [f"it comes to {number(1000.0 * value)} mm from {NAMES[name]}" for name, value in near.items()]
+        near = [(name.replace("floor", "the floor"), 1000.0 * x) for name, x in self.clearances.items() if x <= 0.0]
+        unsure += [f"it comes to {number(mm)} mm from {name}" for name, mm in near]
         return Verdict.from_reasons(unsure=unsure)
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:

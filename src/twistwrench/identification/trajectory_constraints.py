@@ -17,7 +17,7 @@ Source: Ericson, "Real-Time Collision Detection", 2005, 4.5, for the capsules of
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,18 +68,10 @@ class LinkCapsules:
                 seen.add(frames[name].body)
             found += [(k, segment, radius) for segment, radius in mine or [(np.zeros((2, 3)), 0.0)]]
         bodies = {frames[name].body for name in lacking if frames[name].body != BASE}
-        if bodies and BASE not in seen:
-            bodies.add(BASE)
-        made = _assumed(robot, bodies) if bodies else []
-        links, ends, radii = zip(*found, *made, strict=True)
+        made = _assumed(robot, bodies if BASE in seen else bodies | {BASE}) if bodies else []
+        links, ends, radii = (np.array(x) for x in zip(*found, *made, strict=True))
         moving = tuple(name for name in lacking if frames[name].body != BASE)
-        return cls(
-            np.array(links, int),
-            np.reshape(ends, (-1, 2, 3)),
-            np.array(radii, float),
-            moving,
-            made[0][2] if made else 0.0,
-        )
+        return cls(links, ends, radii, moving, made[0][2] if made else 0.0)
 
     def placed(self, poses: Array) -> Array:
         """Ends of the capsules in the base frame (2, 3, n, k), from poses of all links (n, links, 4, 4)."""
@@ -133,11 +125,9 @@ def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
 
 
 def _looked_at(shapes: LinkShapes) -> list[Solid]:
-    for role in ("collision", "visual"):
-        mine = [s for s in shapes.solids if s.spec.role == role]
-        if mine:
-            return mine
-    return []
+    """The shapes for contact, else those to be seen."""
+    roles = ([s for s in shapes.solids if s.spec.role == role] for role in ("collision", "visual"))
+    return next((mine for mine in roles if mine), [])
 
 
 def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
@@ -193,8 +183,7 @@ def capsule_around(points: Array) -> tuple[Array, float]:
         return np.array([c + low * u, c + high * u]), r
 
     found = list[tuple[Array, float]]()
-    for k in range(3):
-        frame = np.roll(axes, -k, axis=0)
+    for frame in (np.roll(axes, -k, axis=0) for k in range(3)):
 
         def volume(x: Array, frame: Array = frame) -> float:
             return _volume(*capsule(x, frame))
@@ -207,9 +196,8 @@ def capsule_around(points: Array) -> tuple[Array, float]:
 # ── Distances between moving capsules, and their gradients by the joints
 
 # Of segments p + s d and q + t e, s and t from 0 to 1, the nearest points are those of the lines where these are within,
-# else one
-# of them is an end. What is left when the joints move is n · (dp_B - dp_A), with n from A to B and the nearest points fixed to
-# their links: nearest points slide along the segments, and that changes the distance in second order only.
+# else one of them is an end. When the joints move, the distance changes by n · (dp_B - dp_A), with n from A to B and the
+# nearest points fixed to their links: that these slide along the segments changes it in second order only.
 #
 # Source: Ericson, "Real-Time Collision Detection", 2005, 5.1.9.
 
@@ -250,12 +238,9 @@ class CapsuleDistances:
     pairs: Array  # (m, 2), capsules that are looked at together
     above: Array  # (k,), capsules that are looked at together with the floor: those whose heights change
     floor: float | None  # height [m]
-    # links whose capsules are too near by how the robot is built, and that are not looked at
-    overlapping: tuple[tuple[str, str], ...] = ()
-    itself: bool = True  # true if links are looked at together
-    # links fixed at a height that are not looked at, as the floor is too near wherever the joints are
-    low: tuple[str, ...] = ()
-    margins: Array = field(default_factory=lambda: np.zeros(0))  # (m,), what pairs stay away from each other [m]
+    margins: Array  # (m,), what pairs stay away from each other [m]
+    itself: bool  # true if links are looked at together
+    unwatched: tuple[str, ...] = ()  # distances that are not looked at, as they are near by how the robot is built
 
     @classmethod
     def from_capsules(
@@ -272,15 +257,15 @@ class CapsuleDistances:
         apart = (bodies[i] != bodies[j]) & (parents[i] != bodies[j]) & (parents[j] != bodies[i])
         apart &= (capsules.radii[i] > 0) & (capsules.radii[j] > 0)
         pairs = np.stack([i, j], axis=1)[apart]
-        q = robot.random_configuration(0, _SAMPLES)
-        every = cls(robot, capsules, pairs, np.zeros(0, int), None)
+        q, none = robot.random_configuration(0, _SAMPLES), np.zeros(0, int)
+        every = cls(robot, capsules, pairs, none, None, none, itself)
         apart = every.evaluate(q)[0]
         near = (apart < MARGIN).mean(axis=0) >= _ALWAYS
         built = near if capsules.assumed else (apart <= 0.0).mean(axis=0) >= _ALWAYS
         margins = np.where(near, 0.0, MARGIN)[~built]  # true shapes that are near by design must not touch
         poses = robot.link_poses(q)
         heights = capsules.placed(poses)[:, 2].min(axis=0)
-        above, low = np.zeros(0, int), np.zeros(0, int)
+        above = low = none
         if floor is not None:
             moves = np.ptp(heights, axis=0) > _STILL
             fixed = np.ptp(poses[:, capsules.links, 2, 3], axis=0) <= _STILL
@@ -288,18 +273,11 @@ class CapsuleDistances:
             moving = bodies != BASE
             above, low = np.flatnonzero(moves & ~(fixed & near)), np.flatnonzero(moving & fixed & near)
         over = sorted({(names[capsules.links[a]], names[capsules.links[b]]) for a, b in pairs[built]})
-        under = tuple(dict.fromkeys(names[capsules.links[k]] for k in low))
-        return cls(robot, capsules, pairs[~built], above, floor, tuple(over), itself, under, margins)
-
-    @property
-    def unwatched(self) -> tuple[str, ...]:
-        """Distances that are not checked, in sentences."""
-        found = [
-            f"capsules around {a} and {b} are near each other wherever the joints are" for a, b in self.overlapping
-        ]
-        if self.low:
-            found.append(f"the floor is too near {', '.join(self.low)} wherever the joints are, at a fixed height")
-        return tuple(found)
+        said = [f"capsules around {a} and {b} are near each other wherever the joints are" for a, b in over]
+        if low.size:
+            under = ", ".join(dict.fromkeys(names[capsules.links[k]] for k in low))
+            said.append(f"the floor is too near {under} wherever the joints are, at a fixed height")
+        return cls(robot, capsules, pairs[~built], above, floor, margins, itself, tuple(said))
 
     @property
     def count(self) -> int:

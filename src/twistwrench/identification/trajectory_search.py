@@ -29,7 +29,7 @@ from .trajectory_constraints import DENSE, TrajectoryConstraints, half_and_middl
 class LimitBarrier:
     """Limit barrier and multipliers at the instants of a search."""
 
-    multipliers: Array  # (n, e), λ of each edge
+    multipliers: Array  # (n, e), λ of each edge; or (1, 1) where they are all the same
     rho: float = 1.0  # ρ
     aim: float = 2e-3  # s_0
     finer: int = 1  # how many times as many instants there are
@@ -38,10 +38,6 @@ class LimitBarrier:
         """Cost, and forces (n, e): the negative derivative by the shares (n, e)."""
         forces = np.maximum(0.0, self.multipliers - self.rho * (shares - self.aim))
         return float((forces**2 - self.multipliers**2).sum()) / (2.0 * self.rho), forces
-
-    def updated(self, shares: Array) -> LimitBarrier:
-        """Barrier with the multipliers updated from the shares that a search reached."""
-        return replace(self, multipliers=self.cost_and_forces(shares)[1])
 
     def refined(self, finer: int) -> LimitBarrier:
         """The same at instants as many times finer: between two of them in proportion, with the same sum."""
@@ -112,11 +108,6 @@ class WindowedFourierSeries:
             found[m] /= self.duration**m
         found[:, (t <= 0.0) | (t >= self.duration), 1:] = 0.0
         return found
-
-    def states(self, coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
-        """States of joints at times."""
-        q, dq, ddq = self.basis(t) @ coefficients.T
-        return q, dq, ddq
 
 
 def typical_sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:
@@ -190,12 +181,8 @@ class MotionInformation:
         """log det A of rows (n, nv, r) at times spread evenly over the motion."""
         return self._inverse(W)[0]
 
-    def merit(self, W: Array) -> float:
-        """Objective of a search, to be maximised, for rows (n, nv, r)."""
-        return self.merit_and_slope(W)[0]
-
     def merit_and_slope(self, W: Array) -> tuple[float, Array]:
-        """The merit, and G (n, nv, r), its derivative by each entry of W."""
+        """Objective of a search, to be maximised, for rows (n, nv, r), and G (n, nv, r), its derivative by each entry of W."""
         log_det, inverse = self._inverse(W)
         variances = inverse.diagonal()
         if self.criterion == "deviations":
@@ -213,19 +200,6 @@ class MotionInformation:
         """Derivatives by states of the regressor's entries with weights, by reverse mode."""
         return self.base.unknown.robot.kernel("regressor", by=("q", "dq", "ddq"), form="weighted")
 
-    @cached_property
-    def _drives(self) -> dict[str, tuple[Array, Array]]:
-        """Columns (k,) of each kind of a drive's parameters, and their joints (k,)."""
-        unknown, found = self.base.unknown, dict[str, tuple[Array, Array]]()
-        kinds, still = np.array(unknown.kinds)[self.base.kept], np.zeros((1, unknown.robot.nv))
-        for kind in dict.fromkeys(kinds[self.base.drives].tolist()):
-            mine = np.flatnonzero(kinds == kind)
-            joints = [
-                unknown.drive(int(k), still, still, self.friction_speed)[1].argmax() for k in self.base.kept[mine]
-            ]
-            found[kind] = mine, np.array(joints)
-        return found
-
     def slopes(self, states: Array, of_rows: Array) -> Array:
         """(3, n, nv) derivatives by the states of the sum of rows with weights (n, nv, r), each instant for itself."""
         unknown = self.base.unknown
@@ -233,18 +207,15 @@ class MotionInformation:
         weights = np.zeros((*of_rows.shape[:2], len(unknown.robot.parameters)))
         weights[:, :, places[places >= 0]] = of_rows[:, :, places >= 0]
         found = np.stack(self._pullback(*states, weights))
-        rate = states[1] / self.friction_speed
-        dry, bell = (
-            (1.0 - np.tanh(rate) ** 2) / self.friction_speed,
-            np.exp(-((states[1] / unknown.stribeck_speed) ** 2)),
-        )
-        stribeck = bell * (dry - 2.0 * states[1] / unknown.stribeck_speed**2 * np.tanh(rate))
-        one = np.ones_like(rate)
+        dq, turn = states[1], np.tanh(states[1] / self.friction_speed)
+        dry, bell = (1.0 - turn**2) / self.friction_speed, np.exp(-((dq / unknown.stribeck_speed) ** 2))
+        stribeck, one = bell * (dry - 2.0 * dq / unknown.stribeck_speed**2 * turn), np.ones_like(dq)
+        kinds, joints = np.array(unknown.kinds)[self.base.kept], self.base.felt.argmax(axis=0)
         laws = {"motor_inertia": (2, one), "viscous": (1, one), "coulomb": (1, dry), "stribeck": (1, stribeck)}
-        for kind, (columns, joints) in self._drives.items():
-            if kind in laws:
-                m, slope = laws[kind]
-                found[m][:, joints] += of_rows[:, joints, columns] * slope[:, joints]
+        for kind, (m, slope) in laws.items():
+            columns = np.flatnonzero(kinds == kind)
+            mine = joints[columns]
+            found[m][:, mine] += of_rows[:, mine, columns] * slope[:, mine]
         return found
 
     def deviations(self, W: Array) -> Array:
@@ -264,15 +235,15 @@ def _smooth_maximum(values: Array) -> tuple[float, Array]:
 
 
 def _smooth_median(values: Array) -> tuple[float, Array]:
-    """m, and its derivative by each of the values, by Newton's method from their median."""
-    m, by_values = float(np.median(values)), np.ones_like(values)
-    for _ in range(50):
-        S = 1.0 / (1.0 + np.exp((m - values) / _SMOOTH))
-        by_values = S * (1.0 - S) / _SMOOTH
-        step = float((S.sum() - 0.5 * len(values)) / by_values.sum())
-        m += float(np.clip(step, -_SMOOTH, _SMOOTH))
-        if abs(step) < 1e-12:
-            break
+    """m, and its derivative by each of the values."""
+    from scipy.optimize import brentq
+    from scipy.special import expit
+
+    def above(m: float) -> Array:
+        return np.asarray(expit((values - m) / _SMOOTH))
+
+    m = float(brentq(lambda m: above(m).sum() - 0.5 * len(values), values.min() - 1.0, values.max() + 1.0))
+    by_values = above(m) * (1.0 - above(m))
     return m, by_values / by_values.sum()
 
 
@@ -351,39 +322,29 @@ class MotionSearch:
 
     def merit(self, z: Array) -> float:
         """Objective at the instants of the search, to be maximised."""
-        return self.information.merit(self.information.rows(*self._states(z, _OF_MERIT)))
+        return self.information.merit_and_slope(self.information.rows(*self._states(z, _OF_MERIT)))[0]
 
     # ── motions that fit ──
 
     def random(self, rng: np.random.Generator) -> Array | None:
-        """A random motion (nv, K) as wide as its limits let it be, at the instants of the search; None after many tries."""
+        """A random motion (nv, K) as wide as its limits let it be, at the instants of the search; None after many tries.
+
+        Each joint is as wide as its own limits let it be; then all are narrowed together.
+        """
+        b = self.constraints.bounds
         for _ in range(_TRIES):
             z = rng.normal(size=(len(self.middle), self.series.count))
             z[:, 0] = rng.uniform(-0.6, 0.6, len(z))
-            if (found := self.fitted(z, widen=True, finer=1)) is not None:
+            (q, dq, ddq), rest = self._states(z), self.coefficients(z)[:, 0]
+            room = b.upper - rest, rest - b.lower, b.velocity, b.acceleration
+            reached = (q - rest).max(axis=0), (rest - q).max(axis=0), np.abs(dq).max(axis=0), np.abs(ddq).max(axis=0)
+            wide = [has / np.maximum(takes, 1e-12) for has, takes in zip(room, reached, strict=True)]
+            z[:, 1:] *= (1.0 - 2.0 * _MARGIN) * np.min(wide, axis=0)[:, None]
+            if (found := self.fitted(z, 1)) is not None:
                 return found
         return None
 
-    def fitted(self, z: Array, *, widen: bool = False, finer: int | None = None) -> Array | None:
-        """Fit the motion with each joint as narrow as its own limits require, then all joints together; None if none fits."""
-        finer = self._fine if finer is None else finer
-        q, dq, ddq = self._states(z, finer)
-        rest, bounds = self.coefficients(z)[:, 0], self.constraints.bounds
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wide = [
-                (bounds.upper - rest) / np.maximum((q - rest).max(axis=0), 1e-12),
-                (rest - bounds.lower) / np.maximum((rest - q).max(axis=0), 1e-12),
-                bounds.velocity / np.abs(dq).max(axis=0),
-                bounds.acceleration / np.abs(ddq).max(axis=0),
-            ]
-        share = (1.0 - 2.0 * _MARGIN) * np.min(wide, axis=0)
-        if not (share > _NARROW * 1e-3).all():
-            return None
-        z = z.copy()
-        z[:, 1:] *= (share if widen else np.minimum(share, 1.0))[:, None]
-        return self._together(z, finer)
-
-    def _together(self, z: Array, finer: int) -> Array | None:
+    def fitted(self, z: Array, finer: int) -> Array | None:
         """The motion narrowed about its rest position until all limits hold; None if it cannot rest there."""
 
         def narrowed(share: float) -> Array:
@@ -394,11 +355,9 @@ class MotionSearch:
         def fits(share: float) -> bool:
             return self.constraints.least(self._states(narrowed(share), finer)) >= _MARGIN
 
-        if self.constraints.least(self._states(narrowed(0.0), finer)[:, :1]) < _MARGIN:
-            return None
         if fits(1.0):
             return z
-        if not fits(_NARROW):
+        if self.constraints.least(self._states(narrowed(0.0))[:, :1]) < _MARGIN or not fits(_NARROW):
             return None
         low, high = _NARROW, 1.0
         for _ in range(_HALVINGS):
@@ -416,15 +375,15 @@ class MotionSearch:
             start = first._start(rng)
             if start is None:
                 return None
-            z, barrier = start, LimitBarrier(np.zeros_like(self._shares(start, 1)))
+            z, barrier = start, LimitBarrier(np.zeros((1, 1)))
             for n, (rho, steps, finer) in enumerate(_ROUNDS, 1):
                 search = first if n <= _BY_LOG_DET else self
                 z, barrier = search._descended(z, replace(barrier, rho=rho).refined(finer), steps)
                 progress((k + n / len(_ROUNDS)) / (times + 1))
-            narrowed = self.fitted(z, finer=1)
+            narrowed = self.fitted(z, 1)
             found.append((-np.inf if narrowed is None else self.merit(narrowed), start, z, barrier))
         _, start, z, barrier = max(found, key=lambda one: one[0])
-        fits = [self.fitted(z) for z in (self._finished(z, barrier), start)]
+        fits = [self.fitted(z, self._fine) for z in (self._finished(z, barrier), start)]
         progress(1.0)
         return max((z for z in fits if z is not None), key=self.merit, default=None)
 
@@ -447,24 +406,19 @@ class MotionSearch:
             barrier = replace(barrier, aim=barrier.aim + 1.5 * beyond)
         return z
 
-    def _shares(self, z: Array, finer: int) -> Array:
-        """Distances from all edges at the instants of the search."""
-        return self.constraints.evaluate(self._states(z, finer), smooth=True)[0]
-
     def _descended(self, z: Array, barrier: LimitBarrier, steps: int) -> tuple[Array, LimitBarrier]:
         """The motion after some steps, and the barrier with the multipliers that follow."""
         from scipy.optimize import minimize
 
-        def cost(x: Array) -> tuple[float, Array]:
-            value, slope = self.cost_and_slope(x.reshape(z.shape), barrier)
-            return value, slope.ravel()
-
         options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
-        z = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", options=options).x.reshape(z.shape)
-        return z, barrier.updated(self._shares(z, barrier.finer))
+        found = minimize(self.cost_and_slope, z.ravel(), (barrier,), "L-BFGS-B", jac=True, options=options)
+        z = np.reshape(found.x, z.shape)
+        shares, _ = self.constraints.evaluate(self._states(z, barrier.finer), smooth=True)
+        return z, replace(barrier, multipliers=barrier.cost_and_forces(shares)[1])
 
     def cost_and_slope(self, z: Array, barrier: LimitBarrier) -> tuple[float, Array]:
-        """-merit with the edges' part, and its derivative by z (nv, K)."""
+        """-merit with the edges' part, and its derivative by z (nv K,)."""
+        z = z.reshape(len(self.middle), -1)
         states = self._states(z, _OF_MERIT)
         merit, G = self.information.merit_and_slope(self.information.rows(*states))
         shares, pullback = self.constraints.evaluate(self._states(z, barrier.finer), smooth=True)
@@ -472,4 +426,4 @@ class MotionSearch:
         slope = np.zeros_like(z)
         for finer, by_states in ((_OF_MERIT, self.information.slopes(states, -G)), (barrier.finer, pullback(-forces))):
             slope += np.einsum("mnj,mnk->jk", by_states, self._basis(finer), optimize=True)
-        return cost - merit, np.einsum("jk,jkl->jl", slope, self._units)
+        return cost - merit, np.einsum("jk,jkl->jl", slope, self._units).ravel()
