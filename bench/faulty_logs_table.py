@@ -94,12 +94,12 @@ def _of_faults(rows: Sequence[Row]) -> dict[str, str]:
     refused = [row for row in rows if row["verdict"] == "LOOK AGAIN" and row["wrong"] <= _RIGHT]
     values = [held for row in rows if (held := value_held(row)) is not None]
     return {
-        f"OK with torques wrong by > 5 %, of {len(told)} faults that can be told: ≤ 4": str(len(wrong)),
+        "OK with torques wrong by > 5 %, of faults that can be told: ≤ 4 of 260": f"{len(wrong)} of {len(told)}",
         "right cause first, of logs where one is named: ≥ 90 %": _share(sum(map(right, said)), len(said)),
-        f"right cause first, of the {len(faults)} faulty logs that can be told": str(sum(map(right, faults))),
-        f"right cause first, of the {len(single)} like the prototype's: ≥ 112": str(sum(map(right, single))),
+        "right cause first, of faulty logs that can be told": f"{sum(map(right, faults))} of {len(faults)}",
+        "right cause first, of those like the prototype's: ≥ 112 of 124": f"{sum(map(right, single))} of {len(single)}",
         "value within its 95 % interval, of those rightly named: ≥ 90 %": _share(sum(values), len(values)),
-        f"refused though right to 2 %, of {len(rows)}: 0": str(len(refused)),
+        "refused though right to 2 %: 0 of 280": f"{len(refused)} of {len(rows)}",
     }
 
 

@@ -141,7 +141,7 @@ def test_the_first_cause_is_scored():
     silent = ROW | {"case": "clean", "doubts": [], "verdict": "OK", "wrong": 0.06}
     assert table.right(silent)
     figures = table.targets({"faults": {"logs": [told, silent]}})
-    assert next(iter(figures.values())) == "1"
+    assert next(iter(figures.values())) == "1 of 2"
     assert figures["right cause first, of logs where one is named: ≥ 90 %"] == "100.0 % of 1"
 
 
