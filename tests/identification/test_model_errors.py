@@ -40,9 +40,9 @@ def periodic(error):
 
 def test_cells_of_state_see_what_cancels_in_time():
     """An error alike in every second leaves no differences between blocks of time, and much between cells of state."""
-    off, both, time_alone = periodic(lambda q, dq: 0.2 * q**3 + 0.1 * np.abs(dq) * dq)
-    assert (off > 10 * time_alone.half_width()).all()
-    assert (off < 2 * both.half_width()).all() and (both.deviations >= time_alone.deviations).all()
+    off, both, time_alone = periodic(lambda q, _dq: 0.2 * q**3)
+    assert off[0] > 10 * time_alone.half_width()[0]
+    assert (off < both.half_width()).all() and (both.deviations >= time_alone.deviations).all()
     assert np.linalg.eigvalsh(both.matrix).min() > 0
 
 
