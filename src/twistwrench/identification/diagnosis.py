@@ -466,9 +466,10 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
     """Stage 4: laws of the joints, by their columns, and their elasticity."""
     found, screened = list[FoundCause](), sorted(fit.joint_causes, key=lambda one: -one.S)
-    for one in [one for one in screened if isinstance(one.cause, Law)][:_REFINED]:
+    laws = [(one, one.cause) for one in screened if isinstance(one.cause, Law)]
+    for one, law in laws[:_REFINED]:
         if one.S > 0.5 * LEAST_S:
-            law, refit = one.cause, fit.refit(fit.states, one.e[..., 0])
+            refit = fit.refit(fit.states, one.e[..., 0])
             value, deviation = refit.x[-1:], refit.law_deviation
             told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
             found.append(replace(told, law=law, value=value, deviation=deviation))
