@@ -162,11 +162,65 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
 # Rows of a block of time count as one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear models",
 # Biometrika 73, 1986), with the correction for few clusters of Bell and McCaffrey that the sensors' fits have as well. The
 # textbook's s² (W'W)^-1 takes every row for a cluster, and is several times too small.
+#
+# A wrong law leaves residuals that are alike wherever the state is, and cancel within a block of time. Rows of one cell of
+# state count as one cluster as well, and of both sandwiches C and D the larger variances are taken, with the correlations of C:
+#
+#     S C S,   S = diag max(1, √(D_kk / C_kk)).
 
 _MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
 _SECONDS = 1.0  # s, that a block lasts at least, where the logs have enough of them
 _LENGTHS = 10.0  # length of a block, in autocorrelation lengths of the residuals
 _PORTION = 1000  # rows that are factored at a time
+_CELLS, _PARTS = 32, 8  # of state; and parts of a coordinate in which its residuals are compared
+
+
+@dataclass(frozen=True, eq=False)
+class StateCells:
+    """Cells of state: parts of a position, and directions of up to two joints.
+
+    Attributes
+    ----------
+    position : int, number of the coordinate
+    edges : (k,) array, between its parts
+    velocities : tuple of int, numbers of the joints
+    """
+
+    position: int
+    edges: Array
+    velocities: tuple[int, ...]
+
+    @classmethod
+    def from_residuals(cls, q: Array, dq: Array, left: Array) -> StateCells:
+        """About 30 cells of the coordinates that the residuals (n, nv) depend on most, as many rows in each part.
+
+        Coordinates are compared by the squares of the mean residuals in eight parts of each.
+        """
+        shares = []
+        for x in (*q.T, *dq.T):
+            part = np.searchsorted(_edges(x, _PARTS), x)
+            sums = np.stack([np.bincount(part, column, _PARTS) for column in left.T])
+            shares.append(float((sums**2 / np.maximum(np.bincount(part, minlength=_PARTS), 1)).sum()))
+        position = int(np.argmax(shares[: q.shape[1]]))
+        velocities = np.argsort(shares[q.shape[1] :], kind="stable")[-2:].tolist()
+        return cls(position, _edges(q[:, position], _CELLS >> len(velocities)), tuple(velocities))
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return (len(self.edges) + 1) << len(self.velocities)
+
+    def numbers(self, q: Array, dq: Array) -> Array:
+        """(n,) numbers of the cells of states."""
+        found = np.searchsorted(self.edges, q[:, self.position])
+        for k in self.velocities:
+            found = 2 * found + (dq[:, k] > 0)
+        return found
+
+
+def _edges(x: Array, parts: int) -> Array:
+    """(parts - 1,) edges between as many values each."""
+    return np.asarray(np.quantile(x, np.arange(1, parts) / parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,12 +233,20 @@ class GroupCovariance:
     freedom : (r,) array, degrees of freedom of each group's variance
     textbook : (r,) array, standard deviations as if every row were independent
     block : float, how long a block is [s]
+    cells : StateCells, that the second sandwich was taken over; one cell without it
+    changes : (k, r) array or None, of the groups, with laws that were left out; the matrix holds them
     """
 
     matrix: Array
     freedom: Array
     textbook: Array
     block: float
+    cells: StateCells = StateCells(0, np.zeros(0), ())
+    changes: Array | None = None
+
+    def widened(self, changes: Array) -> GroupCovariance:
+        """With the errors (k, r) that other laws would change the groups by, in the covariance Σ_k δ_k δ_k'."""
+        return replace(self, matrix=self.matrix + changes.T @ changes, changes=changes)
 
     @property
     def deviations(self) -> Array:
@@ -193,7 +255,10 @@ class GroupCovariance:
 
     def of_first(self, count: int) -> GroupCovariance:
         """The first groups alone."""
-        return GroupCovariance(self.matrix[:count, :count], self.freedom[:count], self.textbook[:count], self.block)
+        first = slice(count)
+        return replace(
+            self, matrix=self.matrix[first, first], freedom=self.freedom[first], textbook=self.textbook[first]
+        )
 
     def half_width(self, level: float = 0.95) -> Array:
         """(r,) half the width of intervals that hold the truth with that chance.
@@ -230,12 +295,14 @@ def group_covariance(
     prior: Prior,
     time: Array,
     log: Array,
+    states: tuple[Array, Array],
     chosen: Array,
 ) -> GroupCovariance:
     """Covariance of a fit: W (n, nv, r), τ (n, nv), at x (r,), with its residuals' sizes (nv,) and weights (n, nv).
 
-    ``time`` and ``log`` (n,) are those of each row. ``chosen`` (n, nv, k) are the changes of the predicted torques with each
-    setting that was chosen on the same rows, such as the offset of the clock: the fit is not surer than they are.
+    ``time`` and ``log`` (n,) are those of each row, ``states`` its q and dq. ``chosen`` (n, nv, k) are the changes of the
+    predicted torques with each setting that was chosen on the same rows, such as the offset of the clock: the fit is not surer
+    than they are.
     """
     r, left, root = W.shape[2], tau - W @ x, np.sqrt(weights) / sigma
     change = np.sqrt((chosen**2).mean(axis=(0, 1)))
@@ -248,9 +315,10 @@ def group_covariance(
         A *= root[rows][..., None]
         return A.reshape(-1, len(sizes))
 
-    found = _covariance(whitened, left * root, sizes, time, log)
+    cells = StateCells.from_residuals(*states, left * root)
+    found = _covariance(whitened, left * root, sizes, time, log, cells.numbers(*states))
     matrix = found.matrix[:r, :r] * _huber_factor(left, weights) ** 2
-    return GroupCovariance(matrix, found.freedom[:r], found.textbook[:r], found.block)
+    return GroupCovariance(matrix, found.freedom[:r], found.textbook[:r], found.block, cells)
 
 
 def _huber_factor(left: Array, weights: Array) -> float:
@@ -265,10 +333,20 @@ def _huber_factor(left: Array, weights: Array) -> float:
     return float(weights[:, live].mean() / (weights[:, live] == 1.0).mean())
 
 
+def larger_covariance(found: tuple[Array, Array], other: tuple[Array, Array] | None) -> tuple[Array, Array]:
+    """Covariance and degrees of freedom with the larger variances of two, and the correlations of the first."""
+    if other is None:
+        return found
+    (C, freedom), (D, others) = found, other
+    ratio = D.diagonal() / np.maximum(C.diagonal(), 1e-300)
+    more = np.sqrt(np.maximum(ratio, 1.0))
+    return C * more[:, None] * more, np.where(ratio > 1.0, others, freedom)
+
+
 def _covariance(
-    whitened: Callable[[Array | slice], Array], left: Array, sizes: Array, time: Array, log: Array
+    whitened: Callable[[Array | slice], Array], left: Array, sizes: Array, time: Array, log: Array, cell: Array
 ) -> GroupCovariance:
-    """The sandwich of all columns, ``left`` (n, nv) the whitened residuals, under priors of those ``sizes`` about zero."""
+    """The sandwiches of all columns, ``left`` (n, nv) the whitened residuals, under priors of those ``sizes`` about zero."""
     n, nv = left.shape
     R: Array = np.eye(len(sizes))  # R'R = 1 + A'A of columns in units of their sizes
     for begin in range(0, n, _PORTION):
@@ -282,9 +360,12 @@ def _covariance(
     for _ in range(8):
         label = np.arange(n) // max(1, math.ceil(apart))
         label += (label.max() + 1) * log
-        found = sandwich_covariance(*cluster_moments(lambda rows: whitened(rows) @ half, left, label), half)
+        found, other = (
+            sandwich_covariance(*cluster_moments(lambda rows: whitened(rows) @ half, left, clusters), half)
+            for clusters in (label, cell)
+        )
         if found is not None:
-            return GroupCovariance(*found, textbook, apart * step)
+            return GroupCovariance(*larger_covariance(found, other), textbook, apart * step)
         apart /= 2.0
         if apart < 1.0:
             break

@@ -294,9 +294,10 @@ def prior_with(prior: Prior, E: Array, tau: Array) -> Prior:
 
 def fit_covariance(trial: Trial, E: Array, x: Array, sigma: Array, weights: Array, prior: Prior) -> GroupCovariance:
     """Covariance of [x, β], with the settings that were chosen."""
+    rows = trial.rows
     return group_covariance(
         np.concatenate([trial.W, E], axis=2), trial.tau, np.append(x, np.zeros(E.shape[2])), sigma, weights,
-        prior_with(prior, E, trial.tau), trial.rows.time, trial.rows.log, trial.changes(x),
+        prior_with(prior, E, trial.tau), rows.time, rows.log, (rows.position, rows.speed), trial.changes(x),
     )  # fmt: skip
 
 

@@ -417,6 +417,6 @@ def _dry(s: LogStates) -> Array:
 
 
 def _through(s: LogStates) -> Array:
-    """Time since the middle of the logs, as a share of their length; 0 for states without a time."""
+    """Share of the logs' time that has passed; a half for states without a time."""
     length = np.ptp(s.time)
-    return (s.time - s.time.mean()) / length if length else np.zeros(len(s.time))
+    return (s.time - s.time.min()) / length if length else np.full(len(s.time), 0.5)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.numbers import number
 from ..errors import TrajectoryError, ValueRangeError
+from ..estimation.covariance import StateCells
 from ..log_checks.doubts import Doubt, doubt
 from ..log_checks.fit_doubts import LEFT_OUT
 from ..motion.log_table import slices, windows
@@ -269,6 +270,7 @@ class RowFrame:
     free_shift: bool  # True if the clock's offset was chosen
     free_speed: bool  # True if the speeds of friction were chosen
     robust: bool  # True if large residuals count less
+    cells: StateCells
 
     @cached_property
     def columns(self) -> BaseColumns:
@@ -306,8 +308,8 @@ class RowFrame:
         return math.ceil((2 * PERIODS / self.settings.cutoff + abs(self.settings.shift)) * rate) + 16
 
 
-def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, list[Array]]]:
-    """The chunk's own rows in portions: times (n,) [s], and of each joint the entries (n, r_j + 1), torques last."""
+def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, Array, list[Array]]]:
+    """The chunk's own rows in portions: times (n,) [s], cells of state, and each joint's entries (n, r_j + 1), torques last."""
     from scipy.interpolate import CubicSpline
 
     cutoff, rate = frame.settings.cutoff, 1.0 / chunk.step
@@ -336,7 +338,9 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, list[
         at = wanted[here] - span.start
         beside = [slope[here]] if frame.free_shift else []
         beside += [_slower(frame, states, span, owner)[at] for owner in frame.speeds]
-        yield states.time[wanted[here]], _of_joints(frame, entries, beside, tau[here] - springs)
+        rows = wanted[here]
+        cells = frame.cells.numbers(states.q[rows], states.dq[rows])
+        yield states.time[rows], cells, _of_joints(frame, entries, beside, tau[here] - springs)
 
 
 def _of_joints(frame: RowFrame, entries: Array, beside: Sequence[Array], tau: Array) -> list[Array]:

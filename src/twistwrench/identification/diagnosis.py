@@ -113,6 +113,12 @@ class CauseFit:
         """Fit of other states, with more laws."""
         return CauseFit(states, self._groups, self.live, (*self.laws, *laws))
 
+    @property
+    def enough(self) -> bool:
+        """True if there are rows enough for causes to be sought."""
+        count, groups = len(self.tau), self.states.base.count
+        return count >= _LEAST_ROWS and count * int(self.live.sum()) >= _PER_GROUP * groups
+
     @cached_property
     def squares(self) -> Array:
         """(nv,) mean squares of the residuals held out."""
@@ -155,6 +161,16 @@ class CauseFit:
                 left[f] = self.left[f] - (e[f] - self.W[f] @ moved) @ beta / self.spread[f]
         return left, beta
 
+    def change(self, e: Array, beta: Array) -> Array:
+        """(r,) by how much the groups are moved by columns (m, nv, k) with coefficients (k,) beside them."""
+        v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
+        return np.asarray(-(self._inverse[-1] @ v @ beta)[: self.states.base.count])
+
+    @cached_property
+    def joint_causes(self) -> list[ScreenedCause]:
+        """Laws of the joints and their elasticity, each by its column."""
+        return _screened_laws(self) if self.enough else []
+
     def deviation(self, e: Array) -> Array:
         """Deviations (k,) of the coefficients of columns (m, nv, k) whose values this fit has, by blocks of time."""
         v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
@@ -192,6 +208,16 @@ class CauseFit:
         d = 0.5 * (before.left**2 / a - self.left**2 / b + np.log(a / b) + volume)[:, self.live].sum(axis=1)
         sums = np.add.reduceat(d, self.blocks)
         return float(sums.mean() / max(sums.std(ddof=1) / np.sqrt(len(sums)), 1e-300))
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedCause:
+    """A cause by its columns e (m, nv, k) alone, with β and S at the weights of the fit without it."""
+
+    S: float
+    cause: Cause | Law
+    beta: Array
+    e: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,9 +292,7 @@ def log_causes(
     unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
 ) -> list[FoundCause]:
     """Causes of what the best fit to logs leaves, where there are any; its delay is taken off before."""
-    fit = log_fit(unknown, samples, settings, dead)
-    rows, groups = len(fit.tau), fit.states.base.count
-    return diagnose(fit) if rows >= _LEAST_ROWS and rows * int(fit.live.sum()) >= _PER_GROUP * groups else []
+    return diagnose(log_fit(unknown, samples, settings, dead))[0]
 
 
 def log_fit(
@@ -298,25 +322,25 @@ def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
         if not cause.step:
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             continue
-        screened = list[tuple[float, Array]]()
-        for start in cause.starts:
-            beta = np.full(cause.size, start)
-            at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            gained, step = at.gained_by(_columns(at, s, cause, beta))
-            screened.append((gained + fit.gained(at), beta + step))
-        screened.sort(key=lambda one: -one[0])  # a step from far away promises more than it keeps
-        found += [_refined(fit, cause, beta) for _, beta in screened[:_STARTED]]
+        # A step from far away promises more than it keeps.
+        screened = sorted(_screened(fit, [cause]), key=lambda one: -one.S)[:_STARTED]
+        found += [_refined(fit, cause, one.beta) for one in screened]
     return max(found, key=lambda one: one.S)
 
 
-def diagnose(start: CauseFit) -> list[FoundCause]:
-    """Causes of what a fit leaves, in the order in which they are found, each put in before the next is sought."""
-    found, fit = list[FoundCause](), start
+def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
+    """Causes of what a fit leaves, in the order in which they are found, and the fit before laws of joints were put in.
+
+    Each cause is put in before the next is sought.
+    """
+    found, fit, before = list[FoundCause](), start, start
+    if not start.enough:
+        return found, start
     if push := _push(fit):
         found.append(replace(push, effect=effect(fit, push)))
         fit = push.fit
     for stage in (_of_the_log, _of_the_joints):
-        fit = _at_best_speed(fit)
+        before = fit = _at_best_speed(fit)
         for _ in range(_ROUNDS):
             tried, count = stage(fit)
             best = _first(fit, tried, count)
@@ -324,6 +348,18 @@ def diagnose(start: CauseFit) -> list[FoundCause]:
                 break
             found.append(best)
             fit = best.fit
+    return found, before
+
+
+def law_changes(fit: CauseFit) -> Array:
+    """(k, p) by how much unknown parameters change with the law that explains most, and with the strongest of each joint."""
+    base, told = fit.states.base, sorted((one for one in fit.joint_causes if one.S > 0), key=lambda one: -one.S)
+    strongest = {one.cause.joints: one for one in reversed(told) if len(one.cause.joints) == 1} | {
+        one.cause.joints: one for one in told[:1]
+    }
+    found = np.zeros((len(strongest), len(base.unknown.names)))
+    for k, one in enumerate(strongest.values()):
+        found[k, base.kept] = fit.change(one.e, one.beta)
     return found
 
 
@@ -436,48 +472,60 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
         for cause in causes.discrete_causes(s, sorted(worst.tolist())):
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             count += 1
-    refined, tried = _continuous(fit, causes.continuous_causes(s, wide=much))
-    return found + refined, count + tried
+    screened = _screened(fit, causes.continuous_causes(s, wide=much))
+    return found + _refined_causes(fit, screened), count + len(screened)
 
 
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
     """Stage 4: laws of the joints, by their columns, and their elasticity."""
-    s, screened = fit.states, list[tuple[float, Law, Array]]()
+    found, screened = list[FoundCause](), sorted(fit.joint_causes, key=lambda one: -one.S)
+    laws = [(one, one.cause) for one in screened if isinstance(one.cause, Law)]
+    for one, law in laws[:_REFINED]:
+        if one.S > 0.5 * LEAST_S:
+            refit = fit.refit(fit.states, one.e[..., 0])
+            value, deviation = refit.x[-1:], refit.law_deviation
+            told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
+            found.append(replace(told, law=law, value=value, deviation=deviation))
+    elastic = _refined_causes(fit, [one for one in screened if isinstance(one.cause, Cause)])
+    swaying, more = _sway(fit)
+    return found + elastic + swaying, len(screened) + more
+
+
+def _screened_laws(fit: CauseFit) -> list[ScreenedCause]:
+    """Laws of the joints and their elasticity, each by its column."""
+    s, found = fit.states, list[ScreenedCause]()
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     for law in causes.laws(s):
-        e = s.filtered(law.column(s, fitted))[s.rows] * fit.live
+        e = (s.filtered(law.column(s, fitted))[s.rows] * fit.live)[..., None]
         if e.any():
-            screened.append((fit.gained_by(e[..., None])[0], law, e))
-    found = list[FoundCause]()
-    for S, law, e in sorted(screened, key=lambda one: -one[0])[:_REFINED]:
-        if S > 0.5 * LEAST_S:
-            refit = fit.refit(s, e)
-            value, deviation = refit.x[-1:], refit.law_deviation
-            one = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
-            found.append(replace(one, law=law, value=value, deviation=deviation))
-    elastic, tried = _continuous(fit, causes.compliances(s, s.filtered(fitted.whole)))
-    swaying, more = _sway(fit)
-    return found + elastic + swaying, len(screened) + tried + more
+            S, beta = fit.gained_by(e)
+            found.append(ScreenedCause(S, law, beta, e))
+    return found + _screened(fit, causes.compliances(s, s.filtered(fitted.whole)))
 
 
-def _continuous(fit: CauseFit, tried: Iterable[Cause]) -> tuple[list[FoundCause], int]:
-    """Causes with a value: those whose columns gain most, refined by Gauss and Newton's steps; and how many were tried."""
-    s, screened, count = fit.states, list[tuple[float, Cause, Array]](), 0
+def _screened(fit: CauseFit, tried: Iterable[Cause]) -> list[ScreenedCause]:
+    """Causes with a value, by their columns at each of the values that they start from."""
+    s, found = fit.states, list[ScreenedCause]()
     for cause in tried:
         for start in cause.starts:
             beta = np.full(cause.size, start)
             at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            more, step = at.gained_by(_columns(at, s, cause, beta))
-            screened.append((fit.gained(at) + more if at is not fit else more, cause, beta + step))
-            count += 1
-    screened.sort(key=lambda one: -one[0])
+            e = _columns(at, s, cause, beta)
+            S, step = at.gained_by(e)
+            found.append(ScreenedCause(fit.gained(at) + S if at is not fit else S, cause, beta + step, e))
+    return found
+
+
+def _refined_causes(fit: CauseFit, screened: Sequence[ScreenedCause]) -> list[FoundCause]:
+    """Causes with a value whose columns gain most, refined by Gauss and Newton's steps."""
     found = dict[tuple[str, tuple[int, ...]], FoundCause]()
-    for S, cause, beta in screened:
-        if S < 0.5 * LEAST_S or len(found) == _REFINED:
+    for one in sorted(screened, key=lambda one: -one.S):
+        if one.S < 0.5 * LEAST_S or len(found) == _REFINED:
             break
-        if (cause.kind, cause.joints) not in found:
-            found[cause.kind, cause.joints] = _refined(fit, cause, beta)
-    return sorted(found.values(), key=lambda one: _ORDER.get(one.kind, 0)), count
+        cause = one.cause
+        if isinstance(cause, Cause) and (cause.kind, cause.joints) not in found:
+            found[cause.kind, cause.joints] = _refined(fit, cause, one.beta)
+    return sorted(found.values(), key=lambda one: _ORDER.get(one.kind, 0))
 
 
 def _columns(fit: CauseFit, s: LogStates, cause: Cause, beta: Array) -> Array:

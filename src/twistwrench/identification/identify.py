@@ -24,7 +24,7 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .chunks import gap_notes
-from .diagnosis import log_causes
+from .diagnosis import FoundCause, diagnose, law_changes, log_fit
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
@@ -196,8 +196,11 @@ def identified(
     among = _five_fold(source, prior, method, settings_without)
     held_out = _predicted(source, tested, settings, x, assumed) if tested else among
     begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may be another cause
-    causes = [] if payload_only else log_causes(unknown, source.samples, begin, source.dead)
-    causes = [cause for cause in causes if not any(one.stands_for(cause) for one in wanted)]
+    causes = list[FoundCause]()
+    if not payload_only:
+        causes, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
+        causes = [cause for cause in causes if not any(one.stands_for(cause) for one in wanted)]
+        covariance = covariance.widened(law_changes(before) @ base.grouping.T)
     seen = FittedLog(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,

@@ -1,8 +1,9 @@
 """Information of logs as sums of products of regressor rows, which add up, in a small file in place of the logs.
 
-With A_j = (W_j, τ_j) and weights w, a block has Σ A_j' A_j and Σ A_j' w A_j, the lower triangles in a row of numbers, and all
-rows together R_j with R_j' R_j = Σ A_j' w A_j by orthogonal transformations (TSQR: Demmel, Grigori, Hoemmen and Langou,
-"Communication-optimal parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34, 2012), which lose no digits.
+With A_j = (W_j, τ_j) and weights w, a block has Σ A_j' A_j and Σ A_j' w A_j, the lower triangles in a row of numbers, a cell of
+state has the second, and all rows together have R_j with R_j' R_j = Σ A_j' w A_j by orthogonal transformations (TSQR: Demmel,
+Grigori, Hoemmen and Langou, "Communication-optimal parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34,
+2012), which lose no digits.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.third_party import third_party_errors
 from ..errors import NotFoundError, ShapeError, TrajectoryError, ValueRangeError
-from ..estimation.covariance import GroupCovariance, sandwich_covariance
+from ..estimation.covariance import GroupCovariance, StateCells, larger_covariance, sandwich_covariance
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
 from ..log_checks.doubts import Doubt
@@ -46,6 +47,7 @@ class JointBlocks:
 
     sums: Array  # (b, 2, f), of each block the plain and the weighted sums, packed as :class:`NormalEquations` does
     counts: Array  # (b, 3) rows; weights, and rows of whole weight, of all live joints
+    cells: Array  # (c, f) of each cell of state the weighted sums
     factors: tuple[Array, ...]  # R_j (r_j + 1, r_j + 1)
 
     @classmethod
@@ -53,10 +55,11 @@ class JointBlocks:
         """Blocks without rows."""
         widths = (frame.active.sum(axis=1) + 1).tolist()
         size = sum(w * (w + 1) // 2 for w in widths)
-        return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), tuple(np.zeros((w, w)) for w in widths))
+        factors = tuple(np.zeros((w, w)) for w in widths)
+        return cls(np.zeros((blocks, 2, size)), np.zeros((blocks, 3)), np.zeros((frame.cells.count, size)), factors)
 
-    def added(self, frame: RowFrame, entries: Sequence[Array], block: Array) -> JointBlocks:
-        """With the rows of one portion, each in its ``block`` (n,); sums and counts are changed in place."""
+    def added(self, frame: RowFrame, entries: Sequence[Array], block: Array, cell: Array) -> JointBlocks:
+        """With the rows of one portion, each in its ``block`` and its ``cell`` (n,); sums and counts are changed in place."""
         factors, begin = [], 0
         for j, A in enumerate(entries):
             weights = _weights(frame, j, A)
@@ -71,9 +74,13 @@ class JointBlocks:
                 self.sums[b, 1, place] += (heavy.T @ heavy)[corner]
                 if not frame.dead[j]:
                     self.counts[b, 1:] += weights[block == b].sum(), (weights[block == b] == 1.0).sum()
-            factors.append(_factor(self.factors[j], A * root))
+            weighted = A * root
+            for c in np.unique(cell).tolist():
+                mine = weighted[cell == c]
+                self.cells[c, place] += (mine.T @ mine)[corner]
+            factors.append(_factor(self.factors[j], weighted))
         self.counts[:, 0] += np.bincount(block, minlength=len(self.counts))
-        return JointBlocks(self.sums, self.counts, tuple(factors))
+        return JointBlocks(self.sums, self.counts, self.cells, tuple(factors))
 
     def __add__(self, other: JointBlocks) -> JointBlocks:
         """Blocks one after another, at most :data:`MOST_BLOCKS` of them."""
@@ -86,7 +93,7 @@ class JointBlocks:
             counts[k] += counts[k + 1]
             sums, counts = np.delete(sums, k + 1, axis=0), np.delete(counts, k + 1, axis=0)
         pairs = zip(self.factors, other.factors, strict=True)
-        return JointBlocks(sums, counts, tuple(_factor(a, b) for a, b in pairs))
+        return JointBlocks(sums, counts, self.cells + other.cells, tuple(_factor(a, b) for a, b in pairs))
 
     def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
         """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
@@ -121,6 +128,7 @@ class NormalEquationBlocks:
     moments : JointBlocks
     weak : Prior, that groups without information keep to
     sizes : (p,) array, that each unknown parameter could have at most
+    changes : (k, r) array, of the groups, with laws that explain some of what an excerpt leaves
     method : str, ``irls``, ``wls`` or ``ols``
     seconds : float, of logs [s]
     samples : int, of logs
@@ -151,6 +159,7 @@ class NormalEquationBlocks:
     moments: JointBlocks
     weak: Prior
     sizes: Array
+    changes: Array
     method: Method
     seconds: float
     samples: int
@@ -356,11 +365,9 @@ def _five_fold(i: NormalEquationBlocks) -> HeldOut:
 
 
 def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupCovariance:
-    """By the sandwich over the blocks, as :func:`group_covariance` has it of rows."""
+    """By the sandwiches over the blocks and over cells of state, as :func:`group_covariance` has them of rows."""
     r, prior, counts = i.frame.base.count, _prior(i), i.moments.counts
-    parts = [i.moments.equations(i.frame, 1, [b]).whitened(sigma) for b in range(len(counts))]
-    N, total = np.stack([n for n, _ in parts]), sum((n for n, _ in parts), np.zeros((len(x), len(x))))
-    scores = np.stack([c - n @ x for n, c in parts])
+    total, _ = i.moments.equations(i.frame, 1, slice(None)).whitened(sigma)
     scaled = total * prior.size[:, None] * prior.size
     values, U = np.linalg.eigh(scaled + np.eye(len(x)))
     half = prior.size[:, None] * (U / np.sqrt(values))
@@ -368,13 +375,21 @@ def _block_covariance(i: NormalEquationBlocks, x: Array, sigma: Array) -> GroupC
     freedom = max(1.0, float(counts[:, 0].sum()) * len(sigma) - len(x))
     own = np.einsum("ij,ij->i", half, half)
     textbook = np.sqrt(own * float(left.sum()) / freedom)[:r]
-    found = sandwich_covariance(half.T @ N @ half, scores @ half, half)
+
+    def sandwich(clusters: Array) -> tuple[Array, Array] | None:
+        parts = [NormalEquations.unpacked(one, i.frame.active, 0.0).whitened(sigma) for one in clusters]
+        N, scores = np.stack([n for n, _ in parts]), np.stack([c - n @ x for n, c in parts])
+        return sandwich_covariance(half.T @ N @ half, scores @ half, half)
+
+    found = sandwich(i.moments.sums[:, 1])
     if found is None:
         inflated = half @ half.T * i.autocorrelation_length
         return GroupCovariance(inflated[:r, :r], np.full(r, 1e9), textbook, 0.0)
+    matrix, degrees = larger_covariance(found, sandwich(i.moments.cells))
     _, weight, whole = counts.sum(axis=0)
     huber = (weight / whole) ** 2 if i.frame.robust and whole else 1.0
-    return GroupCovariance(found[0][:r, :r] * huber, found[1][:r], textbook, i.seconds / max(1, len(counts)))
+    block = i.seconds / max(1, len(counts))
+    return GroupCovariance(matrix[:r, :r] * huber, degrees[:r], textbook, block, i.frame.cells).widened(i.changes)
 
 
 def _corrected_settings(frame: RowFrame, x: Array) -> FitSettings:
@@ -434,7 +449,7 @@ def _settings_off(frame: RowFrame, x: Array) -> str:
 
 # ── Their file: arrays and their description in an archive of NumPy
 
-_MARK = "twistwrench information 1"
+_MARK = "twistwrench information 2"
 _SHOWN = ("time", "log", "measured", "predicted")
 _PLAIN = ("method", "seconds", "samples", "autocorrelation_length")
 
@@ -456,6 +471,8 @@ def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
         "cutoff": frame.settings.cutoff,
         "shift": frame.settings.shift,
         "chosen": [frame.free_shift, frame.free_speed],
+        "position": frame.cells.position,
+        "velocities": frame.cells.velocities,
         "robust": frame.robust,
         **{name: getattr(i, name) for name in _PLAIN},
         "logs": list(i.logs),
@@ -474,6 +491,9 @@ def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
         "sizes": i.sizes,
         "sums": i.moments.sums,
         "counts": i.moments.counts,
+        "cells": i.moments.cells,
+        "edges": frame.cells.edges,
+        "changes": i.changes,
         **{f"factor{j}": R for j, R in enumerate(i.moments.factors)},
         **({} if side is None else {"ratios": side.ratios, "zero": side.zero, "gain": side.gain}),
         **({} if shown is None else {f"shown_{k}": getattr(shown, k) for k in _SHOWN}),
@@ -494,16 +514,18 @@ def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str,
         )
     settings = FitSettings(said["cutoff"], arrays["friction_speed"], said["shift"])
     free_shift, free_speed = said["chosen"]
+    cells = StateCells(said["position"], arrays["edges"], tuple(said["velocities"]))
     frame = RowFrame(
-        base, settings, arrays["x"], arrays["sigma"], arrays["dead"], free_shift, free_speed, said["robust"]
+        base, settings, arrays["x"], arrays["sigma"], arrays["dead"], free_shift, free_speed, said["robust"], cells
     )
     factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.active)))
     return NormalEquationBlocks(
         robot,
         frame,
-        JointBlocks(arrays["sums"], arrays["counts"], factors),
+        JointBlocks(arrays["sums"], arrays["counts"], arrays["cells"], factors),
         Prior(arrays["mean"], arrays["size"]),
         arrays["sizes"],
+        arrays["changes"],
         **{name: said[name] for name in _PLAIN},
         logs=tuple(said["logs"]),
         doubts=tuple(Doubt.from_saved(d) for d in said["doubts"]),

@@ -269,6 +269,8 @@ class _LogRows:
     time: Array
     rate: float
     rows: slice
+    position: Array
+    """Positions of the rows."""
     dq: Array
     acceleration: Array
     """Accelerations of the rows."""
@@ -323,9 +325,8 @@ class FilteredRows:
             known.append(fixed)
             times.append(s.time[rows])
             logs.append(np.full(len(w), k))
-            parts.append(
-                _LogRows(s.time, s.rate, rows, s.dq.copy(), s.ddq[rows].copy(), low_pass(s.tau, cutoff, s.rate))
-            )
+            of_rows, tau = (s.q[rows].copy(), s.dq.copy(), s.ddq[rows].copy()), low_pass(s.tau, cutoff, s.rate)
+            parts.append(_LogRows(s.time, s.rate, rows, *of_rows, tau))
         return cls(
             base,
             cutoff,
@@ -368,6 +369,11 @@ class FilteredRows:
         if self.dead is not None:
             whole[:, self.dead] = 0.0
         return whole
+
+    @property
+    def position(self) -> Array:
+        """(m, nq) positions of the joints in the rows."""
+        return np.concatenate([log.position for log in self.logs])
 
     @property
     def speed(self) -> Array:

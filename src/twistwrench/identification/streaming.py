@@ -57,8 +57,8 @@ class Chunk:
         edges = np.linspace(ends[0].time[0], ends[1].time[0], self.blocks + 1)[1:-1]
         found = JointBlocks.none(frame, self.blocks)
         for window in steady_windows(self.source, clock, core, margin, self.begin, self.end):
-            for time, entries in rows_of(frame, window):
-                found = found.added(frame, entries, np.searchsorted(edges, time, side="right"))
+            for time, cells, entries in rows_of(frame, window):
+                found = found.added(frame, entries, np.searchsorted(edges, time, side="right"), cells)
         return found, self.source.doubts() if self.end == clock.rows else ()
 
 
@@ -297,9 +297,10 @@ def _from_excerpt(
     )  # fmt: skip
     free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
     sigma = np.where(dead, 1.0, found.sigma)
-    frame = RowFrame(found.base, found.settings, found.values, sigma, dead, *free, method == "irls")
+    told, none = found.covariance, np.zeros((0, found.base.count))
+    frame = RowFrame(found.base, found.settings, found.values, sigma, dead, *free, method == "irls", told.cells)
     shown = (np.concatenate(columns) for columns in zip(*map(astuple, found.held_out.rows), strict=True))
     return NormalEquationBlocks(
-        robot, frame, JointBlocks.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, length, (),
-        found.doubts, HeldOutRows(*shown) if found.held_out.rows else None, payload_only,
+        robot, frame, JointBlocks.none(frame, 0), found.prior, found.sizes, none if told.changes is None else told.changes,
+        method, 0.0, 0, length, (), found.doubts, HeldOutRows(*shown) if found.held_out.rows else None, payload_only,
     )  # fmt: skip

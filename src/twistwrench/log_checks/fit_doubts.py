@@ -343,7 +343,8 @@ def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
     if known or not owner:
         return []
     count = Counter(owner.values())
-    if turned := [name for name, n in count.items() if n > 1]:
+    inertias = {owner[k] for k in owner if kinds[k] == "motor_inertia"}
+    if turned := [name for name, n in count.items() if n > 1 and name in inertias]:  # friction alone may be compensated
         evidence = "its friction and motor inertia come out negative"
         return [doubt("torque-sign", turned, level="refuse", named=listed(turned), evidence=evidence)]
     found = []
