@@ -113,6 +113,20 @@ def page(name: str) -> str:
     return (ROOT / "docs" / f"{name}.md").read_text("utf-8")
 
 
+def test_doubts_of_identify_and_what_no_log_tells_are_the_tables():
+    from twistwrench.log_checks.doubts import doubt_table, untold_table
+
+    text = (ROOT / "docs" / "identification.md").read_text("utf-8").replace("\\|", "|")
+    rows = [
+        f"| `{k.name}` | {k.stage} | {k.tests} | {k.threshold} |"
+        for k in doubt_table().values()
+        if "identify" in k.reads
+    ]
+    words = {"joints": "JOINTS", "left": "a share"}
+    told = [f"| `{name}` | {a.format(**words)} | {b} |" for name, (a, b) in untold_table().items()]
+    assert "\n".join(rows) in text and "\n".join(told) in text
+
+
 def test_the_drift_of_each_method_is_the_one_measured():
     text, (first, *shown) = page("simulation"), kept("drift")["relative drift"].values()
     assert f"at most {first['variational']:.1e} of the energy that moved".replace("e-0", "e-") in text

@@ -354,6 +354,9 @@ def identification_view(found: identification.IdentifiedRobot, *, essential: boo
         yield f"vague, deviation beyond 30 %: {names}"
     if essential:
         yield _essential(found)
+    if found.untold:
+        yield "What this log cannot tell:"
+        yield from (f"• {sentence}" for sentence in found.untold.values())
 
 
 def _groups(found: identification.IdentifiedRobot) -> Table:

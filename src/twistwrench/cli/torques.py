@@ -16,9 +16,11 @@ from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode, Word
 from ..errors import ValueRangeError
 from ..joints.units import unit_of
+from ..log_checks.doubts import Doubt
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
-from ..motion.motion_log import ASKED
+from ..motion.log_table import excerpts
+from ..motion.motion_log import ASKED, MotionLog
 from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, verdict, words
 from ..reports.load_case import TERMS, PayloadMargin, cause_label
 from ..reports.motors import Demand, MotorUse, Steps
@@ -136,7 +138,29 @@ def analysis(
     load = shared.load_case(robot, options, given)
     limits = read_limits(given.limits, robot.model, degrees=options.degrees)
     plan = Differentiation.plan(log, robot.model, smoothing=given.smooth, progress=steps.next())
-    return analyse(load, plan, limits, csv=csv, split=split, progress=steps.next())
+    report = analyse(load, plan, limits, csv=csv, split=split, progress=steps.next())
+    return replace(report, causes=measured_causes(report, log))
+
+
+_IN_ROWS = ("repeated", "buffered")
+"""Doubts about rows that causes would be taken for."""
+_RUNS, _ROWS = 4, 8192
+"""Runs of rows of a long log, and rows of each, that causes are sought in."""
+
+
+def measured_causes(report: TorqueReport, log: MotionLog) -> tuple[Doubt, ...]:
+    """Causes of measured torques that the robot's equations do not explain; none with wrenches, or rows that are not right."""
+    wrong = any(m.cut and m.matters for m in report.measured) or any(d.kind in _IN_ROWS for d in report.doubts)
+    if not report.measured or report.load.wrenches or wrong:
+        return ()
+    from .. import identification
+    from ..motion.motion import Motion
+
+    robot, motions = report.load.robot, []
+    for table in excerpts(log.table, _RUNS, _ROWS):
+        rows = log.motion(table)
+        motions.append(Motion(rows.time, rows.q, tau=rows.tau, robot=robot, in_seconds=True))
+    return identification.measured_causes(robot, motions)
 
 
 def run_batch(work: BatchTorques, paths: Sequence[str]) -> ExitCode:

@@ -8,7 +8,7 @@ from ..log_checks.doubts import Doubt
 from .consistent import ConsistentRobot
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
 from .hyperparameters import EssentialGroups, FitSettings
-from .identify import identify
+from .identify import identify, measured_causes
 from .normal_equation_blocks import NormalEquationBlocks
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion
@@ -33,6 +33,7 @@ __all__ = [
     "accumulate",
     "exciting_trajectory",
     "identify",
+    "measured_causes",
     "motor_side",
     "read_motion",
     "without_links",

@@ -169,12 +169,13 @@ class LogStates:
         """Columns of motor inertias, friction and offsets, for the same states."""
         unknown, at = self.base.unknown, slice(None) if self.lag else self.rows
         which = self.base.kept[unknown.of_bodies[self.base.kept] < 0].tolist()
+        dry = [k for k in which if unknown.kinds[k] in ("coulomb", "stribeck")]
+        steep = [unknown.drive(k, self.dq, self.ddq, self.friction_speed)[0] for k in dry]
+        low = dict(zip(dry, self.filtered(np.stack(steep, axis=1))[at].T, strict=True)) if dry else {}
         found = np.empty((*self.dq[at].shape, len(which)))
         for c, k in enumerate(which):
-            dry = unknown.kinds[k] in ("coulomb", "stribeck")
-            rates = (self.dq, self.ddq) if dry else (self.dq[at], self.ddq[at])
-            value, share = unknown.drive(k, *rates, self.friction_speed)
-            found[:, :, c] = (self.filtered(value)[at] if dry else value)[:, None] * share
+            value, share = unknown.drive(k, self.dq[at], self.ddq[at], self.friction_speed)
+            found[:, :, c] = low.get(k, value)[:, None] * share
         return found
 
     def torque(self, x: Array) -> Array:

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
+from ..errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
 from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..estimation.sampling import SingleRowGlitches, gaps, new_rows, spikes
 from ..log_checks.contradictions import row_doubts
-from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
+from ..log_checks.doubts import Doubt
+from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubt_of_cause, doubts_of
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
 from ..robot import Robot
@@ -29,7 +30,7 @@ from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
-from .rows import MOST_ROWS, SteadySamples, pauses
+from .rows import MOST_ROWS, ROW_RATE, SteadySamples, pauses
 
 MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
@@ -225,6 +226,54 @@ def identified(
         notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks((*trained, *tested))),
     )
     return found, source.dead, autocorrelation_length((trial.tau - trial.W @ x) / sigma)
+
+
+_HIGHEST, _FEWEST_ROWS = 5.0, 2.0
+"""Cut-off [Hz] of the search for causes without a choice of settings, and equations of a joint at least for each group."""
+_USUAL_SPEED = 0.03
+"""Speed of friction that it begins with [rad/s, m/s]."""
+
+
+def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doubt, ...]:
+    """Find the causes of what the equations of a robot leave of the measured torques of logs, whatever its parameters.
+
+    The search is that of :func:`identify`, at one cut-off and without a choice of settings.
+
+    Parameters
+    ----------
+    robot : Robot
+    logs : Motion or sequence of Motion, with torques
+
+    Returns
+    -------
+    doubts : tuple of Doubt
+        Empty if there is nothing to name, if the logs are too short, or for robots that cannot be identified: on a floating
+        base, with joints of several degrees of freedom, or with actuators.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.planar_2r(), np.arange(0, 20, 0.01)
+    >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
+    >>> log = tw.Motion(t, q * [1, -1], tau=tau, robot=arm)
+    >>> [doubt.kind for doubt in tw.identification.measured_causes(arm, log)]
+    ['position-sign']
+    """
+    try:
+        unknown = UnknownParameters(robot)
+        motions = [_believed(motion) for motion in checked_motions(robot, logs, "logs")]
+        samples = _samples(motions, "logs")
+    except (ModelError, TrajectoryError):
+        return ()
+    dead, nv = _dead(motions), robot.nv
+    cutoff = min(_HIGHEST, 0.1 * min(s.rate for s in samples))
+    rows = ROW_RATE * cutoff * sum(s.seconds for s in samples)
+    if dead.all() or rows < _FEWEST_ROWS * BaseParameters.from_unknowns(unknown).count:
+        return ()
+    settings = FitSettings(cutoff, np.full(nv, _USUAL_SPEED), 0.0)
+    causes = log_causes(unknown, samples, settings, dead)
+    return tuple(doubt_of_cause(unknown.model.velocity_names, cause) for cause in causes)
 
 
 def _rows_of(trained: Sequence[Motion], asked: FitOptions) -> tuple[list[SteadySamples], Array]:

@@ -23,6 +23,7 @@ from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Information, NormalEquations, Prior
 from ..log_checks.doubts import Doubt
+from ..log_checks.fit_doubts import untold
 from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array
@@ -204,6 +205,11 @@ class IdentifiedRobot:
         unsure = [doubt.sentence for doubt in self.doubts if doubt.level == "unsure"]
         return Verdict.from_reasons(look_again=refused, unsure=unsure)
 
+    @cached_property
+    def untold(self) -> dict[str, str]:
+        """Sentences on what no such log can tell, by name; none of a payload alone."""
+        return {} if self.payload_frame is not None else untold(self.base, self.held_out.all)
+
     @property
     def vague(self) -> tuple[str, ...]:
         """Names of the groups whose deviation is beyond 30 % of their value, vaguest first."""
@@ -314,6 +320,7 @@ class IdentifiedRobot:
             "doubts": [doubt.to_dict() for doubt in self.doubts],
             "notes": list(self.notes),
             "assumed": [asdict(one) for one in self.settings.assumed],
+            "cannot_tell": self.untold,
             "base_parameters": self.base.count,
             "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": _known(self.held_out.joints)},
             "training": {"all": self.trained.all, "joints": _known(self.trained.joints)},

@@ -19,16 +19,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.parsed_file import read_subject
-from ..diagnosis.shapes import LinkShapes, Solid
 from ..errors import ShapeError, ValueRangeError
 from ..model.model import BASE
 from ..motion.bounds import Bounds
 from ..robot import Robot
 from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..diagnosis.shapes import LinkShapes, Solid
 
 _WORTH = 0.6
 """Share of the volume of capsules around single shapes, which overlap, up to which one around all takes their place."""
@@ -53,6 +55,9 @@ class LinkCapsules:
     @classmethod
     def from_robot(cls, robot: Robot) -> LinkCapsules:
         """Capsules around the file's shapes, for contact, else to be seen; assumed ones of bodies with a link that has none."""
+        from ..diagnosis.parsed_file import read_subject  # which loads the viewer
+        from ..diagnosis.shapes import LinkShapes
+
         described = read_subject(robot).robot
         names, frames = robot.link_names, robot.model.frames
         found, lacking = list[tuple[int, Array, float]](), list[str]()

@@ -47,13 +47,22 @@ class DoubtKind:
     unit: str = ""
 
 
+def _rows(file: str) -> dict[str, dict[str, Any]]:
+    import tomllib
+
+    return tomllib.loads(Path(__file__).with_name(file).read_text(encoding="utf-8"))
+
+
+@cache
+def untold_table() -> Mapping[str, tuple[str, str]]:
+    """Sentence and remedy of each thing that no log tells, by name."""
+    return {name: (row["sentence"], row.get("remedy", "")) for name, row in _rows("untold.toml").items()}
+
+
 @cache
 def doubt_table() -> Mapping[str, DoubtKind]:
     """Rows of the table, by name."""
-    import tomllib
-
-    rows = tomllib.loads(Path(__file__).with_name("doubts.toml").read_text(encoding="utf-8"))
-    return {name: DoubtKind(name, **row | {"reads": tuple(row["reads"])}) for name, row in rows.items()}
+    return {name: DoubtKind(name, **row | {"reads": tuple(row["reads"])}) for name, row in _rows("doubts.toml").items()}
 
 
 @dataclass(frozen=True)

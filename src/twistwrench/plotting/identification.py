@@ -266,7 +266,9 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     bodies = ((unknown.model.bodies[i], inertias[i]) for i in unknown.bodies)
     links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(number(x) for x in G.com)) for b, G in bodies)
     yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
-    yield "</html>"
+    yield "<h2>What this log cannot tell</h2><ul>"
+    yield from (f"<li>{html.escape(sentence)}</li>" for sentence in found.untold.values())
+    yield "</ul></html>"
 
 
 def _rows(drawn: Any, names: Sequence[str]) -> list[Any]:

@@ -32,6 +32,7 @@ from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSear
 
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
+    from ..log_checks.doubts import Doubt
     from ..model.limits import Limits
 
 ZERO = 1e-9
@@ -163,6 +164,8 @@ class TorqueReport:
     """Doubts and notes about the log that no dynamics are needed for."""
     measured: tuple[MeasuredTorque, ...] = ()
     """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
+    causes: tuple[Doubt, ...] = ()
+    """Causes by name of torques of the log that the equations of the robot do not explain, whatever its parameters."""
     idle_payload: bool = False
     """True if payloads with a mass cause no torque in any joint."""
     payload_margin: PayloadMargin | None = None

@@ -13,11 +13,13 @@ from ..core.numbers import deviation, number, percent, percent_of_limit, quantit
 from ..core.text import listed
 from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
+from ..log_checks.doubts import Doubt, doubt_table
 from ..model.inertia_checks import massless_links
 from ..model.limits import over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from .load_case import TEMPLATE, Payload, cause_label, limit_doubts, unlimited
+from .log_quality import MeasuredTorque
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
@@ -178,19 +180,35 @@ def verdict_of(report: TorqueReport) -> Verdict:
         unsure.append(report.gaps.hidden_words)
     if any(outlier.matters for outlier in report.outliers):
         unsure.append("samples were flattened that are no noise, and could be a torque beyond a limit")
-    contradicted = [m.words for m in report.measured if m.contradicts]
-    doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]
-    against = "the file's own torque column disagrees with the torques computed"
-    look_again = [
-        *report.load.contradictions,
-        *(str(doubt) for doubt in report.doubts if doubt.refuses),
-        *([f"{against}: {listed(contradicted, _MOST_LISTED, '; ')}"] if contradicted else []),
-    ]
+    contradicted = [m for m in report.measured if m.contradicts]
+    doubted = [m for m in report.measured if m.disagrees and not m.contradicts]
+    refused = [str(doubt) for doubt in report.doubts if doubt.refuses]
     unsure += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
     unsure += [m.cut_words for m in report.measured if m.cut and m.matters]
-    if doubted:
-        unsure.append(f"{against}: {listed(doubted, _MOST_LISTED, '; ')}")
+    unsure += _against(report, doubted)
+    look_again = [*report.load.contradictions, *refused, *_against(report, contradicted)]
     return Verdict.from_reasons(look_again=look_again, over=stated, unsure=unsure)
+
+
+_OF_TORQUES, _LITTLE = ("torque-sign", "exchanged-torques", "gain"), ("late", "low-pass")
+"""Causes that change measured torques of their joints only, and those that change them little."""
+
+
+def explains(cause: Doubt, joint: str) -> bool:
+    """True if a cause makes a joint's measured torque grossly different from that computed: laws of the joints do not."""
+    gross = doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _LITTLE
+    return gross and (cause.kind not in _OF_TORQUES or joint in cause.joints)
+
+
+def _against(report: TorqueReport, different: Sequence[MeasuredTorque]) -> list[str]:
+    """Reasons from measured torques that are different: causes by name, and figures of the joints without one."""
+    named = [cause for cause in report.causes if any(explains(cause, m.joint) for m in different)]
+    rest = [m.words for m in different if not any(explains(cause, m.joint) for cause in named)]
+    against = "the file's own torque column disagrees with the torques computed"
+    return [
+        *(cause.sentence.rstrip(".") for cause in named),
+        *([f"{against}: {listed(rest, _MOST_LISTED, '; ')}"] if rest else []),
+    ]
 
 
 def confidence(joints: int) -> float:
@@ -399,7 +417,13 @@ def _friction_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _measured_notes(report: TorqueReport) -> Iterator[str]:
-    if differ := [m.joint for m in report.measured if m.disagrees]:
+    in_verdict = {m.joint for m in report.measured if m.disagrees}
+    for cause in report.causes:
+        if not any(explains(cause, joint) for joint in in_verdict):
+            yield f"{cause.sentence[0].upper()}{cause.sentence[1:]}"
+    if differ := [
+        m.joint for m in report.measured if m.disagrees and not any(explains(c, m.joint) for c in report.causes)
+    ]:
         yield (
             f"The file's own torques are grossly different from those computed for {', '.join(differ)}: friction or load that "
             "the model lacks, another robot, or another unit."

@@ -1,0 +1,86 @@
+"""Causes of measured torques in the report of ``torques``: by name, in place of figures, and none for a right log."""
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.cli import torques as command
+from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.motion_log import MotionLog
+from twistwrench.reports.load_case import LoadCase
+from twistwrench.reports.torque_report import TorqueReport, analyse
+from twistwrench.reports.torque_verdict import notes_of
+
+ARM = tw.robots.planar_3r()
+T = np.arange(0, 20, 0.01)
+Q = np.stack([np.sin(w * T + k) + 0.5 * np.sin(2.3 * w * T) for k, w in enumerate((1.1, 1.7, 2.3))], axis=1)
+MOTION = tw.Motion(T, Q, robot=ARM)
+TORQUES = MOTION.torques() + 0.3 * np.tanh(MOTION.dq / 0.01) + 0.1 * MOTION.dq
+NOISE = 0.01 * TORQUES.std(axis=0) * np.random.default_rng(0).normal(size=TORQUES.shape)
+MEASURED = TORQUES + NOISE
+
+
+def report(tmp_path, q=Q, tau=MEASURED, *, load=None):
+    tw.Motion(T, q, tau=tau, robot=ARM).to_csv(tmp_path / "log.csv")
+    log = MotionLog.open(tmp_path / "log.csv", ARM.model)
+    found = analyse(load or LoadCase(ARM), Differentiation.plan(log, ARM.model), ARM.model.limits)
+    object.__setattr__(found, "causes", command.measured_causes(found, log))
+    return found
+
+
+def kinds(found: TorqueReport):
+    return [cause.kind for cause in found.causes]
+
+
+def test_a_right_log_has_none(tmp_path):
+    found = report(tmp_path)
+    assert not found.causes
+
+
+def test_a_position_of_the_wrong_sign_replaces_the_comparison_of_all_joints(tmp_path):
+    found = report(tmp_path, Q * [1, -1, 1])
+    assert kinds(found) == ["position-sign"] and found.causes[0].joints == ("joint2",)
+    assert any(m.disagrees for m in found.measured)
+    words = " ".join(found.verdict.reasons)
+    assert "position of joint2 has the wrong sign" in words and "disagrees" not in words
+
+
+def test_a_torque_of_the_wrong_sign_is_look_again_in_its_own_words(tmp_path):
+    found = report(tmp_path, tau=MEASURED * [1, -1, 1])
+    assert kinds(found) == ["torque-sign"] and found.verdict.word == "LOOK AGAIN"
+    assert found.verdict.reasons[0].startswith("the torque of joint2 has the wrong sign")
+    assert "disagrees" not in " ".join(found.verdict.reasons)
+
+
+def test_a_gain_is_a_note_with_value_and_interval_where_the_torques_are_not_grossly_different(tmp_path):
+    found = report(tmp_path, tau=MEASURED * [1, 1.3, 1])
+    cause = found.causes[0]
+    assert (cause.kind, cause.joints) == ("gain", ("joint2",)) and cause.interval[0] < 1.3 < cause.interval[1]
+    assert any("joint2 is 1.3" in note for note in notes_of(found))
+    assert "1.3" not in " ".join(found.verdict.reasons)
+
+
+def test_a_law_of_a_joint_is_a_note_whatever_its_size(tmp_path):
+    warming = 0.3 * np.tanh(MOTION.dq / 0.01) * np.linspace(0, 4, len(T))[:, None]
+    found = report(tmp_path, tau=MEASURED + warming * [0, 0, 1])
+    assert kinds(found)[0] == "warming" and found.causes[0].joints == ("joint3",)
+    assert any(note[1:] == str(found.causes[0])[1:] for note in notes_of(found))
+    assert "changes during" not in " ".join(found.verdict.reasons)
+
+
+@pytest.mark.parametrize("why", ["wrench", "cut off"])
+def test_where_other_forces_act_or_torques_are_cut_off_no_cause_is_sought(tmp_path, why):
+    q, tau, load = Q * [1, -1, 1], MEASURED, None
+    if why == "wrench":
+        load = LoadCase(ARM, (), {ARM.model.tip: np.ones(6)})
+    else:
+        tau = np.clip(tau, *(0.5 * np.stack([tau.min(axis=0), tau.max(axis=0)])))
+    assert not report(tmp_path, q, tau, load=load).causes
+
+
+def test_a_robot_whose_parameters_no_log_tells_has_no_causes():
+    box, t = tw.robots.floating_box(), np.arange(0, 1, 0.01)
+    still = tw.Motion(t, np.tile(box.neutral, (len(t), 1)), tau=np.ones((len(t), box.nv)), robot=box)
+    assert tw.identification.measured_causes(box, still) == ()
+    short = tw.Motion(T[:100], Q[:100] * [1, -1, 1], tau=MEASURED[:100], robot=ARM)
+    assert tw.identification.measured_causes(ARM, short) == ()
