@@ -25,7 +25,7 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .chunks import gap_notes
-from .diagnosis import FoundCause, diagnose, law_changes, log_fit
+from .diagnosis import FoundCause, diagnose, law_changes, log_causes, log_fit
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
