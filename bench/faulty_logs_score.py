@@ -65,7 +65,7 @@ def name_of(kind: str, sentence: str) -> str:
 def settings_chosen_once() -> Iterator[None]:
     """Choose the settings of an identification on all fifths of the time only, not anew for each that is held out.
 
-    A third of the time; of 30 logs compared, all had the same verdict and doubts.
+    A third of the time; of 6 logs compared, all had the same verdict and doubts.
     """
     plain, first = SettingRows.choose, dict[int, tuple[SettingRows, FitSettings]]()
 

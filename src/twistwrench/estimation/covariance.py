@@ -245,7 +245,21 @@ class GroupCovariance:
     changes: Array | None = None
 
     def widened(self, changes: Array) -> GroupCovariance:
-        """With the errors (k, r) that other laws would change the groups by, in the covariance Σ_k δ_k δ_k'."""
+        """Covariance with the errors of other laws, Σ_k δ_k δ_k', added.
+
+        Parameters
+        ----------
+        changes : (k, r) array, δ_k: by how much a law changes each group
+
+        Returns
+        -------
+        covariance : GroupCovariance
+
+        Examples
+        --------
+        >>> GroupCovariance(np.eye(1), np.ones(1), np.ones(1), 1.0).widened(np.array([[2.0]])).matrix.tolist()
+        [[5.0]]
+        """
         return replace(self, matrix=self.matrix + changes.T @ changes, changes=changes)
 
     @property
@@ -254,7 +268,21 @@ class GroupCovariance:
         return np.sqrt(np.maximum(self.matrix.diagonal(), 0.0))  # of what is known, rounding is left
 
     def of_first(self, count: int) -> GroupCovariance:
-        """The first groups alone."""
+        """Covariance of the first groups alone.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        covariance : GroupCovariance
+
+        Examples
+        --------
+        >>> GroupCovariance(np.eye(2), np.ones(2), np.ones(2), 1.0).of_first(1).matrix.shape
+        (1, 1)
+        """
         first = slice(count)
         return replace(
             self, matrix=self.matrix[first, first], freedom=self.freedom[first], textbook=self.textbook[first]

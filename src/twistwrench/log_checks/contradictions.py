@@ -145,7 +145,7 @@ def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
     """Description of a rate column by its scale against the slope of ``base``; ``per`` is the unit's end, such as /s."""
     slope = f"the slope of the {base}"
     name = f"name the unit, as in 'JOINT [deg{per}]'"
-    known = [(f"{factor:g}", factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
+    known = [(printed(factor), factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
     known.append(("1/1000", 1e-3, "time, or the column, seems to be in another unit"))
     if angular:
         known.append(("57.3", _DEGREES, f"it seems to be in deg{per}; {name}"))
