@@ -197,13 +197,13 @@ def identified(
     among = _five_fold(source, prior, method, settings_without)
     held_out = _predicted(source, tested, settings, x, assumed) if tested else among
     begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may be another cause
-    causes = list[FoundCause]()
+    causes, of_noise = list[FoundCause](), covariance.matrix  # doubts are judged by noise and states alone
     if not payload_only:
         causes, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
         causes = [cause for cause in causes if not any(one.stands_for(cause) for one in wanted)]
         covariance = covariance.widened(law_changes(before) @ base.grouping.T)
     seen = FittedLog(
-        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
+        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, of_noise, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
