@@ -195,8 +195,9 @@ def test_what_no_file_holds_and_what_is_pulled_out_of_its_interval_is_told(tmp_p
     plain = tw.identification.identify(arm, motors, cutoff=10.0)
     wide = plain.interval() + np.array([-9.0, 9.0])
     assert plain.consistent.outside(wide, plain.standard_deviations) == []
-    pulled = plain.consistent_at(1e4)
-    (said,) = pulled.outside(plain.interval(), plain.standard_deviations)
+    pulled = plain.consistent_at(1e5)
+    of_noise = plain.values[:, None] + np.outer(2.0 * plain.covariance.textbook, [-1.0, 1.0])
+    (said,) = pulled.outside(of_noise, plain.covariance.textbook)
     assert "outside their 95 % intervals" in said
 
 
