@@ -89,9 +89,9 @@ def test_every_unit_has_its_factor(kind, unit):
     ],
 )
 def test_every_unit_that_a_sensor_log_may_be_in_has_its_factor(said, force, moment):
-    (way,) = [way for way in MIXUPS if way.said == said]
-    assert 1 / way.force == pytest.approx(force, rel=3e-5)  # pounds are told with five digits
-    assert 1 / way.moment == pytest.approx(moment, rel=3e-5)
+    (way,) = [way for way in MIXUPS if way.cause == said]
+    assert way.force == pytest.approx(force, rel=3e-5)  # pounds are told with five digits
+    assert way.moment == pytest.approx(moment, rel=3e-5)
     digits = [float(word) for word in way.cure.replace(",", " ").split() if word[0].isdigit()]
     told = [x if "multiply" in way.cure else 1 / x for x in digits]
     assert told == pytest.approx([x for x in (force, moment) if x != 1.0], rel=1e-3)
