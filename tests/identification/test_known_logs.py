@@ -171,6 +171,14 @@ def test_late_torques(rows):
     assert "ms after the positions of their rows" in str(found.doubts[0])
 
 
+def test_a_delay_that_the_caller_leaves_in_is_not_said_to_be_taken_off():
+    late = LOG.changed(tau=np.roll(LOG.motion.tau, 10, axis=0), rows=slice(20, None))
+    found = identify(ARM, late, **GIVEN, shift=0.0)
+    (doubt,) = [doubt for doubt in found.doubts if doubt.kind == "late"]
+    assert doubt.refuses and abs(doubt.value - 50.0) < 2.0 and found.settings.shift == 0.0
+    assert "The fit has 0.000 s in its place: give --shift 0.0" in doubt.sentence
+
+
 @pytest.mark.parametrize("sides", [(-1.0, 1.0), (-np.inf, 1.0), (-1.0, np.inf)])
 def test_saturated_torques(sides):
     least, most = np.outer(sides, 0.6 * np.abs(LOG.motion.tau).max(axis=0))

@@ -31,7 +31,7 @@ import numpy as np
 from ..lie import so3
 from ..typing import Array
 from .parameters import BaseParameters
-from .rows import SteadySamples, kept_rows, low_pass, of_springs, states_below
+from .rows import SteadySamples, low_pass, of_springs, states_with_rows
 
 _PORTION = 2048
 _MADE_OF = {
@@ -90,12 +90,8 @@ class LogStates:
     ) -> LogStates:
         """States of samples on steady clocks, with ``most`` rows at most; of all samples, q and τ as they are, if ``whole``."""
         found, rows, pieces, at = [], [], [], 0
-        total = sum(s.seconds for s in samples)
-        for one in samples:
-            s = states_below(one, cutoff, one.rate if whole else None)
-            s = replace(s, q=one.q, tau=one.tau) if whole else s
-            kept = kept_rows(s, cutoff, max(1.0, most * one.seconds / total), cut=one.cut)
-            found.append(s)
+        for one, s, kept in states_with_rows(samples, cutoff, most, whole=whole):
+            found.append(replace(s, q=one.q, tau=one.tau) if whole else s)
             rows.append(at + np.arange(len(s.time))[kept])
             pieces.append(slice(at, at + len(s.time)))
             at += len(s.time)
@@ -189,7 +185,7 @@ class LogStates:
         return np.concatenate(found)
 
     def changed(self, **columns: Any) -> LogStates:
-        """The same with other values of some fields; columns that no change concerns are kept."""
+        """States with other values of some fields; columns that no change concerns are kept."""
         found = replace(self, **columns)
         for part, fields in _MADE_OF.items():
             if part in self.__dict__ and all(getattr(found, name) is getattr(self, name) for name in fields):
@@ -216,45 +212,45 @@ def _one(values: Array, k: int, change: Callable[[Array], Array]) -> Array:
 
 
 def gain(s: LogStates, k: int, g: float) -> LogStates:
-    """τ_k is g times that of the robot."""
+    """Scale the torque of joint k by g."""
     return s.changed(gain=np.where(np.arange(len(s.gain)) == k, g * s.gain, s.gain))
 
 
 def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
-    """q_k is that times the angle of the log."""
+    """Scale the position of joint k and its rates."""
     return s.changed(**{name: _one(getattr(s, name), k, lambda x: factor * x) for name in ("q", "dq", "ddq")})
 
 
 def zero(s: LogStates, k: int, beta: float) -> LogStates:
-    """q_k of the log is beyond the robot's by β."""
+    """Move the zero of joint k by β, which the log is beyond the robot by."""
     return s.changed(q=_one(s.q, k, lambda x: x - beta))
 
 
 def exchanged_positions(s: LogStates, j: int, k: int) -> LogStates:
-    """Columns of positions j and k are exchanged."""
+    """Exchange the positions of joints j and k."""
     order = np.arange(s.q.shape[1])
     order[[j, k]] = k, j
     return s.changed(q=s.q[:, order], dq=s.dq[:, order], ddq=s.ddq[:, order])
 
 
 def exchanged_torques(s: LogStates, order: Array) -> LogStates:
-    """Column ``order[j]`` of the torques is that of joint j."""
+    """Reorder the torques: column ``order[j]`` is that of joint j."""
     return s.changed(tau=s.tau[:, order])
 
 
 def tilt(s: LogStates, beta: Array) -> LogStates:
-    """The base is turned by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
+    """Turn the base by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
     level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes at right angles to gravity
     return s.changed(gravity=so3.exp(level.T @ beta) @ s.gravity)
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
-    """Times of the log are ``factor`` times the true ones, so that rates are too small by it."""
+    """Scale the rates: times of the log are ``factor`` times the true ones."""
     return s.changed(dq=s.dq * factor, ddq=s.ddq * factor**2)
 
 
 def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Array) -> LogStates:
-    """Links are behind the motors by β times ``turn`` (n, nv), with its rates."""
+    """Turn the links back from their motors by β times ``turn`` (n, nv), with its rates."""
     if not s.pieces:
         return s
     return s.changed(q=s.q - beta * turn, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
@@ -277,7 +273,7 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A correction that is tried; with a value β, ``correct`` takes it and ``start`` is where it is none."""
+    """Correction of states that is tried; with a value β, ``correct`` takes it, and the search begins at ``starts``."""
 
     kind: str
     joints: tuple[int, ...]
@@ -312,7 +308,7 @@ class FittedTorques(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A law of joints, by the states and their fitted torques."""
+    """Law of joints: a torque by the states and their fitted torques."""
 
     kind: str
     joints: tuple[int, ...]

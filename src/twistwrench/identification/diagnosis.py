@@ -176,14 +176,14 @@ class CauseFit:
         v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
         across = e - self.W @ (self._inverse[-1] @ v)
         size = np.linalg.pinv(np.einsum("mjk,mjl,j->kl", across, across, self.weight, optimize=True))
-        return self._spread(across @ size)
+        return self._block_deviation(across @ size)
 
     @property
     def law_deviation(self) -> Array:
         """Deviation (1,) of the coefficient of the last law."""
-        return self._spread((self.W @ self._inverse[-1][:, -1])[..., None])
+        return self._block_deviation((self.W @ self._inverse[-1][:, -1])[..., None])
 
-    def _spread(self, influence: Array) -> Array:
+    def _block_deviation(self, influence: Array) -> Array:
         """Deviations (k,) of Σ influence' Λ r, by blocks of time."""
         u = np.einsum("mjk,mj,j->mk", influence, self.tau - self.W @ self._held[-1], self.weight, optimize=True)
         return np.sqrt((np.add.reduceat(u, self.blocks, axis=0) ** 2).sum(axis=0))
@@ -212,7 +212,7 @@ class CauseFit:
 
 @dataclass(frozen=True, eq=False)
 class ScreenedCause:
-    """A cause by its columns e (m, nv, k) alone, with β and S at the weights of the fit without it."""
+    """Cause by its columns e (m, nv, k) alone, with β and S at the weights of the fit without it."""
 
     S: float
     cause: Cause | Law
@@ -222,7 +222,7 @@ class ScreenedCause:
 
 @dataclass(frozen=True, eq=False)
 class FoundCause:
-    """A cause that the rows held out speak for.
+    """Cause of a residual, with the evidence of rows held out.
 
     Attributes
     ----------
@@ -286,13 +286,6 @@ _TO_UNITS: Mapping[str, Callable[[float], float]] = {
     **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
     "gain": lambda x: float(np.exp(np.clip(x, -30.0, 30.0))),
 }
-
-
-def log_causes(
-    unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
-) -> list[FoundCause]:
-    """Causes of what the best fit to logs leaves, where there are any; its delay is taken off before."""
-    return diagnose(log_fit(unknown, samples, settings, dead))[0]
 
 
 def log_fit(
@@ -402,7 +395,7 @@ def _push(fit: CauseFit) -> FoundCause | None:
     for _ in range(2):  # at first the push is in the fit as well
         sigma = MAD * np.median(np.abs(left), axis=0) + np.sqrt(fit.floor)
         size = np.sqrt(((left / sigma)[:, fit.live] ** 2).mean(axis=1))
-        runs = _runs(s.time[s.rows], size > _PUSHED * np.median(size))
+        runs = _runs(s.time[s.rows], s.piece[s.rows], size > _PUSHED * np.median(size))
         kept = np.ones(len(s.rows), bool)
         for a, b in runs:
             kept[a:b] = False
@@ -411,9 +404,8 @@ def _push(fit: CauseFit) -> FoundCause | None:
         rest = fit.refit(s.changed(rows=s.rows[kept]))
         left = fit.tau - fit.W @ rest.x
     a, b = max(runs, key=lambda run: run[1] - run[0])
-    J = np.asarray(robot.jacobian(s.q[s.rows[a:b]], kind="world_aligned"))[
-        :, 3:
-    ]  # τ = J' f, f constant in the world's axes
+    J = np.asarray(robot.jacobian(s.q[s.rows[a:b]], kind="world_aligned"))[:, 3:]
+    # τ = J' f, with f constant in the world's axes
     A = (J / sigma).swapaxes(1, 2)[:, fit.live].reshape(-1, 3)
     y = (left[a:b] / sigma)[:, fit.live].ravel()
     f, *_ = np.linalg.lstsq(A, y, rcond=None)
@@ -451,12 +443,12 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=size)], 1
 
 
-def _runs(time: Array, high: Array) -> list[tuple[int, int]]:
-    """Runs of rows that are high, but for short gaps, of 0.3 s at least."""
+def _runs(time: Array, piece: Array, high: Array) -> list[tuple[int, int]]:
+    """Runs of rows of one piece that are high, but for short gaps, of 0.3 s at least."""
     places = np.flatnonzero(high)
     if not places.size:
         return []
-    ends = np.flatnonzero(np.diff(time[places]) > _GAP)
+    ends = np.flatnonzero((np.diff(time[places]) > _GAP) | (np.diff(piece[places]) != 0))
     begins, stops = np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(places) - 1]])
     runs = [(int(places[a]), int(places[b]) + 1) for a, b in zip(begins, stops, strict=True)]
     return [(a, b) for a, b in runs if time[b - 1] - time[a] >= _SHORTEST]

@@ -25,7 +25,7 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .chunks import gap_notes
-from .diagnosis import FoundCause, diagnose, law_changes, log_causes, log_fit
+from .diagnosis import FoundCause, diagnose, law_changes, log_fit
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
@@ -272,7 +272,7 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
     if dead.all() or rows < _FEWEST_ROWS * BaseParameters.from_unknowns(unknown).count:
         return ()
     settings = FitSettings(cutoff, np.full(nv, _USUAL_SPEED), 0.0)
-    causes = log_causes(unknown, samples, settings, dead)
+    causes, _ = diagnose(log_fit(unknown, samples, settings, dead))
     return tuple(doubt_of_cause(unknown.model.velocity_names, cause) for cause in causes)
 
 

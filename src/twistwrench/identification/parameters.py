@@ -21,14 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.inverse_dynamics import PARAMETER_NAMES, regressor
+from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..core.glossary import complete
 from ..core.numbers import number
 from ..errors import ModelError, UnknownNameError, ValueRangeError
-from ..ir.tracer import trace
 from ..model.model import BASE, Model
 from ..robot import Robot
-from ..robot.engine import compiled
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 
@@ -254,16 +252,7 @@ class UnknownParameters:
     @cached_property
     def regressor(self) -> Any:
         """Kernel of the regressor Y (nv, 10 nbodies) of the bodies by q, dq, ddq and the vector of gravity."""
-        model = self.model
-
-        def columns(q: Any, dq: Any, ddq: Any, g: Any) -> Any:
-            return regressor(replace(model, gravity=g), q, dq, ddq)
-
-        def build() -> Any:
-            inputs = [("q", (model.nq,)), ("dq", (model.nv,)), ("ddq", (model.nv,)), ("gravity", (3,))]
-            return compiled(trace(columns, inputs, ["Y"]), "regressor_of_gravity", f"Regressor of {model.name}.")
-
-        return self.robot.engine.cached(("regressor by gravity",), build)
+        return self.robot.kernel("regressor", gravity="input")
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
         """Columns of dry friction, Coulomb's and Stribeck's, among some of the parameters.

@@ -22,7 +22,7 @@ from ..errors import UnknownNameError, ValueRangeError
 from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Information, NormalEquations, Prior
-from ..log_checks.doubts import Doubt
+from ..log_checks.doubts import Doubt, verdict_from_doubts
 from ..log_checks.fit_doubts import untold
 from ..model.model import BASE
 from ..robot import Robot
@@ -201,9 +201,7 @@ class IdentifiedRobot:
     @cached_property
     def verdict(self) -> Verdict:
         """OK, UNSURE, or LOOK AGAIN where no number can be trusted."""
-        refused = [doubt.sentence for doubt in self.doubts if doubt.refuses]
-        unsure = [doubt.sentence for doubt in self.doubts if doubt.level == "unsure"]
-        return Verdict.from_reasons(look_again=refused, unsure=unsure)
+        return verdict_from_doubts(self.doubts)
 
     @cached_property
     def untold(self) -> dict[str, str]:

@@ -163,6 +163,16 @@ def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False
     return slice(border, max(border, len(states.time) - border), every)
 
 
+def states_with_rows(
+    samples: Sequence[SteadySamples], cutoff: float, most: float, *, whole: bool = False
+) -> Iterator[tuple[SteadySamples, Filtered, slice]]:
+    """Each log with its states below a cut-off, all samples if ``whole``, and those that become rows, ``most`` of all logs."""
+    total = sum(log.seconds for log in samples)
+    for log in samples:
+        s = states_below(log, cutoff, log.rate if whole else None)
+        yield log, s, kept_rows(s, cutoff, max(1.0, most * log.seconds / total), cut=log.cut)
+
+
 def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
     """States at either end of so many that are left out: more of a piece that is ``cut`` from a log with pauses."""
     border = math.ceil(rate / cutoff)
@@ -316,10 +326,7 @@ class FilteredRows:
         """Rows of logs below a cut-off."""
         W, known, times, logs = list[Array](), list[Array](), list[Array](), list[Array]()
         parts = list[_LogRows]()
-        total = sum(log.seconds for log in samples)
-        for k, log in enumerate(samples):
-            s = states_below(log, cutoff)
-            rows = kept_rows(s, cutoff, max(1.0, most * log.seconds / total), cut=log.cut)
+        for k, (_, s, rows) in enumerate(states_with_rows(samples, cutoff, most)):
             w, fixed = _columns(base, s, rows, cutoff, friction_speed)
             W.append(w)
             known.append(fixed)

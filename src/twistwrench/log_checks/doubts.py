@@ -29,7 +29,7 @@ class DoubtKind:
     reads : tuple of str, those that raise it: ``motion``, ``torques``, ``identify``, ``sensor``
     tests : str, what is tested
     threshold : str, from where it is raised
-    false_alarms : float, share of clean logs that it is raised for, as measured, at most
+    false_alarms : float, share of clean logs that it is raised for by mistake, at most
     sentence, remedy : str, with {placeholders}
     level : str, ``refuse``, ``unsure``, ``note``, or ``effect``: by how much predicted torques change
     unit : str, of the value
@@ -67,7 +67,7 @@ def doubt_table() -> Mapping[str, DoubtKind]:
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt about a log.
+    """Doubt about a log.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Doubt:
     interval : (float, float), optional, 95 % interval of the value
     unit : str
     statistic : float, optional, S = Σ log(σ² without the cause / σ² with it) over the joints
-    share : float, optional, share of S of all causes together
+    share : float, optional, share of the squared residual that it takes away, of the joint that it takes most from
     effect : float, optional, largest share of a joint's torque (rms) in another motion by which predictions change
 
     Examples

@@ -123,7 +123,8 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
 
 _REFUSES, _UNSURE = 0.05, 0.01
 """Changes of predicted torques by a cause, as shares of a joint's torque, from which it is LOOK AGAIN, or UNSURE."""
-_LEAST_DELAY = 8e-3
+_LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
+"""Delay [s] from which it is told; difference [s], and as a share, below which two delays are one."""
 _OF_FILE = 0.1, 10.0
 """Times the file's bodies that no log of all torques is below or above."""
 _TOLD = 0.5
@@ -134,11 +135,11 @@ def cause_doubts(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts about what the residual is explained by, in the order in which causes were found."""
     for cause in seen.causes:
         if cause.kind != "late" or cause.value is None or abs(float(cause.value[0])) >= _LEAST_DELAY:
-            yield doubt_of_cause(seen.names, cause)
+            yield doubt_of_cause(seen.names, cause, seen.settings.shift)
 
 
-def doubt_of_cause(names: Sequence[str], cause: FoundCause) -> Doubt:
-    """Doubt of a cause; ``names`` are those of the joints."""
+def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | None = None) -> Doubt:
+    """Doubt of a cause; ``names`` are those of the joints, ``taken_off`` is the delay [s] that a fit has taken off."""
     joints = [names[k] for k in cause.joints]
     said = "all joints" if len(joints) == len(names) > 1 else listed(joints)
     worst, share = cause.most
@@ -155,6 +156,7 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause) -> Doubt:
     value, interval = cause.in_units
     level: Level = "refuse" if cause.effect > _REFUSES else "unsure" if cause.effect > _UNSURE else "note"
     row = doubt_table()[cause.kind]
+    own = level if row.level == "effect" else row.level
     words = {
         "evidence": evidence,
         "value": "" if value is None else number(abs(value) if cause.kind == "late" else value, 3),
@@ -163,8 +165,16 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause) -> Doubt:
         "from_": "" if cause.span is None else seconds(cause.span[0], 4),
         "to": "" if cause.span is None else seconds(cause.span[1], 4),
         "size": "" if cause.size is None else number(cause.size, 2),
+        "taken": "The command identify takes it off.",
         "way": "" if value is None else "after" if value > 0 else "before",
     }
+    if cause.kind == "late" and taken_off is not None:
+        delay = cause.fit.states.shift
+        if abs(delay - taken_off) <= max(_SAME_DELAY[0], _SAME_DELAY[1] * abs(delay)):
+            words["taken"] = "The offset is taken off."
+        else:
+            words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give --shift {seconds(delay, 3)}."
+            own = level
     found = {
         "value": value,
         "interval": interval,
@@ -173,9 +183,7 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause) -> Doubt:
         "share": share,
         "effect": cause.effect,
     }
-    return doubt(
-        cause.kind, joints, level=level if row.level == "effect" else row.level, found=found, named=said, **words
-    )
+    return doubt(cause.kind, joints, level=own, found=found, named=said, **words)
 
 
 def gain_of_all(seen: FittedLog) -> list[Doubt]:
@@ -196,7 +204,7 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
     words = {
         "value": number(gain, 3),
         "interval": "",
-        "evidence": "so the file's bodies explain it best",
+        "evidence": "the file's bodies explain it best so",
     }
     return [
         doubt(

@@ -236,7 +236,8 @@ QUANTITIES: Mapping[str, Quantity] = {
     "regressor": row(
         inverse_dynamics.regressor, "q dq ddq", "Y", "nv parameters",
         "Y with tau = Y pi, pi the ten inertial parameters of each moving body",
-        book="section 8.2", pinocchio="computeJointTorqueRegressor", unit="that of tau over that of the parameter",
+        options="gravity", book="section 8.2", pinocchio="computeJointTorqueRegressor",
+        unit="that of tau over that of the parameter",
     ),
     "subtract": row(
         kinematics.subtract, "q1 q0", "dv", "nv", "dv that moves q0 to q1 in unit time, each joint along its constant twist",
