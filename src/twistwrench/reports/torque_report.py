@@ -32,7 +32,6 @@ from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSear
 
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
-    from ..log_checks.doubts import Doubt
     from ..model.limits import Limits
 
 ZERO = 1e-9
