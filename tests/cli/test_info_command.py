@@ -16,6 +16,7 @@ from rich.console import Console
 import twistwrench as tw
 from twistwrench import NotFoundError, robots
 from twistwrench.cli.info import info_view
+from twistwrench.reports.robot_summary import read_limits
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -169,6 +170,18 @@ def test_info_as_json_and_csv_has_the_numbers_of_the_robot(run, ur5):
     assert summary["moving_mass"] == pytest.approx(sum(b.inertia.mass for b in ur5.model.bodies), rel=1e-15)
     assert {link["link"] for link in summary["links"]} >= {"upper_arm_link", "wrist_3_link"}
     assert summary["tip"] == "tool0"
+
+
+def test_limits_of_acceleration_and_jerk_come_back_from_the_table_of_info(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text().replace("</joint>", '<limit acceleration="6" jerk="90"/></joint>', 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    assert re.search(r"acceleration\s+deceleration\s+jerk", run("info", tmp_path / "arm.urdf")[1])
+    assert "deceleration" not in run("info", "planar_2r")[1]
+    code, _ = run("info", tmp_path / "arm.urdf", "--csv", tmp_path / "limits.csv")
+    found = read_limits(tmp_path / "limits.csv", robots.planar_2r().model)
+    assert code == 0
+    for kind, expected in (("acceleration", 6), ("deceleration", 6), ("jerk", 90)):
+        assert getattr(found, kind).tolist() == [expected, float("inf")]
 
 
 def test_damping_and_friction_are_told_apart(run, tmp_path):

@@ -23,7 +23,8 @@ URDF = """<robot name="r">
 <inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <link name="n"><inertial><mass value="2"/><inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j" type="revolute"><origin xyz="0 0 1" rpy="0 0.2 0"/><parent link="base"/><child link="l"/><axis xyz="0.6 0.8 0"/>
-<limit lower="-1" upper="1" effort="5" velocity="1"/><dynamics damping="0.5" friction="0.2"/><joint_properties damping="0"/></joint>
+<limit lower="-1" upper="1" effort="5" velocity="1" acceleration="8" deceleration="9" jerk="99"/>
+<dynamics damping="0.5" friction="0.2"/><joint_properties damping="0"/></joint>
 <joint name="k" type="revolute"><origin xyz="0 0.1 1"/><parent link="l"/><child link="m"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="1" effort="5" velocity="1"/></joint>
 <joint name="f" type="revolute"><origin xyz="0 0.1 1"/><parent link="m"/><child link="n"/><axis xyz="0 1 0"/>
@@ -85,7 +86,8 @@ def meaning(robot: tw.Robot) -> tuple[object, ...]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tw.ModelWarning)
         written = robot.to_sdf()  # bodies, joints, limits, springs, friction, rotors, followers
-    return robot.name, tuple(robot.frame_names), robot.gravity.tolist(), written
+    limits = {kind: values.tolist() for kind, values in vars(robot.limits).items()}
+    return robot.name, tuple(robot.frame_names), robot.gravity.tolist(), limits, written
 
 
 def answer(text: str) -> tuple[object, object]:

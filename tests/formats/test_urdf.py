@@ -120,6 +120,13 @@ BAD = {
     ),
     "negative effort": (moving('<limit lower="-1" upper="1" effort="-5"/>'), ModelError, ["'j' (line 4)", "effort=-5", "positive"]),
     "negative velocity": (moving('<limit velocity="-5"/>'), ModelError, ["'j' (line 4)", "velocity=-5", "positive"]),
+    "negative acceleration": (moving('<limit acceleration="-5"/>'), ModelError, ["'j' (line 4)", "acceleration=-5", "positive"]),
+    "words for a deceleration": (
+        moving('<limit acceleration="5" deceleration="hard"/>'),
+        RobotFileError,
+        ["<limit> of joint 'j' (line 4)", 'deceleration="hard"', "number"],
+    ),
+    "negative jerk": (moving('<limit jerk="-1"/>'), ModelError, ["'j' (line 4)", "jerk=-1", "positive"]),
     "no mass": (arm(INERTIA), RobotFileError, ["link 'arm'", "line 3", "no <mass>", '<mass value="1.0"/>']),
     "no mass value": (arm("<mass/>" + INERTIA), RobotFileError, ["<mass> of link 'arm'", "line 3", 'value="…"']),
     "no inertia": (arm('<mass value="1"/>'), RobotFileError, ["link 'arm'", "line 3", "no <inertia>", "ixx="]),
@@ -347,6 +354,38 @@ def test_limits_mean_what_the_format_says(kind, limit, expected, remarks):
     for remark, defect in zip(remarks, defects, strict=True):
         assert remark in defect
         assert "'j' (line 4)" in defect or "name='j'> (line 4)" in defect
+
+
+@pytest.mark.parametrize("version", ["", ' version="1.0"', ' version="1.2"'])
+@pytest.mark.parametrize(
+    ("said", "expected", "remarks"),
+    [
+        ('acceleration="6"', [6, 6, INF], []),
+        ('deceleration="6"', [6, 6, INF], []),
+        ('acceleration="6" deceleration="8" jerk="90"', [6, 8, 90], []),
+        ('acceleration="0" jerk="0"', [INF, INF, INF], ["acceleration=0", "jerk=0"]),
+        ('acceleration="1e16"', [INF, INF, INF], []),
+    ],
+)
+def test_limits_of_urdf_1_2_are_read_whatever_version_is_declared(version, said, expected, remarks):
+    model = load(moving(f"<limit {said}/>", "continuous").replace('name="r"', f'name="r"{version}'))
+    limits = model.limits
+    assert [float(x[0]) for x in (limits.acceleration, limits.deceleration, limits.jerk)] == expected
+    assert [remark in defect for remark, defect in zip(remarks, model.defects, strict=False)] == [True] * len(remarks)
+    assert len(model.defects) == len(remarks) + 1  # and the massless arm
+
+
+@pytest.mark.parametrize("ratio", [2.0, -0.5])
+def test_a_leader_speeds_up_no_faster_than_its_followers_may(ratio):
+    text = robot(
+        BASE, ARM, '<link name="l"/>',
+        joint("j", "base", "arm", '<limit acceleration="6" jerk="90"/>'),
+        joint("k", "arm", "l", f'<limit acceleration="4" deceleration="2"/><mimic joint="j" multiplier="{ratio}"/>'),
+    )  # fmt: skip
+    limits = load(text).limits
+    assert limits.acceleration.tolist() == [min(6.0, 4.0 / abs(ratio))]
+    assert limits.deceleration.tolist() == [min(6.0, 2.0 / abs(ratio))]
+    assert limits.jerk.tolist() == [90.0]
 
 
 @pytest.mark.parametrize(

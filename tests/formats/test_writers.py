@@ -147,8 +147,8 @@ def test_drake_reads_the_sdf_that_is_written(name):
 
 LOST = {
     "urdf": ("ball joint", "helical", "armature", "site 'camera'", "spring of 'hinge'", "'hinge', 'screw'", "gravity", "home", "loop"),
-    "mjcf": ("helical", "limit on one side"),
-    "sdf": ("armature", "'hinge', 'screw'", "home", "loop"),
+    "mjcf": ("helical", "limit on one side", "limit of acceleration, deceleration, jerk, which"),
+    "sdf": ("armature", "limit of acceleration, deceleration, jerk, which", "'hinge', 'screw'", "home", "loop"),
 }  # fmt: skip
 
 
@@ -221,6 +221,16 @@ def test_sdf_has_ball_joints_screws_springs_and_gravity():
     q = robot.random_configuration(0)
     np.testing.assert_allclose(less.mass_matrix(q), robot.mass_matrix(q), rtol=1e-9)
     np.testing.assert_allclose(less.gravity, robot.gravity)
+
+
+def test_urdf_declares_version_1_2_if_it_has_limits_of_it_and_none_otherwise(bundled):
+    """Older readers refuse files of a version they do not know."""
+    text, _ = written(arm(), "urdf")
+    assert '<robot name="all" version="1.2">' in text
+    assert 'acceleration="6" deceleration="4" jerk="90"' in text
+    again_ = again(arm(), "urdf").limits
+    assert [float(x.min()) for x in (again_.acceleration, again_.deceleration, again_.jerk)] == [6.0, 4.0, 90.0]
+    assert "version" not in bundled("ur5").to_urdf()[50:]
 
 
 def test_a_screw_in_urdf_is_a_turn_and_a_slide_that_follows():

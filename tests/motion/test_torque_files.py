@@ -119,6 +119,8 @@ def test_limits_come_from_a_file_and_blanks_keep(ur5, tmp_path):
         ("joint,effort\nelbow_joint,x\n", "line 2, column 'effort': 'x' is no number"),
         ("joint,effort\nelbow_joint,0\n", "cannot be a limit"),
         ("joint,effort\nelbow_joint,nan\n", "cannot be a limit"),
+        ("joint,acceleration\nelbow_joint,-3\n", "line 2, column 'acceleration': '-3' cannot be a limit"),
+        ("joint,jerk\nelbow_joint,fast\n", "line 2, column 'jerk': 'fast' is no number"),
         ("joint,effort\nelbow_joint,1,2\n", "line 2 has 3 values"),
         ("joint,lower,upper\nelbow_joint,1,-1\n", "is above the upper"),
         ("joint,lower\nelbow_joint,4\n", "is above the upper"),
@@ -129,6 +131,22 @@ def test_bad_limit_files_are_refused(ur5, tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(TwistWrenchError, match=re.escape(said)):
         read_limits(path, ur5.model)
+
+
+@pytest.mark.parametrize(
+    "header, row, expected",
+    [
+        ("acceleration", "90", (90, 90)),
+        ("acceleration,deceleration", "90,", (90, 90)),
+        ("acceleration,deceleration", "90,180", (90, 180)),
+    ],
+)
+def test_one_limit_of_acceleration_holds_for_both_ways(ur5, tmp_path, header, row, expected):
+    path = tmp_path / "limits.csv"
+    path.write_text(f"joint,{header}\nelbow_joint,{row}\n")
+    limits = read_limits(path, ur5.model, degrees=True)
+    assert np.degrees([limits.acceleration[2], limits.deceleration[2]]) == pytest.approx(expected)
+    assert np.isinf(np.delete(limits.acceleration, 2)).all()
 
 
 @pytest.mark.parametrize("upper, over", [(60, False), (40, True)])

@@ -43,7 +43,7 @@ def differences(robot, other, *, seed=0, states=2, without=(), lost=()):
         return [f"joints {robot.joint_names}, then {other.joint_names}"]
     if "tip" not in without and robot.tip != other.tip:
         found.append(f"tip {robot.tip}, then {other.tip}")
-    for name in ("lower", "upper", "velocity", "effort"):
+    for name in vars(robot.limits):
         if not {name, "limits"} & set(without):
             found += _gap(f"limits of {name}", getattr(robot.limits, name), getattr(other.limits, name))
     for name in ("viscous", "coulomb"):
@@ -95,8 +95,9 @@ def arm():
         builder.add_link(name, None if name == "world" else tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=2.0))
     builder.add_joint("ball", "ball", "world", "shoulder", damping=0.3, armature=0.2)
     builder.add_joint(
-        "hinge", "revolute", "shoulder", "upper", axis=(0, 0.6, 0.8, 0.1, 0.2, -0.15), upper=2.0, armature=0.1
-    )
+        "hinge", "revolute", "shoulder", "upper", axis=(0, 0.6, 0.8, 0.1, 0.2, -0.15), upper=2.0, armature=0.1,
+        acceleration=6.0, deceleration=4.0, jerk=90.0,
+    )  # fmt: skip
     builder.add_joint("screw", "helical", "upper", "nut", axis=(0, 0, 1), pitch=0.02, lower=-3, upper=3, friction=0.4)
     builder.add_joint("mount", "fixed", "nut", "tool")
     builder.add_site("camera", "tool", np.diag([-1.0, -1.0, 1.0, 1.0]))

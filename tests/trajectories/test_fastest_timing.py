@@ -85,6 +85,47 @@ def test_a_mass_is_driven_bang_bang(d, a):
     assert_extreme(motion)
 
 
+@pytest.mark.parametrize(("d", "a", "b"), [(2.0, 8.0, 2.0), (-0.3, 5.0, 40.0), (6.0, 1.0, 1.0)])
+def test_a_mass_that_slows_down_by_another_limit_than_it_speeds_up(d, a, b):
+    """It gets to the speed v in v/a, and to rest in v/b: d = v²/2 (1/a + 1/b)."""
+    mass = tw.robots.pendulum().with_gravity([0, 0, 0])
+    motion = fastest(mass, joint_line(mass, [0], [d]), acceleration=a, deceleration=b)
+    assert motion.duration == pytest.approx(np.sqrt(2 * abs(d) * (1 / a + 1 / b)), rel=1e-7)
+    assert [touch.side for touch in motion.limit_contacts] == [np.sign(d), -np.sign(d)]
+    assert motion.violations() == ()
+    assert_extreme(motion)
+    sharper = tw.trajectories.bounds_of(mass, acceleration=a, deceleration=0.9 * b)
+    (passed,) = motion.violations(sharper)
+    assert (passed.kind, passed.limit) == ("acceleration", pytest.approx(-np.sign(d) * 0.9 * b, rel=1e-12))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_spline_is_kept_to_both_limits_while_joints_turn_back(bundled, seed):
+    """Joints change direction on the way, each at a place of its own: there the limits that apply change over."""
+    arm = bundled("ur5")
+    rng = np.random.default_rng(seed)
+    path = spline(arm, rng.uniform(-1.0, 1.0, (5, 6)))
+    assert (np.diff(np.sign(path(np.linspace(0, 1, 500))[1]), axis=0) != 0).any()
+    motion = fastest(arm, path, acceleration=[8, 8, 8, 12, 12, 12], deceleration=[4, 16, 8, 6, 24, 12])
+    assert_extreme(motion)
+    assert motion.violations(motion.bounds) == ()
+    assert motion.duration < fastest(arm, path, acceleration=[4, 8, 8, 6, 12, 12]).duration
+    shorter = trajectories.fitted(arm, path, bounds=motion.bounds)
+    assert trajectories.Trajectory(arm, path, shorter).violations(motion.bounds) == ()
+
+
+def test_acceleration_limits_of_the_file_are_kept_if_none_are_given(bundled):
+    limited = tw.load(
+        tw.robots.path_of("ur5").read_text().replace("effort=", 'acceleration="3" deceleration="2" effort=')
+    )
+    path = joint_line(limited, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0])
+    own = fastest(limited, path)
+    assert own.duration == pytest.approx(fastest(bundled("ur5"), path, acceleration=3.0, deceleration=2.0).duration)
+    assert str(own).endswith("acceleration limits are the robot's own")
+    assert "robot's own" not in str(fastest(limited, path, acceleration=30.0))
+    assert trajectories.move(limited, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0]).violations() == ()
+
+
 def test_a_mass_with_a_velocity_limit_coasts():
     """It takes d/v + v/a."""
     mass = tw.robots.pendulum().with_gravity([0, 0, 0])

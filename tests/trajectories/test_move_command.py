@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import re
 
 import numpy as np
 import pytest
@@ -88,6 +89,21 @@ def test_where_no_limit_is_known_it_is_said(run, tmp_path):
     assert "No velocity limit of joint2 is known" in words
     code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2")
     assert " ".join(output.split()).startswith("UNSURE: no torque limit for 2 of 2 joints")
+
+
+def test_acceleration_limits_of_files_are_kept_and_their_source_is_named(run, tmp_path):
+    text = tw.robots.path_of("ur5").read_text().replace("effort=", 'acceleration="3" effort=')
+    (tmp_path / "arm.urdf").write_text(text)
+    motion = "--from=0,-1,1,0,0,0", "--to=1,-1,1,0,0,0", "--fastest"
+    code, output = run("move", tmp_path / "arm.urdf", *motion)
+    assert code == 0, output
+    assert "Acceleration limits of 6 of 6 joints are from the robot's file." in output
+    assert "+ acceleration" in output
+    (tmp_path / "limits.csv").write_text("joint,acceleration\nshoulder_pan_joint,2\n")
+    code, output = run("move", "ur5", *motion, "--limits", tmp_path / "limits.csv")
+    assert code == 0, output
+    assert re.search(r"of 1 of 6 joints are from the robot's file and \S+limits.csv", " ".join(output.split())), output
+    assert "Acceleration limits" not in run("move", tmp_path / "arm.urdf", *motion, "--acceleration", "9")[1]
 
 
 def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):

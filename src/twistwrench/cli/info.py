@@ -114,6 +114,9 @@ def _joints(model: Model, *, degrees: bool) -> Table:
 
     figures = {"lower": unit * limits.lower, "upper": unit * limits.upper, "velocity": unit * limits.velocity}
     figures["effort"] = limits.effort
+    for name in ("acceleration", "deceleration", "jerk"):
+        if np.isfinite(getattr(limits, name)).any():
+            figures[name] = unit * getattr(limits, name)
     if friction.any:
         figures |= {"damping": friction.viscous, "friction": friction.coulomb}
     if model.armature.any():

@@ -16,8 +16,8 @@ from ..core.text import listed
 from ..core.verdict import ExitCode, Word
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..joints.units import heading_unit
-from ..model.limits import over_limit
-from ..motion.bounds import Bounds, Violation, bounds_of
+from ..model.limits import Limits, over_limit
+from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..motion.csv_reader import CsvFile, table_errors
 from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
@@ -75,11 +75,10 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     given.check_files({"--limits": given.limits, "--waypoints": given.waypoints, **options.files})
     load = load_case(options.load(), options, given)
     robot = load.with_load
-    limits = read_limits(given.limits, robot.model, degrees=options.degrees)
-    kinds = ("lower", "upper", "velocity", "effort")
-    bounds = replace(
-        bounds_of(robot, acceleration=given.acceleration), **{kind: getattr(limits, kind) for kind in kinds}
-    )
+    bounds = read_limits(given.limits, robot.model, degrees=options.degrees)
+    if given.acceleration is not None:
+        asked = bounds_of(robot, acceleration=given.acceleration)
+        bounds = replace(bounds, acceleration=asked.acceleration, deceleration=asked.deceleration)
     if given.fastest and given.duration is not None:
         raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
     if not given.step > 0:
@@ -101,12 +100,13 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         return ExitCode.NO
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = limit_doubts(load.robot, limits, [use.peak for use in uses]) + model_warnings(robot.model, uses)
+    doubts = limit_doubts(load.robot, bounds, [use.peak for use in uses]) + model_warnings(robot.model, uses)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     assumed = assumed_words(assumptions(robot.model, load.payloads, friction=load.friction))
     carried = " and ".join(f"{number(p.mass)} kg" for p in load.payloads)
     show(
         *_verdict(moving, bounds, over, doubts, cannot, assumed),
+        *_limited_accelerations(bounds, given),
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
     )
@@ -121,7 +121,8 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction: bool, whole: bool) -> Trajectory:
     """Motion along the path: the fastest if requested and the path is ``whole``, otherwise by its scaling."""
     if given.fastest and whole:
-        limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
+        kinds = ("velocity", "effort", "acceleration", "deceleration")
+        limits = {kind: getattr(bounds, kind) for kind in kinds}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
             return fastest(robot, path, friction=friction, **limits)
@@ -208,7 +209,7 @@ class JointUse:
     """Standard deviation of the torque; zero for a planned motion."""
 
 
-def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> list[JointUse]:
+def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> list[JointUse]:
     """Peaks for each entry of dq."""
     robot = trajectory.robot
     q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
@@ -286,7 +287,7 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
 
 def _verdict(
     trajectory: Trajectory,
-    bounds: Bounds,
+    bounds: Limits,
     violations: tuple[Violation, ...],
     doubts: list[str],
     cannot: str,
@@ -311,7 +312,15 @@ def _verdict(
     yield from remarks(unknown)
 
 
-def _unknown_velocities(trajectory: Trajectory, bounds: Bounds) -> list[str]:
+def _limited_accelerations(bounds: Limits, given: Given) -> Iterator[Block]:
+    """Line on acceleration limits that no option gives as a number."""
+    count = int(np.isfinite(bounds.acceleration).sum())
+    if count and given.acceleration is None:
+        source = "the robot's file" if given.limits is None else f"the robot's file and {given.limits}"
+        yield f"Acceleration limits of {count} of {len(bounds.acceleration)} joints are from {source}."
+
+
+def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
     """A sentence on the joints without a limit of velocity."""
     names = np.array(trajectory.robot.model.velocity_names)
     missing = names[~np.isfinite(bounds.velocity)]

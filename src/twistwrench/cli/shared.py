@@ -234,7 +234,9 @@ def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
 
 # ── Options of several commands
 
-LIMITS = option("--limits FILE.csv", "Limits in place of the robot's: joint,lower,upper,velocity,effort.")
+LIMITS = option(
+    "--limits FILE.csv", "Limits in place of the robot's, as 'twistwrench info ROBOT --csv FILE.csv' writes them."
+)
 PAYLOADS = option(
     "--payload MASS[,x,y,z][@FRAME]",
     "A point mass carried, such as the gripper; may be repeated.",

@@ -21,7 +21,7 @@ ENTRIES: Mapping[str, str] = {
     "V": "(..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]",
     "actuated": "iterable of str, optional, joints that have a motor; None: all",
     "angle": "float, tolerance [rad]",
-    "bounds": "Bounds, optional; None: the robot's own",
+    "bounds": "Limits, optional; None: the robot's own",
     "dV": "(..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]",
     "ddq": "(nv,) array_like, joint accelerations [rad/s², m/s²]",
     "density": "float, optional [kg/m³]",

@@ -48,6 +48,8 @@ def entries_of(I: Array) -> dict[str, float]:
 
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
+LIMITS_OF_1_2 = ("acceleration", "deceleration", "jerk")
+"""Limits that URDF has since version 1.2; they are read whatever the file's ``version``."""
 ENDLESS = 1e15
 """Limits beyond this stand for none: files write ±1e16, as the format requires a number."""
 
@@ -181,7 +183,7 @@ def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
     return known_limits(**given)
 
 
-_SIDES = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0}
+_SIDES = {"lower": -1.0, "upper": 1.0} | dict.fromkeys(("velocity", "effort", *LIMITS_OF_1_2), 1.0)
 
 
 def known_limits(**given: float | None) -> dict[str, Any]:

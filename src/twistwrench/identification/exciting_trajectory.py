@@ -16,7 +16,8 @@ from ..core.numbers import number, printed
 from ..core.text import listed
 from ..core.verdict import Verdict
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
-from ..motion.bounds import Bounds, bounds_of
+from ..model.limits import Limits
+from ..motion.bounds import bounds_of
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -70,7 +71,7 @@ class ExcitingMotion:
         )
 
     @property
-    def bounds(self) -> Bounds:
+    def bounds(self) -> Limits:
         """Limits that were kept, a share of the robot's."""
         return self.constraints.bounds
 
@@ -320,7 +321,7 @@ def _bounds(
     velocity: ArrayLike | None,
     acceleration: ArrayLike | None,
     effort: ArrayLike | None,
-) -> Bounds:
+) -> Limits:
     """Limits to keep; each joint has at least one that bounds its range."""
     if not arguments.positive(share, "share") <= 1.0:
         raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")

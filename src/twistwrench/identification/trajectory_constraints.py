@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ShapeError, ValueRangeError
+from ..model.limits import Limits
 from ..model.model import BASE
-from ..motion.bounds import Bounds
 from ..robot import Robot
 from ..typing import Array
 
@@ -358,7 +358,7 @@ class TrajectoryConstraints:
     """Constraints on the motions of one robot."""
 
     robot: Robot  # whose own friction counts among the torques
-    bounds: Bounds  # those to keep
+    bounds: Limits  # those to keep
     friction_speed: Array  # (nv,), speed at which dry friction turns, for what has to be smooth
     capsules: CapsuleDistances  # of the floor and the robot itself
     clear: Clear | None = None
@@ -449,17 +449,24 @@ class TrajectoryConstraints:
         return found.reshape(len(q), -1)
 
 
-def half_and_middle(bounds: Bounds) -> tuple[Array, Array]:
+def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
     """Half the way between the limits of positions, inf where one is missing, and the middle, meant where both are there."""
     with np.errstate(invalid="ignore"):
         return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
 
 
-def shared_bounds(bounds: Bounds, share: float) -> Bounds:
-    """A share of the limits of positions, about their middle, of velocities and of torques; accelerations as they are."""
+def shared_bounds(bounds: Limits, share: float) -> Limits:
+    """A share of the limits of positions, about their middle, of velocities and of torques.
+
+    The limit of accelerations is the lower one of acceleration and deceleration.
+    """
     half, middle = half_and_middle(bounds)
     both = np.isfinite(half)
     with np.errstate(invalid="ignore"):
         lower = np.where(both, middle - share * half, bounds.lower)
         upper = np.where(both, middle + share * half, bounds.upper)
-    return replace(bounds, lower=lower, upper=upper, velocity=share * bounds.velocity, effort=share * bounds.effort)
+    either = np.minimum(bounds.acceleration, bounds.deceleration)
+    return replace(
+        bounds, lower=lower, upper=upper, velocity=share * bounds.velocity, effort=share * bounds.effort,
+        acceleration=either, deceleration=either,
+    )  # fmt: skip

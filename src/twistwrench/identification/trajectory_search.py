@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.polynomial import polynomial
 
-from ..motion.bounds import Bounds
+from ..model.limits import Limits
 from ..robot import Robot
 from ..typing import Array
 from .parameters import BaseParameters
@@ -110,7 +110,7 @@ class WindowedFourierSeries:
         return found
 
 
-def typical_sizes(robot: Robot, bounds: Bounds, series: WindowedFourierSeries) -> tuple[Array, Array]:
+def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -> tuple[Array, Array]:
     """Typical positions, velocities and accelerations (3, nv), and where joints are in the middle (nv,)."""
     turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
     half, middle = half_and_middle(bounds)

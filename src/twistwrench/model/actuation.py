@@ -221,6 +221,7 @@ def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body
         np.append(old.upper, inf),
         np.append(old.velocity, old.velocity[k]),
         np.append(np.where(np.arange(model.nv) == k, inf, old.effort), old.effort[k]),
+        *(np.append(x, inf) for x in (old.acceleration, old.deceleration, old.jerk)),
     )
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)

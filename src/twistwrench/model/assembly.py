@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -317,8 +317,9 @@ def shared_limits(
             )
         else:
             limits = replace(limits, lower=lower, upper=upper)
-        speed = joint.limits.velocity / abs(drive.ratio)
-        limits = replace(limits, velocity=np.where(speed < (1 - TOLERANCE) * limits.velocity, speed, limits.velocity))
+        for name in ("velocity", "acceleration", "deceleration", "jerk"):
+            theirs, own = getattr(joint.limits, name) / abs(drive.ratio), getattr(limits, name)
+            limits = replace(limits, **{name: np.where(theirs < (1 - TOLERANCE) * own, theirs, own)})
     return limits, remarks
 
 
@@ -435,8 +436,7 @@ def _root_entry(root: str) -> JointEntry:
 
 
 def _stacked(limits: list[Limits]) -> Limits:
-    names = ("lower", "upper", "velocity", "effort")
-    return Limits(*(np.concatenate([np.zeros(0), *(getattr(one, name) for one in limits)]) for name in names))
+    return Limits(*(np.concatenate([np.zeros(0), *(getattr(one, f.name) for one in limits)]) for f in fields(Limits)))
 
 
 def _losses(

@@ -148,6 +148,9 @@ class ModelBuilder:
         upper: float | None = None,
         velocity: float | None = None,
         effort: float | None = None,
+        acceleration: float | None = None,
+        deceleration: float | None = None,
+        jerk: float | None = None,
         damping: float = 0.0,
         friction: float = 0.0,
         armature: float = 0.0,
@@ -168,6 +171,9 @@ class ModelBuilder:
         lower, upper : float, optional, limits of position [rad or m]; None: not given
         velocity : float, optional, limit [rad/s or m/s]
         effort : float, optional, limit [N m or N]
+        acceleration, deceleration : float, optional, limits of a joint that speeds up and slows down [rad/s² or m/s²]; one
+            alone holds for both
+        jerk : float, optional, limit [rad/s³ or m/s³]
         damping : float, viscous friction [N m s/rad or N s/m]
         friction : float, Coulomb friction [N m or N]
         armature : float, inertia of the drive that acts on each velocity of the joint [kg m² or kg]
@@ -187,7 +193,8 @@ class ModelBuilder:
         if kind not in TYPES:
             raise ModelError(f"{who} has the unknown type {kind!r}. Allowed: {', '.join(TYPES)}.")
         joint = TYPES[kind](name, TYPES[kind].axes_from(axis, pitch, normalise_axes, who))
-        limits, remarks = limits_of(joint, lower, upper, velocity, effort, who)
+        largest = {"velocity": velocity, "effort": effort, "acceleration": acceleration, "deceleration": deceleration}
+        limits, remarks = limits_of(joint, lower, upper, {**largest, "jerk": jerk}, who)
         self._joints[name] = JointEntry(
             joint, parent, child, placement_of(placement, who), limits, number(damping, f"the damping of {who}"),
             number(friction, f"the friction of {who}"), mimic_of(mimic, who), where, armature_of(armature, who),

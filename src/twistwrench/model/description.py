@@ -219,19 +219,18 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
 
 
 def limits_of(
-    joint: Joint, lower: float | None, upper: float | None, velocity: float | None, effort: float | None, who: str
+    joint: Joint, lower: float | None, upper: float | None, largest: Mapping[str, float | None], who: str
 ) -> tuple[Limits, list[str]]:
-    """Limits of a joint, (nv,) each, infinite if not given, and remarks on implausible ones."""
+    """Limits of a joint, (nv,) each, infinite if not given, and remarks on implausible ones; ``largest`` of magnitudes."""
     remarks: list[str] = []
     if joint.nv != 1:
-        if joint.nv and any(x is not None for x in (lower, upper, velocity, effort)):
+        if joint.nv and any(x is not None for x in (lower, upper, *largest.values())):
             remarks.append(ModelNote(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
         none = np.full(joint.nv, np.inf)
         return Limits(-none, none, none, none), remarks
     low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
-    speed = _magnitude("velocity", velocity, who, remarks)
-    most = _magnitude("effort", effort, who, remarks)
-    return Limits(np.array([low]), np.array([high]), np.array([speed]), np.array([most])), remarks
+    found = {name: np.array([_magnitude(name, value, who, remarks)]) for name, value in largest.items()}
+    return Limits(np.array([low]), np.array([high]), **found), remarks
 
 
 def _bounds(

@@ -60,12 +60,16 @@ def margin(limit: Any) -> Array:
 class Limits:
     """Joint limits, one entry per velocity, (nv,) each; inf where none is given.
 
+    If only one of acceleration and deceleration is given, it holds for both.
+
     Examples
     --------
     >>> limits = Limits(np.array([0.0]), np.array([1.5]), np.array([np.inf]), np.array([np.inf]))
     >>> limits.exceeded([[-1e-7], [-1e-5]])
     array([[False],
            [ True]])
+    >>> Limits(limits.lower, limits.upper, limits.velocity, limits.effort, np.array([5.0])).deceleration.tolist()
+    [5.0]
     """
 
     lower: Array
@@ -76,6 +80,19 @@ class Limits:
     """Largest velocities [rad/s or m/s]."""
     effort: Array
     """Largest torques [N m or N]."""
+    acceleration: Array = None  # type: ignore[assignment]
+    """Largest accelerations of joints that speed up [rad/s² or m/s²]."""
+    deceleration: Array = None  # type: ignore[assignment]
+    """Largest accelerations of joints that slow down [rad/s² or m/s²]."""
+    jerk: Array = None  # type: ignore[assignment]
+    """Largest jerks [rad/s³ or m/s³]."""
+
+    def __post_init__(self) -> None:
+        none = np.full(np.shape(self.velocity), np.inf)
+        up, down = (none if x is None else x for x in (self.acceleration, self.deceleration))
+        object.__setattr__(self, "acceleration", np.where(np.isinf(up), down, up))
+        object.__setattr__(self, "deceleration", np.where(np.isinf(down), up, down))
+        object.__setattr__(self, "jerk", none if self.jerk is None else self.jerk)
 
     @property
     def tolerance(self) -> Array:
@@ -100,6 +117,29 @@ class Limits:
         """
         x, most = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - most) | (x > self.upper + most))
+
+    def acceleration_at(self, dq: Array, ddq: Array) -> Array:
+        """Limit of accelerations: of joints that slow down the deceleration, at rest the larger of the two.
+
+        Parameters
+        ----------
+        dq, ddq : (..., nv) arrays
+
+        Returns
+        -------
+        limit : (..., nv) array [rad/s² or m/s²]
+
+        Examples
+        --------
+        >>> free = np.full(1, np.inf)
+        >>> limits = Limits(-free, free, free, free, np.array([2.0]), np.array([5.0]))
+        >>> limits.acceleration_at(np.array([[1.0], [1.0], [0.0]]), np.array([[1.0], [-1.0], [1.0]])).tolist()
+        [[2.0], [5.0], [5.0]]
+        """
+        speed = np.abs(dq)
+        still = speed <= TOLERANCE * speed.max(initial=0.0, axis=tuple(range(speed.ndim - 1)))
+        larger = np.maximum(self.acceleration, self.deceleration)
+        return np.where(still, larger, np.where(dq * ddq < 0, self.deceleration, self.acceleration))
 
 
 # ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4

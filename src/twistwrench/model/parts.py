@@ -169,7 +169,7 @@ class _Disassembly:
             return fixed_entry(name, parent, link, _seen_from(T_parent, T))
         body = model.bodies[self.bodies[link]]
         place = body.places[1]
-        limits = Limits(*(getattr(model.limits, what)[place] for what in vars(_NO_LIMITS)))
+        limits = Limits(*(getattr(model.limits, what)[place] for what in vars(model.limits)))
         if name in self.motors:  # which has the limit of effort
             limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
         entry = _entry(body.joint, parent, link, _seen_from(T_parent, body.placement), limits)

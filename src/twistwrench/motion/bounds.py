@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,72 +22,11 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Bounds of a motion: limits of position, velocity, acceleration and torque, (nv,) each, inf where nothing is limited.
-
-    Examples
-    --------
-    >>> import twistwrench as tw
-    >>> bounds = bounds_of(tw.robots.planar_2r(), velocity=2.0)
-    >>> bounds.excess("velocity", np.array([1.5, 2.5])).tolist()
-    [-0.5, 0.5]
-    >>> bounds.limit("velocity").tolist(), bounds.tolerance("velocity").shape
-    ([2.0, 2.0], (2,))
-    """
-
-    lower: Array
-    """Least positions [rad or m]."""
-    upper: Array
-    """Largest positions [rad or m]."""
-    velocity: Array
-    """Largest velocities [rad/s or m/s]."""
-    acceleration: Array
-    """Largest accelerations [rad/s² or m/s²]."""
-    effort: Array
-    """Largest torques [N m or N]."""
-
-    def excess(self, kind: str, values: Array) -> Array:
-        """Excess of values over their limits.
-
-        Parameters
-        ----------
-        values : (..., nv) array, of that kind
-
-        Returns
-        -------
-        excess : (..., nv) array, negative inside; -inf where nothing is limited
-        """
-        if kind == "position":
-            return np.asarray(np.maximum(values - self.upper, self.lower - values))
-        return np.asarray(np.abs(values) - self.limit(kind))
-
-    def limit(self, kind: str) -> Array:
-        """Limit of a magnitude.
-
-        Returns
-        -------
-        limit : (nv,) array
-        """
-        return np.asarray({"velocity": self.velocity, "acceleration": self.acceleration, "torque": self.effort}[kind])
-
-    def tolerance(self, kind: str) -> Array:
-        """Tolerance of a limit, within which a value counts as at it: the same share of every limit.
-
-        Returns
-        -------
-        tolerance : (nv,) array
-        """
-        if kind == "position":
-            return Limits(self.lower, self.upper, self.velocity, self.effort).tolerance
-        return margin(self.limit(kind))
-
-
-def bounds_or_own(robot: Robot, bounds: Bounds | None) -> Bounds:
+def bounds_or_own(robot: Robot, bounds: Limits | None) -> Limits:
     """The bounds, or the robot's own limits for None. Raises ValueRangeError for what is neither."""
     if bounds is None:
-        return bounds_of(robot)
-    if not isinstance(bounds, Bounds):
+        return robot.limits
+    if not isinstance(bounds, Limits):
         raise ValueRangeError(
             f"bounds is {arguments.shown(bounds)}: give tw.trajectories.bounds_of(robot, velocity=…), or None for "
             "the robot's own."
@@ -101,18 +40,22 @@ def bounds_of(
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     effort: ArrayLike | None = None,
-) -> Bounds:
-    """Bounds of a robot: its limits with the given ones in their places.
+    deceleration: ArrayLike | None = None,
+    jerk: ArrayLike | None = None,
+) -> Limits:
+    """Limits of a robot with the given ones in their places.
 
     Parameters
     ----------
     velocity : (nv,) array_like or float, optional [rad/s, m/s]
-    acceleration : (nv,) array_like or float, optional [rad/s², m/s²]
+    acceleration : (nv,) array_like or float, optional; without ``deceleration`` also of joints that slow down [rad/s², m/s²]
     effort : (nv,) array_like or float, optional [N m, sliding joints: N]
+    deceleration : (nv,) array_like or float, optional [rad/s², m/s²]
+    jerk : (nv,) array_like or float, optional [rad/s³, m/s³]
 
     Returns
     -------
-    bounds : Bounds
+    bounds : Limits
 
     Examples
     --------
@@ -121,12 +64,11 @@ def bounds_of(
     [2.0, 2.0]
     """
     require_robot(robot, "bounds_of")
+    given = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
+    given |= {"effort": effort, "jerk": jerk}
     found = {}
-    given = {"velocity": velocity, "acceleration": acceleration, "effort": effort}
-    own = {"velocity": robot.limits.velocity, "acceleration": np.full(robot.nv, np.inf), "effort": robot.limits.effort}
     for name, values in given.items():
         if values is None:
-            found[name] = np.asarray(own[name], float)
             continue
         array = np.asarray(arguments.real(values, name, names=robot.model.velocity_names), float)
         if array.shape not in ((), (robot.nv,)):
@@ -139,7 +81,9 @@ def bounds_of(
                 f"{name} has {printed(array[~(array > 0)].flat[0])}: a limit is above 0, inf for none."
             )
         found[name] = np.broadcast_to(array, (robot.nv,)).copy()
-    return Bounds(robot.limits.lower, robot.limits.upper, found["velocity"], found["acceleration"], found["effort"])
+    if "acceleration" in found:
+        found.setdefault("deceleration", found["acceleration"])
+    return replace(robot.limits, **found)
 
 
 # ── The check of a motion against its limits
@@ -200,11 +144,11 @@ class RunningExtrema:
 class LimitCheck:
     """Running check of states against limits.
 
-    Joints of several coordinates have no limits of position: theirs are infinite. Values past a limit by less than
-    ``bounds.tolerance`` are at it.
+    Joints of several coordinates have no limits of position: theirs are infinite. Values past a limit by less than its
+    tolerance are at it.
     """
 
-    def __init__(self, model: Model, bounds: Bounds) -> None:
+    def __init__(self, model: Model, bounds: Limits) -> None:
         self.model, self.bounds = model, bounds
         self._worst = {kind: RunningExtrema(model.nv) for kind in KINDS}
         self._followers = [model.bodies[i] for i in model.limited_followers]
@@ -212,10 +156,14 @@ class LimitCheck:
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """States at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
-        for kind, values in zip(KINDS, (self.model.positions(q), dq, ddq, tau), strict=True):
-            if values is None:
-                continue
-            self._worst[kind].add(time, self.bounds.excess(kind, values), values)
+        b, x = self.bounds, self.model.positions(q)
+        self._worst["position"].add(time, np.maximum(x - b.upper, b.lower - x), x)
+        largest = {"velocity": b.velocity, "torque": b.effort}
+        if dq is not None and ddq is not None:
+            largest["acceleration"] = b.acceleration_at(dq, ddq)
+        for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", tau)):
+            if values is not None:
+                self._worst[kind].add(time, np.abs(values) - largest[kind], values)
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
         """Take in what mimic joints with a limit of effort bear in these states, friction left out."""
@@ -230,11 +178,13 @@ class LimitCheck:
         """The limits passed, worst first by their share of the limit."""
         found = []
         for kind, worst in self._worst.items():
-            allowed = self.bounds.tolerance(kind)
-            for k in np.flatnonzero(worst.value > allowed):
-                value = float(worst.signed[k])
-                share = float(worst.value[k] / allowed[k]) if allowed[k] > 0 else np.inf
-                limit = self._limit(kind, int(k), value)
+            for k, value in enumerate(worst.signed.tolist()):
+                beyond = float(worst.value[k])
+                limit = self._limit(kind, k, value, beyond)
+                allowed = float(self.bounds.tolerance[k] if kind == "position" else margin(abs(limit)))
+                if not beyond > allowed:
+                    continue
+                share = beyond / allowed if allowed > 0 else np.inf
                 name = self.model.velocity_names[k]
                 found.append((share, Violation(name, kind, value, limit, float(worst.time[k]))))
         for i, body in enumerate(self._followers):
@@ -245,10 +195,14 @@ class LimitCheck:
                 found.append((beyond / slack, Violation(body.joint.name, "torque", value, limit, time)))
         return tuple(v for _, v in sorted(found, key=lambda item: -item[0]))
 
-    def _limit(self, kind: str, k: int, value: float) -> float:
+    def _limit(self, kind: str, k: int, value: float, beyond: float) -> float:
+        """Limit that a value is beyond."""
+        b = self.bounds
         if kind == "position":
-            return float(self.bounds.upper[k] if value > self.bounds.upper[k] else self.bounds.lower[k])
-        return float(np.copysign(self.bounds.limit(kind)[k], value))
+            return float(b.upper[k] if value > b.upper[k] else b.lower[k])
+        either = {"velocity": [b.velocity], "acceleration": [b.acceleration, b.deceleration], "torque": [b.effort]}
+        size = min((float(x[k]) for x in either[kind]), key=lambda limit: abs(abs(value) - beyond - limit))
+        return float(np.copysign(size, value))
 
 
 complete(globals())

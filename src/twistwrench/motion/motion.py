@@ -23,9 +23,10 @@ from ..core.tables import csv_table
 from ..errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
 from ..log_checks.contradictions import Contradictions
 from ..log_checks.doubts import Doubt
+from ..model.limits import Limits
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
-from .bounds import Bounds, LimitCheck, Violation, bounds_or_own
+from .bounds import LimitCheck, Violation, bounds_or_own
 from .column_names import time_column
 from .coordinates import Coordinates, joint_rates
 from .smoothing import FEWEST, continuous, spline_rates, states_between
@@ -366,7 +367,7 @@ class Motion:
         return found | {"friction": robot.friction_forces(self.dq, load=tau)} if friction else found
 
     def violations(
-        self, bounds: Bounds | None = None, *, friction: bool = False, tau: Array | None = None
+        self, bounds: Limits | None = None, *, friction: bool = False, tau: Array | None = None
     ) -> tuple[Violation, ...]:
         """Limits of position, velocity, acceleration and torque that the motion passes, worst first.
 
@@ -390,7 +391,7 @@ class Motion:
         check.add(self.time, self.q, self.dq, self.ddq, np.asarray(tau, float))
         return check.violations()
 
-    def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
+    def plot(self, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
         """Plot of velocities and torques as shares of their limits.
 
         Parameters

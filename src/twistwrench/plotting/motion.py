@@ -12,8 +12,8 @@ from ..core.glossary import complete
 from ..core.numbers import number, percent, percent_of_limit, quantity
 from ..errors import UnknownNameError
 from ..joints.units import torque_word, unit_of
-from ..model.limits import over_limit
-from ..motion.bounds import Bounds, bounds_or_own
+from ..model.limits import Limits, over_limit
+from ..motion.bounds import bounds_or_own
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from ..viz.colours import share_colours
@@ -287,7 +287,7 @@ def _work(t: Array, power: Array) -> Array:
 _JOINTS = 24
 
 
-def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
+def plot_motion(motion: Motion, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
     """Plot of velocities and torques of a motion as shares of their limits.
 
     Parameters

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number, residual
-from ..motion.bounds import Bounds, bounds_or_own
+from ..model.limits import Limits
+from ..motion.bounds import bounds_or_own
 from ..trajectories.fastest import Fastest
 from . import style
 from .motion import curves, legend
@@ -118,14 +119,14 @@ _SAMPLES = 3001
 
 
 def plot_trajectory(
-    trajectory: Trajectory, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False
+    trajectory: Trajectory, path: str | Path, bounds: Limits | None = None, *, friction: bool = False
 ) -> Path:
     """Plot of a trajectory, the phase plane beside it where it is a fastest one.
 
     Parameters
     ----------
     trajectory : Trajectory
-    bounds : Bounds, optional, limits that are drawn
+    bounds : Limits, optional, limits that are drawn
 
     Examples
     --------

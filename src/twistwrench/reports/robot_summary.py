@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,9 +29,11 @@ if TYPE_CHECKING:
 
 COLUMNS = (
     "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
-    "damping", "friction", "armature", "leader", "ratio", "offset",
+    "acceleration", "deceleration", "jerk", "damping", "friction", "armature", "leader", "ratio", "offset",
 )  # fmt: skip
 """The entries of a row of :func:`joint_rows`."""
+_KINDS = tuple(f.name for f in fields(Limits))
+"""Kinds of limits."""
 
 
 def summary(robot: Robot) -> dict[str, Any]:
@@ -67,10 +69,9 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
         for k in range(b.v_index, b.v_index + b.joint.nv):
             known: dict[str, float] = {}
             if not b.follows:
-                known = {
-                    "lower": limits.lower[k], "upper": limits.upper[k], "velocity": limits.velocity[k],
-                    "effort": limits.effort[k], "damping": friction.viscous[k], "friction": friction.coulomb[k],
-                    "armature": model.armature[k],
+                known = {kind: getattr(limits, kind)[k] for kind in _KINDS}
+                known |= {
+                    "damping": friction.viscous[k], "friction": friction.coulomb[k], "armature": model.armature[k],
                 }  # fmt: skip
             angular = bool(b.joint.axes[0, :3].any()) if b.follows else bool(c.angular_velocity[k])
             row = {
@@ -242,11 +243,10 @@ def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool)
     return found
 
 
-# ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``
+# ── Joint limits from a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``
 
 # The table of ``twistwrench info --csv`` is read too: a row for each entry of dq, whose other columns are ignored.
 
-_KINDS = ("lower", "upper", "velocity", "effort")
 _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
     "nan": math.nan
 }
@@ -259,7 +259,7 @@ _TURNS, _ENDLESS, _FAR = 4 * math.pi, 1e4, 3.0
 class StatedLimits(Limits):
     """Limits of which some are the user's own."""
 
-    stated: Array
+    stated: Array = field(kw_only=True)
     """(nv,) of bool: joints whose effort the user gave."""
 
 
@@ -289,6 +289,8 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         k = _check(joint, values, joints, seen, where)
         seen.add(joint)
         stated[k] = "effort" in values
+        if "acceleration" in values:
+            values.setdefault("deceleration", values["acceleration"])
         for kind, value in values.items():
             found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
         positions = (values.get(kind, math.inf) for kind in ("lower", "upper"))
@@ -351,8 +353,8 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
     value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
     if value is None:
         raise ValueRangeError(f"{where}, column {kind!r}: {text!r} is no number. Leave it blank to keep the robot's.")
-    if math.isnan(value) or (kind in ("velocity", "effort") and value <= 0):
-        allowed = "a number above 0" if kind in ("velocity", "effort") else "a number"
+    if math.isnan(value) or (kind not in ("lower", "upper") and value <= 0):
+        allowed = "a number" if kind in ("lower", "upper") else "a number above 0"
         raise ValueRangeError(
             f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
         )

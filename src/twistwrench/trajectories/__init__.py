@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from ..algorithms.time_scalings import PosePath, cubic, quintic, screw_path, straight_path, trapezoid, uniform
-from ..motion.bounds import Bounds, Violation, bounds_of
+from ..motion.bounds import Violation, bounds_of
 from .fastest import Fastest, fastest
 from .paths import JointPath, follow_poses, joint_line, spline
 from .trajectory import Trajectory, fitted, move, violations
 
 __all__ = [
-    "Bounds",
     "Fastest",
     "JointPath",
     "PosePath",

@@ -22,7 +22,8 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..core.text import listed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
-from ..motion.bounds import Bounds, bounds_of
+from ..model.limits import Limits
+from ..motion.bounds import bounds_of
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .collocation import AT_REST, Cell, FastestScaling, try_cell
@@ -271,7 +272,7 @@ class LimitCurves:
 class Fastest(Trajectory):
     """Time-optimal motion along a path, with what limits it when."""
 
-    bounds: Bounds
+    bounds: Limits
     """The limits kept."""
     rows: PathRows
     """The limits as rows along the path."""
@@ -287,8 +288,12 @@ class Fastest(Trajectory):
         for k, c in enumerate(cells):
             name = names[c.active.joint]
             side = c.side
+            j = c.active.joint
+            way = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, j]))
             if c.active.kind == "velocity":
-                side = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, c.active.joint]))
+                side = way
+            elif c.active.kind == "acceleration" and self.bounds.acceleration[j] != self.bounds.deceleration[j]:
+                side *= way
             new = LimitContact(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
             if found and (found[-1].joint, found[-1].kind, found[-1].side) == (name, new.kind, side):
                 found[-1] = replace(found[-1], end=new.end)
@@ -315,8 +320,16 @@ class Fastest(Trajectory):
         q, dq, ddq = self(t)
         bounds = self.bounds
         tau = self.robot.inverse_dynamics(q, dq, ddq, friction=self.rows.friction)
-        parts = np.concatenate([tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration], axis=-1)
+        parts = np.concatenate(
+            [tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration_at(dq, ddq)], axis=-1
+        )
         return np.asarray(np.abs(parts).max(axis=-1))
+
+    @property
+    def _own_accelerations(self) -> bool:
+        """True if the acceleration limits are those of the robot."""
+        own = self.robot.limits.acceleration
+        return bool(np.isfinite(own).any() and np.array_equal(own, self.bounds.acceleration))
 
     def limit_curves(self, samples: int = 801) -> LimitCurves:
         """Limit curves of the phase plane (s, ds/dt), and the motion in it. MR figure 9.11.
@@ -345,7 +358,9 @@ class Fastest(Trajectory):
 
     def __str__(self) -> str:
         joints = dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.limit_contacts)
-        return f"{number(self.duration, 6)} s, limited by {', '.join(joints)} in {len(self.limit_contacts)} parts"
+        return f"{number(self.duration, 6)} s, limited by {', '.join(joints)} in {len(self.limit_contacts)} parts" + (
+            "; acceleration limits are the robot's own" if self._own_accelerations else ""
+        )
 
 
 def fastest(
@@ -355,6 +370,7 @@ def fastest(
     effort: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
+    deceleration: ArrayLike | None = None,
     friction: bool = False,
 ) -> Fastest:
     """Time-optimal time scaling: the shortest motion along a path from rest to rest within the limits.
@@ -364,7 +380,9 @@ def fastest(
     path : JointPath
     effort : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
     velocity : (nv,) array_like, optional, velocity limits that stand in for the robot's own [rad/s, m/s]
-    acceleration : (nv,) array_like, optional, acceleration limits [rad/s², m/s²]
+    acceleration : (nv,) array_like, optional, acceleration limits that stand in for the robot's own; without
+        ``deceleration`` also of joints that slow down [rad/s², m/s²]
+    deceleration : (nv,) array_like, optional, likewise, of joints that slow down [rad/s², m/s²]
 
     Raises
     ------
@@ -394,7 +412,9 @@ def fastest(
     """
     require_path(path, "fastest")
     friction = arguments.flag(friction, "friction")
-    bounds = bounds_of(require_robot(robot, "fastest"), velocity=velocity, acceleration=acceleration, effort=effort)
+    bounds = bounds_of(
+        require_robot(robot, "fastest"), velocity=velocity, acceleration=acceleration, effort=effort, deceleration=deceleration
+    )  # fmt: skip
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves. Lock fewer joints.")
     s = np.linspace(0.0, 1.0, 2001)
@@ -405,7 +425,9 @@ def fastest(
             "Take one whose dq/ds is nowhere zero: a spline without times, or each part by itself."
         )
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
-    room = {name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "effort")}
+    room = {
+        name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "deceleration", "effort")
+    }
     rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
     if (reachable := _reachable(rows)) is not rows.bounds:
         rows = PathRows(robot, path, reachable, friction=friction)
@@ -435,7 +457,7 @@ def fastest(
     return Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
 
 
-def _reachable(rows: PathRows) -> Bounds:
+def _reachable(rows: PathRows) -> Limits:
     """The limits, those of torque and acceleration no higher than motion within the velocity limits can feel."""
     found, bounds = rows.at(rows.grid), rows.bounds
     x = found.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
@@ -446,10 +468,12 @@ def _reachable(rows: PathRows) -> Bounds:
     most = 2.0 * (a * u + b * x + d * np.sqrt(x) + c).max(axis=0)
     if (most >= rows.L).all():
         return bounds
-    effort, acceleration = bounds.effort.copy(), bounds.acceleration.copy()
-    lower, n = np.minimum(rows.L, most), len(rows.torque)
-    effort[rows.torque], acceleration[rows.accelerated] = lower[:n], lower[n:]
-    return replace(bounds, effort=effort, acceleration=acceleration)
+    n, k = len(rows.torque), rows.accelerated
+    effort, up, down = bounds.effort.copy(), bounds.acceleration.copy(), bounds.deceleration.copy()
+    effort[rows.torque] = np.minimum(rows.L, most)[:n]
+    for limit in (up, down):
+        limit[k] = np.minimum(limit[k], most[n:])
+    return replace(bounds, effort=effort, acceleration=up, deceleration=down)
 
 
 complete(globals())

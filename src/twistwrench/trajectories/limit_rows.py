@@ -1,7 +1,8 @@
 """Robot limits along a path, as bounds of the path parameter's acceleration and squared rate.
 
 With x = ds² and u = dds every limit is |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L or x ≤ cap(s). For torques, by MR eq. 9.34,
-a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''.
+a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''. If a joint slows
+down by another limit than it speeds up, -d ≤ sign(q') ddq ≤ a is |sign(q') ddq + (d - a)/2| ≤ (d + a)/2.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ..errors import PathError, ValueRangeError
 from ..typing import Array
 
 if TYPE_CHECKING:
-    from ..motion.bounds import Bounds
+    from ..model.limits import Limits
     from ..robot import Robot
     from .paths import JointPath
 
@@ -70,7 +71,7 @@ class Cap:
 class PathRows:
     """Limit rows of one robot, path and set of limits, at any path position."""
 
-    def __init__(self, robot: Robot, path: JointPath, bounds: Bounds, *, friction: bool = False) -> None:
+    def __init__(self, robot: Robot, path: JointPath, bounds: Limits, *, friction: bool = False) -> None:
         self.robot, self.path, self.friction = robot, path, friction
         self.bounds = bounds
         law = robot.model.friction
@@ -82,10 +83,12 @@ class PathRows:
             )
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))
         self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))
+        up, down = bounds.acceleration[self.accelerated], bounds.deceleration[self.accelerated]
+        self._offset = 0.5 * (down - up)
         self.fast = np.flatnonzero(np.isfinite(bounds.velocity))
         self.rows = [Row("torque", int(j)) for j in self.torque]
         self.rows += [Row("acceleration", int(j)) for j in self.accelerated]
-        self.L = np.concatenate([bounds.effort[self.torque], bounds.acceleration[self.accelerated]])
+        self.L = np.concatenate([bounds.effort[self.torque], 0.5 * (down + up)])
         self.flat = np.zeros(len(self.rows), bool)
         size = np.abs(self.at(self.grid).a)
         self.flat = size.max(axis=0, initial=0.0) <= _FLAT * size.max(initial=0.0)
@@ -110,9 +113,10 @@ class PathRows:
             law = self.robot.model.friction
             c, d = c + law.coulomb * np.sign(q1), law.viscous * q1
         j, k = self.torque, self.accelerated
-        still = np.zeros((len(s), len(k)))
-        a, b = np.concatenate([a[:, j], q1[:, k]], axis=1), np.concatenate([b[:, j], q2[:, k]], axis=1)
-        c, d = np.concatenate([c[:, j], still], axis=1), np.concatenate([d[:, j], still], axis=1)
+        side = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
+        a, b = np.concatenate([a[:, j], side * q1[:, k]], axis=1), np.concatenate([b[:, j], side * q2[:, k]], axis=1)
+        c = np.concatenate([c[:, j], np.broadcast_to(self._offset, side.shape)], axis=1)
+        d = np.concatenate([d[:, j], np.zeros_like(side)], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             caps = [(self.bounds.velocity[self.fast] / np.abs(q1[:, self.fast])) ** 2]
             if (f := self.flat).any():
@@ -123,13 +127,13 @@ class PathRows:
 
     @cached_property
     def breaks(self) -> Array:
-        """Ends of pieces: knots, and the zeros of each a and, with friction, of each q'; from 0 to 1."""
+        """Ends of pieces: knots, and the zeros of each a and, if a limit depends on its sign, of q'; from 0 to 1."""
         places = [np.array([0.0, 1.0]), self.path.knots]
         rows = self.at(self.grid)
         places += [self._zeros(rows.a[:, k], lambda s, k=k: self.at(s).a[:, k]) for k in np.flatnonzero(~self.flat)]
-        if self.friction:
-            q1 = self.path(self.grid)[1]
-            places += [self._zeros(q1[:, j], lambda s, j=j: self.path(s)[1][:, j]) for j in range(q1.shape[1])]
+        q1 = self.path(self.grid)[1]
+        turning = range(q1.shape[1]) if self.friction else self.accelerated[self._offset != 0]
+        places += [self._zeros(q1[:, j], lambda s, j=j: self.path(s)[1][:, j]) for j in turning]
         found = np.unique(np.concatenate(places))
         keep = np.concatenate([[True], np.diff(found) > 1e-11])
         keep[-1] = True

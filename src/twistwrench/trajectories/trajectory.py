@@ -14,7 +14,8 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..motion.bounds import Bounds, LimitCheck, Violation, bounds_or_own
+from ..model.limits import Limits
+from ..motion.bounds import LimitCheck, Violation, bounds_or_own
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 def violations(
     robot: Robot,
     trajectory: Trajectory | Motion,
-    bounds: Bounds | None = None,
+    bounds: Limits | None = None,
     *,
     friction: bool = False,
     samples: int = 2001,
@@ -65,7 +66,7 @@ def violations(
     return check.violations()
 
 
-def positions_passed(robot: Robot, s: Array, q: Array, bounds: Bounds) -> tuple[Violation, ...]:
+def positions_passed(robot: Robot, s: Array, q: Array, bounds: Limits) -> tuple[Violation, ...]:
     """The limits of position that configurations (n, nq) pass; ``s`` (n,) stands for the time."""
     check = LimitCheck(robot.model, bounds)
     check.add(s, q, np.zeros((len(s), robot.nv)))
@@ -156,7 +157,7 @@ class Trajectory:
         t[-1] = min(t[-1], self.duration)
         return Motion(t, *self(t), robot=self.robot, in_seconds=True)
 
-    def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
+    def violations(self, bounds: Limits | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
         """Limits that it passes, worst first; see :func:`~twistwrench.trajectories.violations`.
 
         Examples
@@ -185,7 +186,7 @@ class Trajectory:
         """
         return self.sample(dt).to_csv(path, degrees=degrees)
 
-    def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
+    def plot(self, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
         """Plot of motion and torques as shares of their limits, with the phase plane of the fastest; to .png, .pdf or .svg.
 
         Examples
@@ -230,7 +231,7 @@ def move(
 
 
 def fitted(
-    robot: Robot, path: JointPath, shape: Any = None, bounds: Bounds | None = None, *, friction: bool = False
+    robot: Robot, path: JointPath, shape: Any = None, bounds: Limits | None = None, *, friction: bool = False
 ) -> Any:
     """Time scaling of a given shape as short as the limits of velocity, acceleration and torque allow.
 
@@ -287,12 +288,12 @@ def fitted(
     return unit.stretched(T)
 
 
-def _shortest(robot: Robot, path: JointPath, unit: Any, bounds: Bounds, times: Array, *, friction: bool) -> Array:
+def _shortest(robot: Robot, path: JointPath, unit: Any, bounds: Limits, times: Array, *, friction: bool) -> Array:
     """The shortest duration (n,) by what limits the motion at times (n,) of one that takes 1 s; 0 where nothing does."""
     q, dq, ddq = Trajectory(robot, path, unit)(times)
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
-        shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration, posinf=np.inf)))
+        shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)))
     held = robot.holding_torques(q)
     law = robot.model.friction
     g = held + robot.friction_forces(1e-9 * np.sign(dq)) * friction

@@ -16,7 +16,7 @@ from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
 from ..mjcf.drives import ROWS
-from ..urdf import ENTRIES, IN_MJCF
+from ..urdf import ENTRIES, IN_MJCF, LIMITS_OF_1_2
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of
 
@@ -109,8 +109,7 @@ class MjcfJoints:
                 )
         if np.isfinite(limits.effort[0]):
             joint.attributes["actuatorfrcrange"] = figures([-limits.effort[0], limits.effort[0]])
-        if np.isfinite(limits.velocity[0]):
-            self.losses.of_joint(entry.name, "has a limit of velocity, which the format cannot say")
+        self.losses.note_limits(entry.name, limits, "velocity", *LIMITS_OF_1_2)
 
     def _drive(self, name: str, joints: list[Element]) -> None:
         drive = drive_of(self.found, name, self.losses)

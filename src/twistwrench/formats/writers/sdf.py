@@ -15,7 +15,7 @@ from ...model.description import JointEntry, unused
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..urdf import entries_of, rpy_of_rotation
+from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, drive_of, screw_of
 
@@ -159,6 +159,7 @@ class _SdfWriter:
         for what, value in (("effort", limits.effort[0]), ("velocity", limits.velocity[0])):
             if np.isfinite(value):
                 new(what, limit, figures(value))
+        self.losses.note_limits(name, limits, *LIMITS_OF_1_2)
         self._drive(entry.name, joint, element)
 
     def _drive(self, name: str, joint: Element, axis: Element | None) -> None:

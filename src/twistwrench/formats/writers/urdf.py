@@ -11,7 +11,7 @@ from ...model.limits import Limits
 from ...model.model import Model
 from ...model.parts import ModelParts, disassemble
 from ...typing import Array
-from ..urdf import entries_of, rpy_of_rotation
+from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, Written, drive_of, moved, screw_of
 
@@ -131,11 +131,15 @@ class _UrdfWriter:
 
     def _limit(self, joint: Element, limits: Limits) -> None:
         values = {name: float(getattr(limits, name)[0]) for name in ("lower", "upper", "velocity", "effort")}
+        since = {name: float(getattr(limits, name)[0]) for name in LIMITS_OF_1_2}
+        since = {name: x for name, x in since.items() if np.isfinite(x)}
         if joint.attributes["type"] == "continuous":
             del values["lower"], values["upper"]
-            if not np.isfinite(list(values.values())).any():
+            if not since and not np.isfinite(list(values.values())).any():
                 return
-        new("limit", joint, **{name: figures(np.clip(x, -_NONE, _NONE)) for name, x in values.items()})
+        if since:
+            self.robot.attributes["version"] = "1.2"
+        new("limit", joint, **{name: figures(np.clip(x, -_NONE, _NONE)) for name, x in (values | since).items()})
 
     def _mimic(self, joint: Element, leader: str, ratio: float, offset: float) -> None:
         new("mimic", joint, joint=leader, multiplier=figures(ratio), offset=figures(offset))

@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.numbers import printed
+from ...core.text import listed
 from ...errors import ModelError
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry, ModelNote
+from ...model.limits import Limits
 from ...model.parts import ModelParts
 from ...typing import Array
 from ..mjcf.reader import REFERENCE
@@ -39,6 +41,11 @@ class Losses:
     def of_joint(self, name: str, text: str) -> None:
         """Note the loss of a joint."""
         self.note("joint", name, text)
+
+    def note_limits(self, joint: str, limits: Limits, *kinds: str) -> None:
+        """Note the loss of limits of a joint that are given."""
+        if given := [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]:
+            self.of_joint(joint, f"has a limit of {listed(given)}, which the format cannot say")
 
     def say(self, text: str) -> None:
         """Note the loss of the robot."""
