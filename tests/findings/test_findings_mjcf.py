@@ -11,6 +11,7 @@ import pytest
 from places import SHARED
 
 import twistwrench as tw
+from twistwrench.identification.parameters import UnknownParameters
 from twistwrench.simulation import Event
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
@@ -149,6 +150,8 @@ DRIVES = {
     "dcmotor without limit": '<dcmotor joint="j" motorconst="0.05" resistance="0.5" saturation="0 0 0"/>',
     "dcmotor with a controller": '<dcmotor joint="j" input="pos vel" controller="10 0 5" motorconst="0.05" resistance="0.5" '
     'saturation="1 0 0"/><motor joint="j" ctrlrange="-4 4"/>',
+    "dcmotor without input": '<dcmotor joint="j" input="none" gear="3" resistance="1" lugre="100 1 .1 .2 .05" '
+    'saturation="2 0 0"/>',
     "pid": '<pid joint="j" kp="2" kv="1" gear="2" forcerange="-3 3"/>',
     "pid without limit": '<pid joint="j" kp="2" kv="1"/>',
 }  # fmt: skip
@@ -177,6 +180,65 @@ def test_findings_39_and_40_efforts_are_those_of_the_compiled_model(name):
         np.testing.assert_allclose(robot.limits.effort[0], total[1], rtol=1e-12)
         assert any("largest force is not given" in one for one in robot.defects) == np.isinf(total[1])
         assert any("drives no hinge or slide" in one for one in robot.defects) == ("orientation" in name)
+
+
+MOTORS = {
+    "two constants": 'motorconst="0.05 0.08" resistance="2" saturation="0 10 0"',
+    "nominal": 'nominal="24 1.5 300" saturation="1.2 10 0"',
+    "nominal and resistance": 'nominal="24 1.5 300" resistance="3"',
+    "nominal and constant": 'nominal="24 1.5 300" motorconst="0 0.05" saturation="3 0 0"',
+    "time constant": 'nominal="24 1.5 300" inductance="0 0.002"',
+    "inductance and time constant": 'nominal="24 1.5 300" inductance="0.01 0.002"',
+    "controller": 'motorconst="0.05" resistance="2" input="pos" controller="1 0 0 0 0 12"',
+    "friction": 'motorconst="0.05" resistance="2" lugre="100 1 0.1 0.2 0.05"',
+    "friction without Stribeck": 'motorconst="0.05" resistance="2" lugre="100 1 0.1 0.1 0"',
+    "heat and cogging": 'motorconst="0.05" resistance="2" thermal="2 30 0 .0039 25 25" cogging=".01 6 0"',
+}
+
+
+@pytest.mark.parametrize("gear", [1.0, -50.0])
+@pytest.mark.parametrize("name", MOTORS)
+def test_dc_motors_have_the_data_that_mujoco_compiles(name, gear):
+    text = hinge(
+        joint='frictionloss="0.3"', rest=f'<actuator><dcmotor joint="j" gear="{gear}" {MOTORS[name]}/></actuator>'
+    )
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not read it: {error}")
+    filed, compiled, model = doors(text)
+    R, K, *_ = gain = model.actuator_gainprm[0]
+    coulomb, static, stribeck = model.actuator_biasprm[0][3:6]
+    for robot in (filed, compiled):
+        (actuator,) = robot.actuators.values()
+        motor, law = actuator.motor, robot.model.friction
+        assert actuator.ratio == gear
+        found = (motor.torque_constant, motor.resistance, motor.inductance)
+        np.testing.assert_allclose(found, [K, R, R * model.actuator_dynprm[0][0]], rtol=1e-12)
+        np.testing.assert_allclose(motor.current_peak * K * abs(gear), robot.limits.effort[0], rtol=1e-12)
+        assert law.coulomb[0] == pytest.approx(0.3 + abs(gear) * coulomb)  # that of the joint, and the motor's
+        assert law.static[0] == pytest.approx(0.3 + abs(gear) * static)
+        assert law.stribeck[0] == pytest.approx(stribeck / abs(gear) if static > coulomb else 1.0)
+        for words, there in (("bristles", coulomb), ("thermal model", "heat" in name), ("cogging", "heat" in name)):
+            assert any(words in one for one in robot.defects) == bool(there), robot.defects
+    voltage = 24.0 if "nominal" in MOTORS[name] else gain[7] or np.inf
+    assert filed.actuators["j"].motor.voltage == voltage
+
+
+def test_described_motors_give_way_to_an_actuator_file_and_to_identification():
+    text = hinge(rest=f'<actuator><dcmotor joint="j" gear="50" {MOTORS["nominal"]}/></actuator>')
+    robot = quietly(tw.load, text)
+    assert robot.with_actuators({"actuators": {"j": {"ratio": 100}}}).actuators["j"].motor is None
+    assert not robot.lock({"j": 0.2}).actuators and not quietly(tw.load, text, lock={"j": 0.2}).actuators
+    assert robot.motor_loads([0.3], [2.0], [0.0]).speed == pytest.approx(100.0)
+    assert not UnknownParameters(robot).robot.actuators
+
+
+def test_a_motor_that_cannot_be_is_refused_by_element_and_line():
+    for bad, words in (('resistance="-1"', "resistance -1"), ('inductance="-1 0"', "inductance -1")):
+        text = hinge(rest=f'<actuator>\n<dcmotor joint="j" motorconst="0.1" {bad}/></actuator>')
+        with pytest.raises(tw.RobotFileError, match=rf"<dcmotor> \(line 3\) cannot be a motor: .*{words}"):
+            tw.load(text)
 
 
 def test_finding_39_an_unknown_actuator_leaves_the_effort_unknown_and_the_file_read():

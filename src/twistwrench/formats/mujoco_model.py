@@ -26,6 +26,8 @@ _SLIDE = 2
 """Value of ``mjtJoint`` from which joints have one degree."""
 _EQUALITIES = dict(enumerate(("connect", "weld", "joint", "tendon")))
 """Tags by ``mjtEq``; all others hold flexible bodies."""
+_DCMOTOR = 3
+"""Number of the gain of DC motors, since version 4."""
 _ON_JOINTS = (0, 1)
 """Values of ``mjtTrn``: at a joint, and at one in its parent's frame."""
 _BODY, _WRAP_JOINT = 1, 1
@@ -132,13 +134,27 @@ class _File:
             # Actuators with several outputs or controls have several rows of gears and of ranges.
             gear, control = (int(_field(model, field, k, k)) for field in ("actuator_outadr", "actuator_ctrladr"))
             plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
+            controls = {}
+            if control < len(model.actuator_ctrllimited):  # actuators may have none
+                controls = {"ctrlrange": model.actuator_ctrlrange[control]}
+                controls["ctrllimited"] = _flag(model.actuator_ctrllimited[control])
+            motor = self._motor(k) if int(model.actuator_gaintype[k]) == _DCMOTOR else {}
             _add(
-                section, "general", name=name, joint=self.joints[j], gear=model.actuator_gear[gear, 0],
+                section, "dcmotor" if motor else "general", name=name, joint=self.joints[j],
+                gear=model.actuator_gear[gear, 0], **motor,
                 gaintype="fixed" if plain else "affine", gainprm=model.actuator_gainprm[k, 0],
-                ctrllimited=_flag(model.actuator_ctrllimited[control]), ctrlrange=model.actuator_ctrlrange[control],
+                **controls,
                 forcelimited=_flag(model.actuator_forcelimited[k]), forcerange=model.actuator_forcerange[k],
                 armature=_field(model, "actuator_armature", k), damping=_polynomial(model, "actuator_damping", k),
             )  # fmt: skip
+
+    def _motor(self, k: int) -> dict[str, ArrayLike]:
+        """Attributes of a ``dcmotor`` from what the compiler makes of it; the nominal voltage is not kept."""
+        gain, bias, dyn = (getattr(self.model, f"actuator_{name}prm")[k] for name in ("gain", "bias", "dyn"))
+        return {
+            "resistance": gain[0], "motorconst": (gain[1], 0.0), "inductance": (0.0, dyn[0]), "cogging": bias[:3],
+            "thermal": dyn[2:5], "lugre": (*dyn[5:7], *bias[3:6]), "controller": (0.0, 0.0, 0.0, 0.0, 0.0, gain[7]),
+        }  # fmt: skip
 
     def _add_tendons(self, section: Element) -> None:
         model = self.model

@@ -103,12 +103,12 @@ class UnknownParameters:
             )
         if robot.nv == 0:
             raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
-        if robot.actuators:
+        if any(actuator.rotor is not None for actuator in robot.actuators.values()):
             raise ModelError(
                 f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
                 "robot without them, and their file as actuators=…."
             )
-        bare = replace(robot.model, armature=np.zeros(robot.nv))
+        bare = replace(robot.model, armature=np.zeros(robot.nv), actuators={})
         object.__setattr__(self, "robot", Robot(bare))
         for name, value in self.known.items():
             if name not in self.names:

@@ -23,12 +23,16 @@ from .model import BASE, Body, Model, Spring
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
-    """Model with its joints driven by these actuators.
+    """Model with its joints driven by these actuators, in place of motors without a rotor, such as those of robot files.
 
     Raises :class:`~twistwrench.UnknownNameError` for joints and links that are not there,
     :class:`~twistwrench.ModelError` for a joint that cannot be driven so or is driven already, and
     :class:`~twistwrench.InertiaError` if a rotor is declared part of a link that cannot contain it.
     """
+    actuators = list(actuators)
+    joints = {actuator.joint for actuator in actuators}
+    kept = {name: a for name, a in model.actuators.items() if a.rotor is not None or a.joint not in joints}
+    model = replace(model, actuators=kept)
     for actuator in actuators:
         model = _driven(model, actuator)
     return model

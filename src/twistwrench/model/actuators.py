@@ -193,7 +193,7 @@ def _problems(actuator: Actuator) -> Iterator[str]:
         yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
     if motor is None:
         return
-    if motor.current_continuous > motor.current_peak:
+    if motor.current_peak < motor.current_continuous < np.inf:
         both = f"{printed(motor.current_continuous)} A above current peak {printed(motor.current_peak)} A"
         yield f"current continuous {both}. Are they exchanged?"
     if not _real(motor.torque_constant):

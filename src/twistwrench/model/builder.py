@@ -16,6 +16,8 @@ from ..errors import ModelError, ValueRangeError
 from ..joints import Floating
 from ..joints.screw_joint import number, numbers
 from . import edit
+from .actuation import with_actuators, with_link_friction
+from .actuators import Actuator
 from .assembly import DEFAULT_SNAP, MIMIC_POLICIES, ROOT_JOINT, Additions, assemble, check_tip, find_drives
 from .description import (
     TYPES,
@@ -72,6 +74,7 @@ class ModelBuilder:
         self._joints: dict[str, JointEntry] = {}
         self._remarks: list[str] = []
         self._additions = Additions()
+        self._actuators: dict[str, tuple[Actuator, Mapping[str, float]]] = {}
         self.gravity: ArrayLike = GRAVITY
         """Gravity of the file, (3,) m/s² in the base frame."""
 
@@ -259,6 +262,27 @@ class ModelBuilder:
         weights = zip(terms, values[2:].tolist(), strict=True)
         self._additions.springs.append(Spring(tuple(weights), float(values[0]), float(values[1])))
 
+    def add_actuator(self, actuator: Actuator, friction: Mapping[str, float] | None = None) -> None:
+        """Add the motor and gear of a joint that the robot's own file describes.
+
+        Parameters
+        ----------
+        actuator : Actuator
+        friction : {law: value}, optional, friction of the drive as seen at the joint, beside that of the joint
+
+        Examples
+        --------
+        >>> from twistwrench.model.actuators import Actuator, Motor
+        >>> builder = ModelBuilder("slider")
+        >>> builder.add_link("rail")
+        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
+        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
+        >>> builder.add_actuator(Actuator("slide", ratio=200.0, motor=Motor(0.05)))
+        >>> builder.build().actuators["slide"].ratio
+        200.0
+        """
+        self._actuators[actuator.joint] = actuator, friction or {}
+
     def add_configuration(self, name: str, positions: Mapping[str, ArrayLike]) -> None:
         """Add a named configuration, such as a keyframe.
 
@@ -324,6 +348,7 @@ class ModelBuilder:
         )  # fmt: skip
         remarks += model.defects
         model = edit.lock(model, lock) if lock else model
+        model = self._driven(model)
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
         if massless := [str(self._links[link]) for link in massless_links(model) if self._links[link].where]:
@@ -333,6 +358,12 @@ class ModelBuilder:
         if not quiet:
             issue(sentences(self.name, model.defects))
         return model
+
+    def _driven(self, model: Model) -> Model:
+        """Model with the described actuators of joints that are left."""
+        described = {name: self._actuators[name] for name in model.joint_names if name in self._actuators}
+        model = with_actuators(model, [actuator for actuator, _ in described.values() if actuator.motor is not None])
+        return with_link_friction(model, {name: law for name, (_, law) in described.items() if law})
 
     def _floating_remarks(self, tree: Tree, floating_base: bool) -> list[str]:
         if not floating_base:

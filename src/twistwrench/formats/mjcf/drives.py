@@ -10,7 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.numbers import number, printed
+from ...errors import ValueRangeError
 from ...lie import quaternion, se3
+from ...model.actuators import Actuator, Motor, check_actuator
 from ...model.builder import ModelBuilder
 from ...model.description import Mimic, label
 from ...model.model import OfferedClosure
@@ -35,6 +37,8 @@ class Drives:
     """kg m² or kg."""
     damping: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     """N m s/rad or N s/m."""
+    motors: dict[str, tuple[Actuator, dict[str, float]]] = field(default_factory=dict)
+    """Described motors, and their friction as it acts at the joint."""
 
 
 def drives_of(
@@ -61,6 +65,8 @@ def drives_of(
             force = _force(one, settings)
             at_joint = np.sort(gear * force) if gear else np.zeros(2)  # a gear of zero lets nothing through
             totals[name] = totals.get(name, np.zeros(2)) + at_joint
+            if one.attributes.get(SHORTCUT) == "dcmotor" and gear and joints[name].single:
+                _add_motor(builder, drives, one, gear, name, float(np.abs(force).min()))
             if child.tag == "orientation":
                 builder.note(one, LEFT_OUT["actuator/joint"])
     for name, joint in joints.items():
@@ -136,12 +142,48 @@ def _force(one: Element, settings: Settings) -> Array:
 def _saturation(one: Element) -> Array:
     """The largest torque of a ``dcmotor`` to both sides: as given, or its constant times the largest current."""
     torque, current, _ = one.floats("saturation", (0.0, 0.0, 0.0))
+    most = torque or _constant(one) * current
+    return np.array([-most, most]) if most else ANY
+
+
+def _constant(one: Element) -> float:
+    """Constant K of a ``dcmotor`` [N m/A]: geometric mean of the torque and the back-EMF constant; 0 if unknown."""
     of_torque, of_speed = one.floats("motorconst", (0.0, 0.0))
     voltage, _, speed = one.floats("nominal", (0.0, 0.0, 0.0))
     given = [x for x in (of_torque, of_speed or (voltage / speed if speed else 0.0)) if x > 0]
-    constant = math.prod(given) ** (1.0 / len(given)) if given else 0.0
-    most = torque or constant * current
-    return np.array([-most, most]) if most else ANY
+    return math.prod(given) ** (1.0 / len(given)) if given else 0.0
+
+
+def _add_motor(builder: ModelBuilder, drives: Drives, one: Element, gear: float, joint: str, largest: float) -> None:
+    """Add the motor of a ``dcmotor`` whose torque is at most ``largest`` [N m] to either side, and its friction."""
+    if joint in drives.motors:
+        builder.note(one, "is a second motor of its joint, whose electrical data are left out")
+        return
+    if one.floats("cogging", (0.0, 0.0, 0.0))[0]:
+        builder.note(one, "has a cogging torque, which is left out")
+    if any(one.floats("thermal", (0.0,) * 6)[:3]):
+        builder.note(one, "has a thermal model, which is left out: the resistance is that of the cold motor")
+    bristles, _, coulomb, static, stribeck = one.floats("lugre", (0.0,) * 5)
+    friction: dict[str, float] = {}
+    if bristles:  # of a rotor that turns gear times as fast as the joint
+        builder.note(one, "has LuGre friction, whose bristles are left out: its Coulomb and Stribeck friction is kept")
+        friction = {"coulomb": abs(gear) * coulomb, "static": abs(gear) * max(static, coulomb)}
+        friction |= {"stribeck": stribeck / abs(gear)} if stribeck else {}
+    if not (constant := _constant(one)):
+        drives.motors[joint] = Actuator(joint, gear), friction
+        return
+    voltage, stall, _ = one.floats("nominal", (0.0, 0.0, 0.0))
+    resistance = one.floats("resistance", (0.0,))[0] or (constant * voltage / stall if stall else 0.0)
+    inductance, time = one.floats("inductance", (0.0, 0.0))
+    motor = Motor(
+        constant, resistance, inductance or time * resistance,
+        voltage=voltage or one.floats("controller", (0.0,) * 6)[5] or math.inf, current_peak=largest / constant,
+    )  # fmt: skip
+    try:
+        check_actuator(actuator := Actuator(joint, gear, motor=motor))
+    except ValueRangeError as problem:
+        raise one.error(f"cannot be a motor: {problem}") from None
+    drives.motors[joint] = actuator, friction
 
 
 def _range(element: Element, attribute: str) -> Array:

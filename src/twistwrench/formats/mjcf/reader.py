@@ -162,6 +162,9 @@ class _Reader:
             friction=0.0 if "frictionloss" in self.disabled else joint.friction,
             armature=joint.armature + drives.armature[name], mimic=self.follow.get(name), where=where,
         )  # fmt: skip
+        if name in drives.motors and name not in self.follow:
+            actuator, law = drives.motors[name]
+            self.builder.add_actuator(actuator, law if "frictionloss" not in self.disabled else {})
         if joint.single and joint.stiffness and "spring" not in self.disabled:
             self.builder.add_spring({name: 1.0}, joint.stiffness, joint.rest, where=where)
 
