@@ -7,8 +7,8 @@ import numpy as np
 import twistwrench as tw
 from twistwrench.cli.identify import identification_view
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
+from twistwrench.identification.parameters import untold
 from twistwrench.log_checks.doubts import untold_table
-from twistwrench.log_checks.fit_doubts import untold
 
 LEFT = 0.02
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..typing import Array
+from .least_squares import MAD
 
 GAP = 5.0
 """Usual steps of time from which a step is a pause."""
@@ -68,7 +69,6 @@ def new_rows(q: Array) -> Array | None:
 
 _FAR, _MADS = 3.0, 8.0
 """Usual steps of a joint, and deviations of e, from which it departs from its path."""
-_MAD = 1.4826
 _ALONE, _BESIDE = 5, 0.5
 """Rows on either side, and share of a departure that others there may have: a single wrong row makes two alike."""
 _ALIKE = 0.35
@@ -86,7 +86,7 @@ def gaps(time: Array, q: Array) -> list[Gap]:
     usual, least = float(np.median(h)), np.where(v != 0, np.abs(v) * h[:, None], np.inf).min(axis=0)
     size = usual * np.sqrt(np.mean(v**2, axis=0))
     moving = size > 0.02 * size.max(initial=0.0)
-    found, noise = list[Gap](), _MAD * np.median(np.abs(e), axis=0)
+    found, noise = list[Gap](), MAD * np.median(np.abs(e), axis=0)
     far = (np.abs(e) > np.maximum(np.maximum(_FAR * size, _MADS * noise), 3.0 * least)) & moving
     off = far.sum(axis=1) >= np.clip(moving.sum(), 1, 2)
     off &= ~np.lib.stride_tricks.sliding_window_view(h > GAP * usual, 5).any(axis=1)
@@ -117,7 +117,7 @@ def late_by_turns(found: Sequence[Gap], begin: float, end: float) -> tuple[float
 def spikes(x: Array) -> Array:
     """(n, k) bool: numbers beyond both neighbours by eight deviations of the steps, and by the column's own deviation."""
     steps = np.diff(x, axis=0)
-    usual = [_MAD * float(np.median(np.abs(s[s != 0]))) if (s != 0).any() else np.inf for s in steps.T]
+    usual = [MAD * float(np.median(np.abs(s[s != 0]))) if (s != 0).any() else np.inf for s in steps.T]
     least = np.maximum(_MADS * np.array(usual), x.std(axis=0))
     before, after = steps[:-1], -steps[1:]
     off = (np.minimum(np.abs(before), np.abs(after)) > least) & (before * after > 0)

@@ -14,9 +14,10 @@ import numpy as np
 from ..core.numbers import number
 from ..errors import TrajectoryError, ValueRangeError
 from ..estimation.covariance import StateCells
+from ..estimation.sampling import GAP
 from ..log_checks.doubts import Doubt, doubt
 from ..log_checks.fit_doubts import LEFT_OUT
-from ..motion.log_table import slices, windows
+from ..motion.log_table import slices, spread_rows, windows
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import continuous
@@ -27,7 +28,6 @@ from .parameters import BaseParameters, speed_owner
 from .payload import MotorSide
 from .rows import (
     FEWEST,
-    GAP,
     PAUSE,
     ROW_RATE,
     STATE_RATE,
@@ -157,12 +157,9 @@ class LogSource:
 
     def excerpts(self, count: int, rows: int) -> list[Motion]:
         """Runs of consecutive rows spread evenly over the log, as motions; a short one comes whole."""
-        whole = len(self.log.table if self.motion is None else self.motion)
-        firsts = [0] if whole <= count * rows else [(whole - rows) * k // max(1, count - 1) for k in range(count)]
-        spans = [slice(first, first + rows if len(firsts) > 1 else whole) for first in firsts]
         if self.motion is not None:
-            return [self.motion[span] for span in spans]
-        found = [self.rows(span) for span in spans]
+            return [self.motion[span] for span in spread_rows(len(self.motion), count, rows)]
+        found = [self.rows(span) for span in spread_rows(len(self.log.table), count, rows)]
         return [Motion(x.time, x.q, tau=x.tau, robot=self.robot, in_seconds=True) for x in found if len(x.time) > 1]
 
     def _sided(self, rows: LogRows) -> LogRows:

@@ -14,7 +14,7 @@ from ..errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, 
 from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..estimation.sampling import SingleRowGlitches, gaps, new_rows, spikes
+from ..estimation.sampling import SingleRowGlitches, gaps, new_rows, pauses, spikes
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubt_of_cause, doubts_of
@@ -30,7 +30,7 @@ from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot
-from .rows import MOST_ROWS, ROW_RATE, SteadySamples, pauses
+from .rows import MOST_ROWS, PAUSE, ROW_RATE, SteadySamples
 
 MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
@@ -362,7 +362,7 @@ def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, and on their gaps."""
     said = [doubt.sentence for motion in motions for doubt in motion.doubts if doubt.kind == LEFT_OUT]
     whole = [motion for motion in motions if all(doubt.kind != "pause" for doubt in motion.doubts)]  # not parted here
-    lengths = [float(np.diff(motion.time)[k]) for motion in whole for k in pauses(motion.time).tolist()]
+    lengths = [float(np.diff(motion.time)[k]) for motion in whole for k in pauses(motion.time, PAUSE).tolist()]
     return (*said, *gap_notes(np.array(lengths)))
 
 

@@ -14,7 +14,7 @@ fc_k tanh(s_k·dq / v_0)) to all of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,8 +23,10 @@ import numpy as np
 
 from ..algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..core.glossary import complete
-from ..core.numbers import number
+from ..core.numbers import number, percent
+from ..core.text import listed
 from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..log_checks.doubts import untold_table
 from ..model.model import BASE, Model
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -464,6 +466,67 @@ def _independent_columns(W: Array) -> tuple[Array, Array]:
 
 def _rounded(grouping: Array) -> Array:
     return np.where(np.abs(grouping) < 1e-12, 0.0, grouping)
+
+
+# ── What no log tells
+
+_FED_FORWARD, _SPANNED = 1e-3, 1e-6
+"""Share of the torques below which no sensor's noise is, and share of torques that other columns do not span."""
+_TURN, _GAIN = 0.3, 1.2
+
+
+def untold(base: BaseParameters, left: float) -> dict[str, str]:
+    """Sentences on what no log of the robot tells, by name; ``left`` is the residual as a share of the torques."""
+    unknown, names = base.unknown, base.unknown.model.velocity_names
+    kinds, held = np.array(unknown.kinds), unknown.held
+    gain, zeros, signs = _spanned(base)
+    here = {
+        "gain-of-all": gain,
+        "zero": bool(zeros),
+        "clock-rate": bool(((kinds == "motor_inertia") & ~held).any()),
+        "sign-of-both": bool(signs),
+        "base-about-vertical": bool(np.any(unknown.model.gravity)),
+        "asymmetric-friction": {"coulomb", "offset"} <= set(kinds[~held].tolist()),
+        "fed-forward": left < _FED_FORWARD,
+    }
+    joints = {name: listed([names[k] for k in which]) for name, which in (("zero", zeros), ("sign-of-both", signs))}
+    return {
+        name: " ".join(text.format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
+        for name, texts in untold_table().items()
+        if here[name]
+    }
+
+
+def _spanned(base: BaseParameters) -> tuple[bool, list[int], list[int]]:
+    """Errors of logs that other parameters of the robot explain wholly: a common gain, zeros, signs of position and torque.
+
+    Torques of random states with the error are in the span of the columns without it; for signs, with a half turn of a joint.
+    """
+    unknown, model, free = base.unknown, base.unknown.model, ~base.held
+    turning = [k for k in range(model.nv) if model.leaders[k].joint.turning[0]]
+    rng, unit, speed = np.random.default_rng(0), np.eye(model.nv), np.ones(model.nv)
+    q, dq, ddq = rng.normal(size=(3, 20 + 3 * base.count // model.nv, model.nv))
+    x = np.where(free, rng.normal(size=base.count), base.project(unknown.file_values))
+
+    def columns(turn: Array, sign: Array = speed) -> Array:
+        return unknown.columns(base.kept, sign * q + turn, sign * dq, sign * ddq, speed)
+
+    def spans(W: Array) -> Callable[[Array], bool]:
+        known = W[:, :, ~free] @ x[~free]
+        basis = np.linalg.qr(W[:, :, free].reshape(known.size, -1))[0]
+
+        def spanned(tau: Array) -> bool:
+            rest = (tau - known).ravel()
+            return bool(np.linalg.norm(rest - basis @ (basis.T @ rest)) < _SPANNED * np.linalg.norm(tau))
+
+        return spanned
+
+    W = columns(0.0 * speed)
+    as_it_is, halves = spans(W), [spans(columns(np.pi * unit[k])) for k in turning]
+    zeros = [k for k in turning if as_it_is(columns(_TURN * unit[k]) @ x)]
+    turned = {k: speed - 2.0 * unit[k] for k in turning}
+    signs = [k for k, s in turned.items() if any(half(s * (columns(0.0 * s, s) @ x)) for half in halves)]
+    return as_it_is(_GAIN * (W @ x)), zeros, signs
 
 
 complete(globals())

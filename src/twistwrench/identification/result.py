@@ -23,13 +23,12 @@ from ..estimation.covariance import GroupCovariance
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Information, NormalEquations, Prior
 from ..log_checks.doubts import Doubt, verdict_from_doubts
-from ..log_checks.fit_doubts import untold
 from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
-from .parameters import BaseParameters
+from .parameters import BaseParameters, untold
 from .payload import IdentifiedPayload, payload_from
 
 _VAGUE = 0.3  # share of its value, from which a group's deviation makes it vague

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..algorithms.inverse_dynamics import regressor
 from ..errors import TrajectoryError
+from ..estimation.sampling import GAP, pauses
 from ..ir.tracer import trace
 from ..robot.engine import compiled
 from ..typing import Array
@@ -28,8 +29,8 @@ STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
 STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to a steady clock."""
-GAP, PAUSE = 5.0, 0.05
-"""Times the usual step, and s, beyond which a step is a pause that a log is split at: what is between is never filled."""
+PAUSE = 0.05
+"""s beyond which a step of more than five usual ones is a pause that a log is split at: what is between is never filled."""
 _CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters that begin there are not settled
 _SHORT = 0.1  # share of the longest piece that others last at least
 FEWEST = 60
@@ -50,7 +51,7 @@ class SteadySamples:
     @classmethod
     def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
         """Split a log at its pauses, each piece on a steady clock of its own; pieces that are too short are left out."""
-        edges = [0, *(pauses(time) + 1).tolist(), len(time)]
+        edges = [0, *(pauses(time, PAUSE) + 1).tolist(), len(time)]
         rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
         if len(rows) < 2:
             rows = rows or [slice(None)]
@@ -92,12 +93,6 @@ def resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Arra
     local = time - time[0]
     at = np.clip(at - time[0], 0.0, local[-1])
     return CubicSpline(local, q)(at), np.stack([np.interp(at, local, x) for x in tau.T], axis=1)
-
-
-def pauses(time: Array) -> Array:
-    """Numbers of the samples (n,) after which a log pauses."""
-    steps = np.diff(time)
-    return np.flatnonzero(steps > max(PAUSE, GAP * float(np.median(steps)))) if len(steps) else np.zeros(0, int)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +22,11 @@ from ..estimation.sampling import (
     rate_scales,
     spikes,
 )
-from ..joints.units import unit_of
 from ..typing import Array
 from .doubts import Doubt, doubt, doubt_table
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
-    from ..motion.columns import MimicJointColumn
     from ..motion.coordinates import Coordinates
     from ..motion.motion import Motion
     from ..motion.motion_log import LogRows
@@ -449,39 +447,3 @@ def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
         return
     when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
     yield doubt("pause", when=when, found={"value": found[0].time, "unit": "s"})
-
-
-# ── Columns of mimic joints, checked against those of their leaders
-
-_SHARE = 0.1
-"""Share of a joint's travel; less is play, and the error of a coupling."""
-_LEAST = {True: 0.02, False: 0.002}
-"""Least deviation that is reported, of turning [rad] and sliding [m] joints."""
-
-
-def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[LogRows, Array]]) -> list[Doubt]:
-    """Doubts about mimic joints whose columns go elsewhere than their leaders take them.
-
-    ``portions`` are rows of the log, and the table that they are from.
-    """
-    least, most = np.full(len(columns), math.inf), np.full(len(columns), -math.inf)
-    off = [(0.0, 0.0)] * len(columns)  # the largest distance of each, and when
-    for motion, table in portions if columns else ():
-        for k, (follower, column, factor) in enumerate(columns):
-            logged, led = factor * table[:, column], follower.ratio * motion.q[:, follower.leader] + follower.offset
-            least[k] = min(least[k], logged.min(), led.min())
-            most[k] = max(most[k], logged.max(), led.max())
-            distance = np.abs(logged - led)
-            row = int(distance.argmax())
-            off[k] = max(off[k], (float(distance[row]), float(motion.time[row])))
-    return [
-        doubt(
-            "mimic",
-            [follower.name],
-            joint=follower.name,
-            distance=f"{number(distance)} {unit_of('q', follower.angular)}",
-            time=seconds(when),
-        )
-        for k, ((follower, _, _), (distance, when)) in enumerate(zip(columns, off, strict=True))
-        if distance > max(_LEAST[follower.angular], _SHARE * float(most[k] - least[k]))
-    ]

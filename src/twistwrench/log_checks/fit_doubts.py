@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from ..estimation.noise import quantum
 from ..estimation.sampling import cut_off
 from ..model.model import BASE
 from ..typing import Array
-from .doubts import Doubt, Level, doubt, doubt_table, untold_table
+from .doubts import Doubt, Level, doubt, doubt_table
 
 if TYPE_CHECKING:
     from ..identification.diagnosis import FoundCause
@@ -385,64 +385,3 @@ def _unexplained(seen: FittedLog, *, known: bool) -> list[Doubt]:
         said = ", ".join(f"{name} {percent(held.joints[name], 3)}" for name in bad)
         found.append(doubt("unexplained-joint", bad, said=said))
     return found
-
-
-# ── What no log tells
-
-_FED_FORWARD, _SPANNED = 1e-3, 1e-6
-"""Share of the torques below which no sensor's noise is, and share of torques that other columns do not span."""
-_TURN, _GAIN = 0.3, 1.2
-
-
-def untold(base: BaseParameters, left: float) -> dict[str, str]:
-    """Sentences on what no log of the robot tells, by name; ``left`` is the residual as a share of the torques."""
-    unknown, names = base.unknown, base.unknown.model.velocity_names
-    kinds, held = np.array(unknown.kinds), unknown.held
-    gain, zeros, signs = _spanned(base)
-    here = {
-        "gain-of-all": gain,
-        "zero": bool(zeros),
-        "clock-rate": bool(((kinds == "motor_inertia") & ~held).any()),
-        "sign-of-both": bool(signs),
-        "base-about-vertical": bool(np.any(unknown.model.gravity)),
-        "asymmetric-friction": {"coulomb", "offset"} <= set(kinds[~held].tolist()),
-        "fed-forward": left < _FED_FORWARD,
-    }
-    joints = {name: listed([names[k] for k in which]) for name, which in (("zero", zeros), ("sign-of-both", signs))}
-    return {
-        name: " ".join(text.format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
-        for name, texts in untold_table().items()
-        if here[name]
-    }
-
-
-def _spanned(base: BaseParameters) -> tuple[bool, list[int], list[int]]:
-    """Errors of logs that other parameters of the robot explain wholly: a common gain, zeros, signs of position and torque.
-
-    Torques of random states with the error are in the span of the columns without it; for signs, with a half turn of a joint.
-    """
-    unknown, model, free = base.unknown, base.unknown.model, ~base.held
-    turning = [k for k in range(model.nv) if model.leaders[k].joint.turning[0]]
-    rng, unit, speed = np.random.default_rng(0), np.eye(model.nv), np.ones(model.nv)
-    q, dq, ddq = rng.normal(size=(3, 20 + 3 * base.count // model.nv, model.nv))
-    x = np.where(free, rng.normal(size=base.count), base.project(unknown.file_values))
-
-    def columns(turn: Array, sign: Array = speed) -> Array:
-        return unknown.columns(base.kept, sign * q + turn, sign * dq, sign * ddq, speed)
-
-    def spans(W: Array) -> Callable[[Array], bool]:
-        known = W[:, :, ~free] @ x[~free]
-        basis = np.linalg.qr(W[:, :, free].reshape(known.size, -1))[0]
-
-        def spanned(tau: Array) -> bool:
-            rest = (tau - known).ravel()
-            return bool(np.linalg.norm(rest - basis @ (basis.T @ rest)) < _SPANNED * np.linalg.norm(tau))
-
-        return spanned
-
-    W = columns(0.0 * speed)
-    as_it_is, halves = spans(W), [spans(columns(np.pi * unit[k])) for k in turning]
-    zeros = [k for k in turning if as_it_is(columns(_TURN * unit[k]) @ x)]
-    turned = {k: speed - 2.0 * unit[k] for k in turning}
-    signs = [k for k, s in turned.items() if any(half(s * (columns(0.0 * s, s) @ x)) for half in halves)]
-    return as_it_is(_GAIN * (W @ x)), zeros, signs

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import TrajectoryError
+from ..estimation.least_squares import MAD
 from ..estimation.noise import SampleErrors, Survey, sample_errors, survey
 from ..model.model import Model
 from ..typing import Array
@@ -98,7 +99,6 @@ class MotionSamples:
 # ── Outliers: samples far from the smoothed curve for their column
 
 _FAR = 6.0
-_MAD = 1.4826  # standard deviations a median absolute deviation of normal noise makes
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def residual_spread(
     found = np.zeros(len(strengths))
     for k in np.flatnonzero(strengths).tolist():
         off = [x[:, k] - smooth(t, x[:, k], float(strengths[k]), step) for t, x in zip(times, parts, strict=True)]
-        found[k] = max(_MAD * float(np.median(np.abs(np.concatenate(off)))), float(least[k]))
+        found[k] = max(MAD * float(np.median(np.abs(np.concatenate(off)))), float(least[k]))
     return found
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import codecs
 import contextlib
 import gzip
-import io
 import os
 import stat
 import tempfile
@@ -17,7 +16,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, cast
 
 import numpy as np
 
@@ -82,10 +81,15 @@ def excerpts(table: Array, count: int, rows: int) -> list[Array]:
     >>> [run[:, 0].tolist() for run in excerpts(np.arange(10.0)[:, None], 2, 3)]
     [[0.0, 1.0, 2.0], [7.0, 8.0, 9.0]]
     """
-    if len(table) <= count * rows:
-        return [np.asarray(table)]
-    firsts = [(len(table) - rows) * k // max(1, count - 1) for k in range(count)]
-    return [np.array(table[first : first + rows]) for first in firsts]
+    return [np.array(table[s]) for s in spread_rows(len(table), count, rows)]
+
+
+def spread_rows(total: int, count: int, rows: int) -> list[slice]:
+    """Slices of up to ``count`` runs of ``rows`` rows, evenly spread over ``total`` rows; one slice of few."""
+    if total <= count * rows:
+        return [slice(0, total)]
+    firsts = [(total - rows) * k // max(1, count - 1) for k in range(count)]
+    return [slice(first, first + rows) for first in firsts]
 
 
 def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]:
@@ -160,38 +164,15 @@ class TextSource:
             weakref.finalize(source, copy.close)
         return source
 
-    def open(self) -> BinaryIO:
-        """The text from its beginning; several may be open at once."""
+    @contextlib.contextmanager
+    def open(self) -> Iterator[BinaryIO]:
+        """The text from its beginning."""
         if self._copy is None:
-            return self.path.open("rb")
-        return cast("BinaryIO", io.BufferedReader(_Window(self._copy)))
-
-
-class _Window(io.RawIOBase):
-    """A file with a place of its own in another one."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file, self._at = file, 0
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        self._file.seek(self._at)
-        text = self._file.read(len(buffer))
-        buffer[: len(text)] = text
-        self._at += len(text)
-        return len(text)
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        self._at = self._file.seek(offset, whence) if whence == 2 else offset + (self._at if whence == 1 else 0)
-        return self._at
-
-    def tell(self) -> int:
-        return self._at
+            with self.path.open("rb") as file:
+                yield file
+        else:
+            self._copy.seek(0)
+            yield self._copy
 
 
 def _portions(file: BinaryIO) -> Iterator[bytes]:

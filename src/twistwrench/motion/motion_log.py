@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -13,17 +13,18 @@ from typing import Any
 import numpy as np
 
 from ..core.glossary import complete
-from ..core.numbers import number, printed
+from ..core.numbers import number, printed, seconds
 from ..core.text import listed
 from ..errors import TrajectoryError, ValueRangeError
 from ..estimation.sampling import OVERLAP
-from ..log_checks.contradictions import Contradictions, mimic_doubts, stamp_doubts
+from ..joints.units import unit_of
+from ..log_checks.contradictions import Contradictions, stamp_doubts
 from ..log_checks.doubts import Doubt, doubt
 from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
 from . import log_table
-from .columns import Columns, Reading, varying_columns
+from .columns import Columns, MimicJointColumn, Reading, varying_columns
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of, without_times
@@ -407,6 +408,42 @@ class MotionLog:
                         f"{self.columns.header[place[0]]!r}: the quaternion is zero, which is not a rotation. Write 1, 0, 0, 0 "
                         "for none, or remove the row."
                     )
+
+
+# ── Columns of mimic joints, checked against those of their leaders
+
+_SHARE = 0.1
+"""Share of a joint's travel; less is play, and the error of a coupling."""
+_LEAST = {True: 0.02, False: 0.002}
+"""Least deviation that is reported, of turning [rad] and sliding [m] joints."""
+
+
+def mimic_doubts(columns: Sequence[MimicJointColumn], portions: Iterable[tuple[LogRows, Array]]) -> list[Doubt]:
+    """Doubts about mimic joints whose columns go elsewhere than their leaders take them.
+
+    ``portions`` are rows of the log, and the table that they are from.
+    """
+    least, most = np.full(len(columns), math.inf), np.full(len(columns), -math.inf)
+    off = [(0.0, 0.0)] * len(columns)  # the largest distance of each, and when
+    for motion, table in portions if columns else ():
+        for k, (follower, column, factor) in enumerate(columns):
+            logged, led = factor * table[:, column], follower.ratio * motion.q[:, follower.leader] + follower.offset
+            least[k] = min(least[k], logged.min(), led.min())
+            most[k] = max(most[k], logged.max(), led.max())
+            distance = np.abs(logged - led)
+            row = int(distance.argmax())
+            off[k] = max(off[k], (float(distance[row]), float(motion.time[row])))
+    return [
+        doubt(
+            "mimic",
+            [follower.name],
+            joint=follower.name,
+            distance=f"{number(distance)} {unit_of('q', follower.angular)}",
+            time=seconds(when),
+        )
+        for k, ((follower, _, _), (distance, when)) in enumerate(zip(columns, off, strict=True))
+        if distance > max(_LEAST[follower.angular], _SHARE * float(most[k] - least[k]))
+    ]
 
 
 complete(globals())

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from .sensor import ForceTorqueSensor
 
 _SURE_POSES = 1e-4  # chance to blame the poses by luck
-_MAYBE = 1e-2  # chance to try other explanations in vain
 _OFF_PLANE = 10.0  # times the noise, from which the wrong one of two signs is seen without a test
 _ROUND = 0.1  # of the ball's radius: noise below which forces of one size lie on a ball
 _SMOOTH = (1e-4, 0.2)  # rad from one reading to the next, of a log in motion
@@ -86,29 +85,6 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
     return own
 
 
-def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
-    """True if some sign and mounting may explain a log surely better: at rest, if any readings linear in gravity do.
-
-    Bias and weight of a load are that, in whatever axes and with whatever sign; so where the best of all linear
-    maps is not better, nothing else need be tried.
-    """
-    from scipy import special
-
-    if log.V is not None:
-        return True
-    g, readings = log.gravity[kept], log.readings[kept]
-    A = np.column_stack([np.ones(len(g)), g - g.mean(axis=0)])
-    x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=1e-6)
-    scale = np.repeat(found.spread(kept), 3)
-    free, known = 6.0 * (len(g) - rank), 6.0 * len(g) - len(found.unknowns.names)
-    if free <= 0 or known <= free:
-        return True
-    least = float((((readings - A @ x) / scale) ** 2).sum())
-    more = float(((found.residuals[kept] / scale) ** 2).sum()) - least
-    gain = more / (known - free) - least / free * float(special.fdtri(known - free, free, 1 - _MAYBE))
-    return gain > 0
-
-
 # ── Drift of the bias, gain and cross-talk in what is left
 
 _LEAST = 3  # readings that are off, from which a cause is looked for
@@ -116,7 +92,6 @@ _CURED = 0.25  # of them, at most, that are still off without it
 _MOST = 0.5  # of the load's wrench; more is another tool
 _PER_COLUMN = 3  # readings for each column of what is tried
 _HUBER = 2.0  # times the noise, from which a reading loses weight
-_ROUNDS = 50
 
 
 def departure(
@@ -171,18 +146,13 @@ def orthonormal(E: Array, basis: Array | None = None) -> Array:
 
 
 def _robust(X: Array, y: Array, sigma: Array) -> Array:
-    """Robust fit of y (n,) by columns X (n, k), with Huber's weights; least absolute deviations to begin with."""
-    e, fitted = y - np.median(y), np.zeros_like(y)
-    scale = max(float(np.median(np.abs(e))), 1e-300)
-    for round_ in range(_ROUNDS):
-        limit = 1e-3 * scale if round_ < 20 else _HUBER * sigma
-        root = np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(e), 1e-300)))
-        x = np.linalg.lstsq(X * root[:, None], y * root, rcond=None)[0]
-        before, fitted = fitted, X @ x
-        e = y - fitted
-        if round_ > 20 and np.abs(fitted - before).max() < 1e-3 * sigma.min():
-            break
-    return fitted
+    """Robust fit of y (n,) by columns X (n, k), with Huber's loss; the minimum is the only one."""
+    from scipy.optimize import least_squares
+
+    def left(x: Array) -> Array:
+        return np.asarray((X @ x - y) / sigma)
+
+    return np.asarray(X @ least_squares(left, np.zeros(X.shape[1]), loss="huber", f_scale=_HUBER).x)
 
 
 # ── Mixed-up units, judged by the tool that they make
