@@ -251,3 +251,20 @@ def test_the_page_shows_the_findings_on_the_links(tmp_path):
     assert {s.layer for s in scene.shapes} == {"looks", "inertia"}
     orange = {s.body for s in scene.shapes if s.layer == "looks" and s.colour == (0.90, 0.60, 0.0)}
     assert orange == {0, 1}
+
+
+def test_the_length_of_a_capsule_of_urdf_is_that_of_its_cylinder(tmp_path):
+    """As of coal, which Pinocchio reads URDF 1.1 with: the caps come on top."""
+    r, length, density = 0.1, 0.5, 10.0
+    solid = tw.SpatialInertia.capsule(r, length, density=density)
+    text = f"""<robot name="r" version="1.1"><link name="base"/><link name="l"><inertial><mass value="{solid.mass}"/>
+    <inertia ixx="{solid.moment_about_com[0, 0]}" iyy="{solid.moment_about_com[1, 1]}" izz="{solid.moment_about_com[2, 2]}"
+    ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry><capsule radius="{r}" length="{length}"/></geometry></collision>
+    </link><joint name="j" type="continuous"><parent link="base"/><child link="l"/></joint></robot>"""
+    (tmp_path / "pill.urdf").write_text(text)
+    (found,) = (f for f in tw.doctor(tmp_path / "pill.urdf", only="density").findings if f.check == "density")
+    assert found.numbers["density"] == pytest.approx(density, rel=0.03)  # of a surface with corners
+    pinocchio = pytest.importorskip("pinocchio")
+    model = pinocchio.buildModelFromXML(text)
+    shapes = pinocchio.buildGeomFromUrdfString(model, text, pinocchio.GeometryType.COLLISION)
+    assert 2 * shapes.geometryObjects[0].geometry.halfLength == pytest.approx(length)

@@ -71,7 +71,7 @@ def test_finding_02_elements_and_attributes_of_urdf_that_are_not_read_are_named(
     assert "line 7: <transmision> is not an element of URDF; did you mean <transmission>?" in robot.defects
     assert remark(robot, "foo") == "line 5: foo is not an attribute of <origin> in URDF"
     assert remark(robot, "dampign").endswith("did you mean damping?")
-    assert "a loop stays open" in remark(robot, "<constraint>")
+    assert "its loop stays open: it needs a name, parent, child and a type of revolute" in remark(robot, "<constraint>")
     assert "it belongs into <link>" in remark(robot, "<inertial>")
     assert len(robot.defects) == 6
     np.testing.assert_array_equal(numbers(robot), numbers(quiet(one_joint())))

@@ -127,6 +127,16 @@ BAD = {
         ["<limit> of joint 'j' (line 4)", 'deceleration="hard"', "number"],
     ),
     "negative jerk": (moving('<limit jerk="-1"/>'), ModelError, ["'j' (line 4)", "jerk=-1", "positive"]),
+    "a constraint of a link that is not there": (
+        robot(BASE, '<constraint name="c" type="spherical"><parent link="base"/><child link="arm"/></constraint>'),
+        ModelError,
+        ["'c:arm' (line 3)", "link 'arm', which is not there"],
+    ),
+    "a constraint without a direction": (
+        robot(BASE, '<constraint name="c" type="revolute"><parent link="base"/><child link="base"/><parent_axis xyz="0 0 0"/></constraint>'),
+        RobotFileError,
+        ["<parent_axis> of constraint 'c' (line 3)", "not a direction"],
+    ),
     "no mass": (arm(INERTIA), RobotFileError, ["link 'arm'", "line 3", "no <mass>", '<mass value="1.0"/>']),
     "no mass value": (arm("<mass/>" + INERTIA), RobotFileError, ["<mass> of link 'arm'", "line 3", 'value="…"']),
     "no inertia": (arm('<mass value="1"/>'), RobotFileError, ["link 'arm'", "line 3", "no <inertia>", "ixx="]),
@@ -373,6 +383,46 @@ def test_limits_of_urdf_1_2_are_read_whatever_version_is_declared(version, said,
     assert [float(x[0]) for x in (limits.acceleration, limits.deceleration, limits.jerk)] == expected
     assert [remark in defect for remark, defect in zip(remarks, model.defects, strict=False)] == [True] * len(remarks)
     assert len(model.defects) == len(remarks) + 1  # and the massless arm
+
+
+FOUR_BARS = robot(
+    BASE, *(link(name, '<mass value="1"/>' + INERTIA) for name in ("crank", "coupler", "rocker")),
+    joint("a", "base", "crank", '<axis xyz="0 1 0"/>'),
+    joint("b", "crank", "coupler", '<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>'),
+    joint("c", "base", "rocker", '<origin xyz="0.4 0 0" rpy="0 0 0.3"/><axis xyz="0.29552020666133955 0.955336489125606 0"/>'),
+    """<constraint name="loop" type="TYPE"><parent link="coupler"/><parent_origin xyz="0.4 0 0"/><parent_axis xyz="0 1 0"/>
+    <child link="rocker"/><child_origin xyz="0 0 0.3" rpy="0 0 -0.3"/></constraint>""",
+)  # fmt: skip
+"""A parallelogram in the x–z plane; the rocker's frame is turned by 0.3 rad about z, and its end of the loop turned back."""
+
+
+@pytest.mark.parametrize("kind", ["revolute", "revolute_joint", "spherical", "spherical_joint"])
+def test_a_constraint_of_urdf_offers_the_loop_that_it_describes(kind):
+    with pytest.warns(ModelWarning, match=r"robot\.close\('loop:coupler', 'loop:rocker', '.*'\) closes it"):
+        open_ = tw.load(FOUR_BARS.replace("TYPE", kind))
+    offered = open_.closures["loop"]
+    rows = {"revolute": "wx wy vx vy vz", "spherical": "vx vy vz"}[kind.removesuffix("_joint")]
+    assert (offered.frame_a, offered.frame_b, offered.rows) == ("loop:coupler", "loop:rocker", rows)
+    closed = open_.close(offered.frame_a, offered.frame_b, rows, redundant="accept")  # as of all planar loops
+    q = closed.consistent([0.5, -0.4, 0.4])
+    assert_close(q[1:], [-q[0], q[0]], 1e-9, "opposite links of a parallelogram stay parallel")
+    a, b = (np.asarray(open_.forward_kinematics(q, frame)) for frame in (offered.frame_a, offered.frame_b))
+    assert_close(a[:3, 3], b[:3, 3], 1e-9, "the ends of the loop meet")
+    if kind.startswith("revolute"):
+        assert_close(a[:3, 2], [0, 1, 0], 1e-9, "z lies along the axis")
+        assert_close(b[:3, 2], [0, 1, 0], 1e-9, "z lies along the axis")
+
+
+@pytest.mark.parametrize(("kind", "rows"), [("prismatic", "wx wy wz vx vy"), ("link", "wx wy wz vx vy vz")])
+def test_a_constraint_that_cuts_a_slide_or_a_link_holds_its_rows(kind, rows):
+    assert load(FOUR_BARS.replace("TYPE", kind)).closures["loop"].rows == rows
+
+
+@pytest.mark.parametrize("kind", ["universal", "magnetic", ""])
+def test_a_constraint_in_another_form_is_a_remark(kind):
+    model = load(FOUR_BARS.replace("TYPE", kind))
+    assert not model.closures
+    assert [text for text in model.defects if "name='loop'> (line 9)" in text and "its loop stays open" in text]
 
 
 @pytest.mark.parametrize("ratio", [2.0, -0.5])

@@ -13,11 +13,12 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed
 from ..core.text import clipped
 from ..errors import RobotFileError
-from ..lie import quaternion
+from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
 from ..model.assembly import DEFAULT_SNAP, snap_rotation
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
+from ..model.model import OfferedClosure
 from ..typing import Array
 from .known_elements import unread
 from .xml import Element
@@ -70,6 +71,8 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
         add_link(builder, link, snap)
     for joint in robot.all("joint"):
         add_joint(builder, joint)
+    for constraint in robot.all("constraint"):
+        _add_closure(builder, constraint)
     builder.remark(*notes)
     return builder
 
@@ -101,7 +104,10 @@ def inertial_of(inertial: Element) -> tuple[float, Array, Array]:
 
 def origin_of(element: Element) -> Array:
     """The pose (4, 4) of an element's ``<origin>``, each of whose parts may be left out."""
-    origin = element.child("origin")
+    return _pose(element.child("origin"))
+
+
+def _pose(origin: Element | None) -> Array:
     if origin is None:
         return IDENTITY
     p = origin.values("xyz", 3) if "xyz" in origin.attributes else _NOTHING
@@ -147,6 +153,24 @@ def rpy_of_rotation(R: Array) -> Array:
     return np.array([roll, np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])), yaw])
 
 
+def onto(z: Array) -> Array:
+    """Smallest rotation from the z axis to a unit vector; half a turn about x if they are opposite."""
+    axis = np.array([-z[1], z[0], 0.0])
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-10:
+        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return np.asarray(so3.exp(axis / sine * math.atan2(sine, float(z[2]))))
+
+
+def direction(element: Element, attribute: str, vector: object) -> Array:
+    """Unit vector of a vector; an error if it is zero."""
+    found = np.asarray(vector, float)
+    length = float(np.linalg.norm(found))
+    if not length > 1e-14:
+        raise element.error(f"has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction.")
+    return found / length
+
+
 def add_joint(builder: ModelBuilder, joint: Element) -> None:
     """Add one ``<joint>``; raises as :func:`read_urdf`."""
     name, kind = joint.text("name"), joint.text("type")
@@ -189,6 +213,43 @@ _SIDES = {"lower": -1.0, "upper": 1.0} | dict.fromkeys(("velocity", "effort", *L
 def known_limits(**given: float | None) -> dict[str, Any]:
     """Limits of a joint without those that stand for none."""
     return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < ENDLESS}
+
+
+_ROWS = {
+    "revolute": "wx wy vx vy vz", "prismatic": "wx wy wz vx vy", "spherical": "vx vy vz", "link": "wx wy wz vx vy vz",
+}  # fmt: skip
+"""Rows that a cut joint or link holds, z along its axis."""
+_ENDS = ("parent", "child")
+
+
+def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
+    """Offer the loop of a ``<constraint>`` in the form proposed for URDF (ros/urdfdom_headers#108); else remark it."""
+    name, said = (constraint.attributes.get(what, "").strip() for what in ("name", "type"))
+    links = [
+        end.attributes.get("link", "").strip() if (end := constraint.child(tag)) is not None else "" for tag in _ENDS
+    ]
+    kind = said.removesuffix("_joint")
+    if not (name and all(links) and kind in _ROWS):
+        builder.note(
+            constraint,
+            f"is left out, so its loop stays open: it needs a name, parent, child and a type of {', '.join(_ROWS)}",
+        )
+        return
+    axis, turn = constraint.child("parent_axis"), np.eye(3)
+    if kind in ("revolute", "prismatic"):
+        along = (1.0, 0.0, 0.0) if axis is None else direction(axis, "xyz", axis.values("xyz", 3))
+        turn = onto(np.asarray(along))
+    a, b = (
+        builder.add_site(
+            f"{name}:{link}",
+            link,
+            _pose(constraint.child(f"{end}_origin")) @ se3.pose(turn, (0, 0, 0)),
+            constraint.place,
+        )
+        for end, link in zip(_ENDS, links, strict=True)
+    )
+    builder.add_closure(name, OfferedClosure(a, b, _ROWS[kind]))
+    builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {_ROWS[kind]!r}) closes it")
 
 
 def _mimic(joint: Element) -> Mimic | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -17,7 +16,7 @@ from ...lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 from ...model.description import label, unused
 from ...typing import Array
 from ..known_elements import LEFT_OUT
-from ..urdf import IN_MJCF, tensor_of
+from ..urdf import IN_MJCF, direction, onto, tensor_of
 from ..xml import Element
 from .preprocess import Defaults, Meshes, Settings
 
@@ -59,24 +58,6 @@ def rotation(element: Element, settings: Settings) -> Array:
         turn = _turned(np.array(_AXES[letter.lower()]), float(angle))
         R = R @ turn if letter.islower() else turn @ R  # about axes that turn along, or that stand still
     return R
-
-
-def onto(z: Array) -> Array:
-    """Smallest rotation from the z axis to a unit vector; half a turn about x if they are opposite."""
-    axis = np.array([-z[1], z[0], 0.0])
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-10:
-        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    return _turned(axis / sine, math.atan2(sine, float(z[2])))
-
-
-def direction(element: Element, attribute: str, vector: object) -> Array:
-    """Unit vector of a vector; an error if it is zero."""
-    found = np.asarray(vector, float)
-    length = float(np.linalg.norm(found))
-    if not length > 1e-14:
-        raise element.error(f"has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction.")
-    return found / length
 
 
 def _by_quaternion(element: Element) -> Array:
