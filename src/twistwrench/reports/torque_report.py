@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
 
 ZERO = 1e-9
-_SMALL = 0.02
+SMALL = 0.02
 """Share of the robot's largest torque, or of its own limit, below which a joint's peak is no measure of its noise."""
 NEGLIGIBLE = 0.001
 """Share of a peak from which noise is estimated, and worth a column."""
@@ -200,7 +200,7 @@ class TorqueReport:
     def reference(self, joint: JointTorque) -> float:
         """Scale for the noise of the joint's torque: its peak, unless that is negligible."""
         known = joint.limit if np.isfinite(joint.limit) else 0.0
-        return max(abs(joint.peak), _SMALL * max(known, self.scale))
+        return max(abs(joint.peak), SMALL * max(known, self.scale))
 
     def at_an_end(self, joint: JointTorque) -> bool:
         """True if the joint's peak is at an end of the log, where derived accelerations lack neighbours."""

@@ -20,6 +20,7 @@ from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from .load_case import TEMPLATE, Payload, cause_label, limit_doubts, unlimited
 from .log_quality import MeasuredTorque
+from .sentences import sentence
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
@@ -146,7 +147,7 @@ def friction_words(model: Model, *, counted: bool) -> str:
 
 # ── The verdict
 
-_KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
+KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
 """Quantity of each kind of limit."""
 _ERROR = 0.025
 """Chance that noise alone makes some joint pass for over its limit, or hides that some is."""
@@ -156,7 +157,7 @@ _HALF = 0.5
 """Share of a peak from which half its 95 % interval, or the noise taken off it, is too much to be sure of it."""
 _COUNTS, _SMALL = 0.5, 0.02
 """Share of a joint's limit, or of the largest torque where there is none, from which that matters."""
-_HIDDEN, _NEAR = 0.15, 0.8
+HIDDEN, NEAR = 0.15, 0.8
 """Share of the time from which a pause in which the robot moves leaves too much of the motion unknown, and share of a limit
 beside which any such pause does."""
 _MOST_LISTED = 4
@@ -168,26 +169,38 @@ def verdict_of(report: TorqueReport) -> Verdict:
     A limit is passed for certain where the excess is more than noise explains, the choice of the largest value, and of the
     worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
     """
-    over: list[tuple[Excess, str]] = []
-    unsure = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
-    _judge_torques(report, over, unsure)
-    _judge_motion(report, over, unsure)
-    stated = _grouped(over)
+    over, unsure = _judge_torques(report)
+    passed, _ = _judge_motion(report)
+    stated = _grouped([*over, *passed])
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
-    unsure += model_warnings(report.load.with_load.model, report.joints)
-    near = max((j.share for j in report.joints), default=0.0) > _NEAR
-    if report.gaps.hidden > (0.0 if near else _HIDDEN * (report.end - report.begin)):
-        unsure.append(report.gaps.hidden_words)
-    if any(outlier.matters for outlier in report.outliers):
-        unsure.append("samples were flattened that are no noise, and could be a torque beyond a limit")
-    contradicted = [m for m in report.measured if m.contradicts]
-    doubted = [m for m in report.measured if m.disagrees and not m.contradicts]
+    limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
+    near = max((j.share for j in report.joints), default=0.0) > NEAR
+    hides = report.gaps.hidden > (0.0 if near else HIDDEN * (report.end - report.begin))
+    before, after = carried_doubts(report)
+    gaps = [report.gaps.hidden_words] if hides else []
+    return Verdict.from_reasons(
+        look_again=contradictions(report), over=stated, unsure=[*limits, *unsure, *before, *gaps, *after]
+    )
+
+
+def contradictions(report: TorqueReport) -> list[str]:
+    """Reasons to look again at the input, whatever is carried and however fast the motion is."""
     refused = [str(doubt) for doubt in report.doubts if doubt.refuses]
-    unsure += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
-    unsure += [m.cut_words for m in report.measured if m.cut and m.matters]
-    unsure += _against(report, doubted)
-    look_again = [*report.load.contradictions, *refused, *_against(report, contradicted)]
-    return Verdict.from_reasons(look_again=look_again, over=stated, unsure=unsure)
+    contradicted = [m for m in report.measured if m.contradicts]
+    return [*report.load.contradictions, *refused, *_against(report, contradicted)]
+
+
+def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
+    """Reasons to be unsure that a page keeps whatever its sliders say: those before a pause of the log, and those behind it."""
+    before = [words for excess, words in _judge_followers(report) if excess is None]
+    before += _wide_peaks(report) + _judge_motion(report)[1]
+    before += model_warnings(report.load.with_load.model, report.joints)
+    after = []
+    if any(outlier.matters for outlier in report.outliers):
+        after.append("samples were flattened that are no noise, and could be a torque beyond a limit")
+    after += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
+    after += [m.cut_words for m in report.measured if m.cut and m.matters]
+    return before, after + _against(report, [m for m in report.measured if m.disagrees and not m.contradicts])
 
 
 _OF_TORQUES, _LITTLE = ("torque-sign", "exchanged-torques", "gain"), ("late", "low-pass")
@@ -218,45 +231,70 @@ def confidence(joints: int) -> float:
     return float(ndtri(1.0 - _ERROR / max(1, joints)))
 
 
-def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
+def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[str]]:
+    """Joints over their limits of torque, worst first, and sentences on those of which noise leaves that open."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     factor = confidence(len(limited))
     excesses = {e.joint: e for e in report.excesses if e.kind == "effort"}
-    wide = []
+    over, unsure = [], []
     for j in sorted(limited, key=lambda j: -j.share):
-        reach, size = factor * report.reach(j), abs(j.peak)
-        excess = excesses.get(j.joint)
-        if excess is not None and size - reach > j.limit:
+        reach, excess = factor * report.reach(j), excesses.get(j.joint)
+        if excess is not None and abs(j.peak) - reach > j.limit:
             over.append((excess, _torque_in_words(report, j)))
-        elif over_limit((size + reach) / j.limit) and (reach > 0 or excess is not None):
-            end = " at an end of the log" if report.at_an_end(j) else ""
+        elif _is_open(j, reach, excess):
             unsure.append(
-                f"noise leaves open whether {j.joint} is over its limit{end}: {torque(j.peak)} ± "
-                f"{deviation(report.reach(j))} {j.unit}, limit {number(j.limit)}"
+                sentence(
+                    "open",
+                    joint=j.joint,
+                    end=sentence("end") if report.at_an_end(j) else "",
+                    peak=torque(j.peak),
+                    sigma=deviation(report.reach(j)),
+                    unit=j.unit,
+                    limit=number(j.limit),
+                )
             )
-        elif _is_wide(report, j):
-            wide.append(j)
-    for name in excesses.keys() - {j.joint for j in report.joints}:  # followers, as unsure as their leaders
-        _judge_follower(report, excesses[name], factor, over, unsure)
+    followers = _judge_followers(report)
+    over += [(e, words) for e, words in followers if e is not None]
+    return over, unsure
+
+
+def _is_open(j: JointTorque, reach: float, excess: Excess | None) -> bool:
+    """True if noise within ``reach`` of the peak decides whether the limit is passed."""
+    return bool(over_limit((abs(j.peak) + reach) / j.limit)) and (reach > 0 or excess is not None)
+
+
+def _wide_peaks(report: TorqueReport) -> list[str]:
+    """Sentence on the peaks that noise leaves too uncertain, of joints that are not judged otherwise; empty without any."""
+    limited = [j for j in report.joints if math.isfinite(j.limit)]
+    factor, excesses = confidence(len(limited)), {e.joint: e for e in report.excesses if e.kind == "effort"}
+    wide = [
+        j
+        for j in sorted(limited, key=lambda j: -j.share)
+        if not _is_open(j, factor * report.reach(j), excesses.get(j.joint)) and _is_wide(report, j)
+    ]
     wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
-    if wide:
-        unsure.append(
-            "noise is too much of the peak to say how large it is: "
-            f"{listed([_in_words(report, j) for j in wide], _MOST_LISTED, '; ')}"
-        )
+    if not wide:
+        return []
+    peaks = listed([_in_words(report, j) for j in wide], _MOST_LISTED, "; ")
+    return [f"noise is too much of the peak to say how large it is: {peaks}"]
 
 
-def _judge_follower(
-    report: TorqueReport, e: Excess, factor: float, over: list[tuple[Excess, str]], unsure: list[str]
-) -> None:
-    body = next(b for b in report.load.robot.model.bodies if b.joint.name == e.joint)
-    reach = report.reach(report.joints[body.v_index]) / abs(body.ratio) if body.ratio else 0.0
-    takes = f"{torque(e.value)} {e.unit}, limit {number(e.limit)} ({percent_of_limit(abs(e.value) / e.limit)})"
-    if abs(e.value) - factor * reach > e.limit:
-        leader = report.joints[body.v_index].joint
-        over.append((e, f"{e.joint}, which follows {leader}, at t = {seconds(e.time)} s bears {takes}"))
-    else:
-        unsure.append(f"noise leaves open whether {e.joint} is over its limit: {takes}")
+def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
+    """Mimic joints beyond their limits of torque, as unsure as their leaders; without the excess where noise may explain it."""
+    factor = confidence(sum(math.isfinite(j.limit) for j in report.joints))
+    leaders = {j.joint for j in report.joints}
+    found: list[tuple[Excess | None, str]] = []
+    for e in (e for e in report.excesses if e.kind == "effort" and e.joint not in leaders):
+        body = next(b for b in report.load.robot.model.bodies if b.joint.name == e.joint)
+        reach = report.reach(report.joints[body.v_index]) / abs(body.ratio) if body.ratio else 0.0
+        takes = f"{torque(e.value)} {e.unit}, limit {number(e.limit)} ({percent_of_limit(abs(e.value) / e.limit)})"
+        if abs(e.value) - factor * reach > e.limit:
+            leader = report.joints[body.v_index].joint
+            text = f"{e.joint}, which follows {leader}, at t = {seconds(e.time)} s bears {takes}"
+            found.append((e, text))
+        else:
+            found.append((None, f"noise leaves open whether {e.joint} is over its limit: {takes}"))
+    return found
 
 
 def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
@@ -280,42 +318,57 @@ def _in_words(report: TorqueReport, j: JointTorque) -> str:
 
 def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
     reach = report.reach(j)
-    doubt = f" ± {deviation(reach)}" if reach > NEGLIGIBLE * report.reference(j) else ""
-    return (
-        f"{j.joint} at t = {seconds(j.time)} s takes {torque(j.peak)}{doubt} {j.unit}, limit {number(j.limit)} "
-        f"({percent_of_limit(j.share)}){because(j)}"
+    doubts = reach > NEGLIGIBLE * report.reference(j)
+    return sentence(
+        "over",
+        joint=j.joint,
+        time=seconds(j.time),
+        peak=torque(j.peak),
+        doubt=sentence("doubt", sigma=deviation(reach)) if doubts else "",
+        unit=j.unit,
+        limit=number(j.limit),
+        share=percent_of_limit(j.share),
+        because=because(j),
     )
 
 
 def because(joint: JointTorque) -> str:
     """Main cause of the joint's peak."""
     cause, share = joint.main_cause
-    return f", mostly {cause_label(cause)} ({percent(share)})"
+    return sentence("because", cause=cause_label(cause), share=percent(share))
 
 
-def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
-    """Limits of position and velocity."""
+def _judge_motion(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[str]]:
+    """Limits of position and velocity that are passed, and sentences on those that noise explains."""
+    over: list[tuple[Excess, str]] = []
     doubtful: dict[str, list[str]] = {}
     found = {(e.joint, e.kind): e for e in report.excesses if e.kind != "effort"}
     derived = () if report.derived is None else report.derived.excesses
     near = [e for e in derived if (e.joint, e.kind) not in found and e.kind == "velocity" and _reaches(report, e)]
     for e in [*found.values(), *near]:
-        if e in near or _is_noise(report, e):
-            doubtful.setdefault(_KINDS[e.kind], []).append(e.joint)
+        if e in near or is_noise(report, e):
+            doubtful.setdefault(KINDS[e.kind], []).append(e.joint)
         else:
             over.append((e, _excess_in_words(e)))
-    for kind, joints in doubtful.items():
-        unsure.append(f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed")
+    return over, [
+        f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed"
+        for kind, joints in doubtful.items()
+    ]
 
 
 def _excess_in_words(e: Excess) -> str:
     """A position or a velocity beyond its limit, and by how much."""
     speed = e.kind == "velocity"
     by = abs(e.value) - e.limit if speed else abs(e.value - e.limit)
-    unit = unit_of("dq" if speed else "q", e.angular)
-    return (
-        f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit by {number(by, 3)} {unit}: "
-        f"{number(e.value, 5)}, limit {number(e.limit, 5)}"
+    return sentence(
+        "motion",
+        joint=e.joint,
+        time=seconds(e.time),
+        kind=KINDS[e.kind],
+        by=number(by, 3),
+        unit=unit_of("dq" if speed else "q", e.angular),
+        value=number(e.value, 5),
+        limit=number(e.limit, 5),
     )
 
 
@@ -325,7 +378,8 @@ def _reaches(report: TorqueReport, e: Excess) -> bool:
     return estimate is None or abs(estimate.speed) + _SURE * estimate.speed_sigma > e.limit
 
 
-def _is_noise(report: TorqueReport, e: Excess) -> bool:
+def is_noise(report: TorqueReport, e: Excess) -> bool:
+    """True if noise explains why a limit of position or velocity is passed."""
     d = report.differentiation
     places = d.model.velocity_names
     k = places.index(e.joint)
@@ -348,10 +402,10 @@ def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
     others: dict[str, list[str]] = {}
     for e, _ in over[1:]:
         kinds = others.setdefault(e.joint, [])
-        if _KINDS[e.kind] not in kinds and (e.joint, _KINDS[e.kind]) != (first.joint, _KINDS[first.kind]):
-            kinds.append(_KINDS[e.kind])
-    rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
-    return [text, *([f"also {listed(rest, _MOST_LISTED)}"] if rest else [])]
+        if KINDS[e.kind] not in kinds and (e.joint, KINDS[e.kind]) != (first.joint, KINDS[first.kind]):
+            kinds.append(KINDS[e.kind])
+    rest = [sentence("other", joint=joint, kinds=", ".join(kinds)) for joint, kinds in others.items() if kinds]
+    return [text, *([sentence("also", others=listed(rest, _MOST_LISTED))] if rest else [])]
 
 
 # ── Notes on the log

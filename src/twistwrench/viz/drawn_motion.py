@@ -18,13 +18,16 @@ from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.motion import Motion
+from ..motion.motion_log import ASKED
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
 from ..reports.load_case import LoadCase
 from ..typing import Array
 from .surface import Decimation
 
 if TYPE_CHECKING:
-    from ..motion.motion_log import ASKED, MotionLog
+    from ..model.limits import Limits
+    from ..motion.motion_log import MotionLog
+    from ..reports.torque_report import TorqueReport
     from ..robot import Robot
 
 _MOST = 4000
@@ -54,13 +57,29 @@ class DrawnMotion:
     peaks: Array
     """(nv,) the largest magnitude of each torque over every row."""
     rows: int
-    """Limits passed in the whole motion."""
+    """Rows of the whole motion."""
     warnings: tuple[str, ...]
     """A sentence for each limit that is passed, and for what in the input contradicts itself."""
     still: Array
     """(n, nv) bool: the velocity is derived and within its own uncertainty; friction that needs its sign is left out."""
     verdict: Verdict = field(default_factory=lambda: Verdict(Word.OK))
     """LOOK AGAIN where the input contradicts itself. Limits that are passed are only warned of: here nothing is judged."""
+    violations: tuple[Violation, ...] = ()
+    """Limits that are passed in the whole motion."""
+    refused: tuple[str, ...] = ()
+    """Contradictions of the input, a sentence each."""
+    report: TorqueReport | None = None
+    """Report of the command ``torques`` on the motion; None for arrays, and where nothing was judged."""
+
+    @property
+    def passed(self) -> tuple[str, ...]:
+        """Sentences on the limits that are passed, those of ``warnings``."""
+        return tuple(map(_sentence, self.violations))
+
+    @property
+    def limits(self) -> Limits:
+        """Limits that the motion is compared with."""
+        return self.load.robot.limits if self.report is None else self.report.limits
 
     @property
     def states(self) -> MotionSamples:
@@ -175,7 +194,9 @@ def motion_of(
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
     states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
     motion = _gathered(LoadCase(robot), iter([states]))
-    motion = replace(motion, warnings=(*(f"{Word.LOOK_AGAIN}: {said}" for said in doubts), *motion.warnings))
+    refused = tuple(map(str, doubts))
+    told = tuple(f"{Word.LOOK_AGAIN}: {said}" for said in refused)
+    motion = replace(motion, refused=refused, warnings=(*told, *motion.warnings))
     if not moves:
         return motion
     said = (
@@ -206,15 +227,35 @@ def read_motion(
         The file cannot be used as it is.
     """
     differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
-    motion = _gathered(load, differentiation.states(_CHUNK, progress))
-    doubts = trajectory.doubts(load.robot.limits)
-    refused = [*load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
+    return _doubted(_gathered(load, differentiation.states(_CHUNK, progress)), trajectory)
+
+
+def reported_motion(report: TorqueReport) -> DrawnMotion:
+    """Motion of a report, smoothed where the report is of the smoothed motion.
+
+    Parameters
+    ----------
+    report : TorqueReport
+
+    Returns
+    -------
+    motion : DrawnMotion
+    """
+    plan = report.differentiation
+    motion = _doubted(_gathered(report.load, plan.states(_CHUNK, None)), plan.trajectory)
+    return replace(motion, report=report)
+
+
+def _doubted(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
+    """The motion with the doubts about its log, and a verdict that refuses contradictions."""
+    doubts = trajectory.doubts(motion.load.robot.limits)
+    refused = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
     verdict = Verdict.from_reasons(look_again=refused)
     asked = (
         str(doubt) for doubt in doubts if doubt.level == "unsure" or (doubt.level == "note" and doubt.kind in ASKED)
     )
     told = (*(f"{verdict.word}: {said}" for said in refused), *asked)
-    return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict)
+    return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict, refused=tuple(refused))
 
 
 def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
@@ -232,8 +273,10 @@ def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
         power = (torques * s.dq).sum(axis=1)
         kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
     time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
-    said = tuple(_sentence(v) for v in check.violations())
-    return DrawnMotion(load, time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count, said, still.astype(bool))
+    violations = check.violations()
+    values = time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count
+    said = tuple(map(_sentence, violations))
+    return DrawnMotion(load, *values, said, still.astype(bool), violations=violations)
 
 
 _WORDS = {"velocity": "velocity limit", "torque": "torque limit"}

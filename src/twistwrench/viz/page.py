@@ -27,6 +27,7 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, default_view_pose, robot_data, starting_pose, wrench_data
+from .page_motion import motion_data, notes_of_motion, robot_of_motion
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
 from .visuals import Colour
@@ -35,13 +36,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..diagnosis import DoctorReport
+    from ..reports.load_case import Payload
     from .drawn_motion import DrawnMotion
 
 _TRIANGLES = 300_000
 _SCRIPTS = (
-    "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js", "fall.js",
-    "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js", "panel.js", "load.js", "scales.js",
-    "readouts.js", "tip_readouts.js", "book.js", "page.js",
+    "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
+    "fall.js", "motion.js", "verdict.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
+    "strip.js", "panel.js", "load.js", "scales.js", "readouts.js", "tip_readouts.js", "book.js", "page.js",
 )  # fmt: skip
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
@@ -110,9 +112,11 @@ def page_text(
                 f"section {section}: the page sets motion and wrenches by its sliders; leave them out."
             )
         book.require(robot)
+    payload = None
     if motion is not None:
         motion.require(robot)
-        robot, wrench_on_robot = motion.load.with_load, motion.load.wrenches
+        robot, payload = robot_of_motion(motion)
+        wrench_on_robot = motion.load.wrenches
     start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else default_view_pose(robot)
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
@@ -120,17 +124,15 @@ def page_text(
     wrenches = wrench_on_robot or {}
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
     data |= wrench_data(robot, wrenches) | {"forceScale": force_scale(robot, scene)}
-    programs = PagePrograms(robot, tuple(wrenches), book)
+    programs = PagePrograms(robot, tuple(wrenches), book, payload=payload, motion=motion is not None)
     data |= programs.data()
     data["massScale"], data["tipDirections"] = mass_scale(robot, scene) if "mass" in data["programs"] else (0.0, 0)
-    peaks = [0.0] * robot.nv if motion is None else motion.peaks.tolist()
-    data["torques"] = [{**torque, "peak": peak} for torque, peak in zip(data["torques"], peaks, strict=True)]
     data["book"] = None if book is None else section_data(book, robot, start)
-    data["motion"] = None if motion is None else _motion_data(robot, motion, box)
+    data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
-    data["notes"] = [*_left_out(robot), *of_scene, *(motion.warnings if motion is not None else ())]
-    data["subtitle"] = _subtitle(robot, motion)
+    data["notes"] = [*_left_out(robot), *of_scene, *(notes_of_motion(motion) if motion is not None else ())]
+    data["subtitle"] = _subtitle(robot, motion, payload)
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
     scripts = programs.script(), "\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS)
@@ -202,12 +204,6 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
     }
 
 
-def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]:
-    path = None if robot.tip is None else box.put(np.asarray(robot.forward_kinematics(motion.q))[:, :3, 3], "f4")
-    time, q, torques = box.put(motion.time, "f8"), box.put(motion.q, "f4"), box.put(motion.torques, "f4")
-    return {"time": time, "q": q, "torques": torques, "path": path}
-
-
 def _left_out(robot: Robot) -> list[str]:
     """Notes on what the page leaves out: loops that the file closes, and everything at the tip where none is named."""
     model, notes = robot.model, []
@@ -225,12 +221,12 @@ def _left_out(robot: Robot) -> list[str]:
     return notes
 
 
-def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
+def _subtitle(robot: Robot, motion: DrawnMotion | None, payload: Payload | None) -> str:
     mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
     text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {number(mass)} kg moving"
     if motion is None:
         return text
-    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
+    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads if payload is None)
     span = float(motion.time[-1] - motion.time[0])
     return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {number(span)} s"
 

@@ -17,6 +17,7 @@ from ..export.request import BridgedQuantity
 from ..lie import se3
 from ..model.model import BASE, Frame, Model
 from ..motion.coordinates import Coordinates
+from ..reports.load_case import Payload
 from ..robot import Robot
 from ..simulation.schemes import RK4
 from ..typing import Array
@@ -48,15 +49,27 @@ class PagePrograms:
     payload are inputs behind the state.
     """
 
-    def __init__(self, robot: Robot, wrenches: Sequence[str], section: SectionPanel | None = None) -> None:
-        self.section = section
+    def __init__(
+        self,
+        robot: Robot,
+        wrenches: Sequence[str],
+        section: SectionPanel | None = None,
+        *,
+        payload: Payload | None = None,
+        motion: bool = False,
+    ) -> None:
+        self.section, self.moves = section, motion
         model = robot.model
+        self.carried_by = "tip"
         self.tip = model.tip if model.tip is not None and model.frame(model.tip).body != BASE else None
         named = {name: model.frame(name) for name in (*wrenches, *([] if self.tip is None else [self.tip]))}
         self.wrenches = tuple(named)
         self.payload = _unused("payload", named)
         if self.tip is not None:
-            named[self.payload] = model.frame(self.tip)
+            at = Payload(0.0) if payload is None else payload
+            carrier = model.frame(at.frame or self.tip)
+            named[self.payload] = replace(carrier, pose=carrier.pose @ se3.pose(np.eye(3), at.place))
+            self.carried_by = at.frame or self.tip
         frames = {_unused(f"body {k}", named): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
         self.body_frames = tuple(frames)
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
@@ -70,7 +83,9 @@ class PagePrograms:
         return {
             "programs": list(self._functions),
             "wrenchFrames": self.wrenches,
-            "payloadName": "more at tip" if robot.model.payloads else "payload at tip",
+            "payloadName": "more at tip" if robot.model.payloads else f"payload at {self.carried_by}",
+            "payloadAt": None if self.tip is None else _place(robot.model.frame(self.payload)),
+            "moving": mass,
             "payload": None if self.tip is None else round_above(mass / 2 or 1.0),
             "push": None if self.tip is None else round_above(weight or 10.0),
             "fall": {"why": why, "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist()},
@@ -103,6 +118,12 @@ class PagePrograms:
         if self.tip is not None and model.nv:
             asked["rates"] = "coordinate_rates", {}
             asked["jacobian"] = "jacobian", {"frame": self.tip, "kind": "world_aligned"}
+        if self.moves:
+            asked["inverse"] = "inverse_dynamics", {**pushed, **load}
+            if model.friction.any:
+                asked["law"] = "friction_under_load", {}
+            if model.springs:
+                asked["gravity"] = "gravity_forces", {}
         if self.section is not None:
             asked |= self.section.programs(self)
         return {name: self._function(quantity, options) for name, (quantity, options) in asked.items()}
@@ -146,6 +167,11 @@ class PagePrograms:
         if len(self.robot.program("forward_dynamics", **self.pushed, **self.load).instructions) > LARGEST:
             return f"Its forward dynamics takes more than {LARGEST} operations, too much for a page, so it cannot be let go."
         return None
+
+
+def _place(frame: Frame) -> dict[str, Any]:
+    """Body and pose of a frame, as the page has them."""
+    return {"body": frame.body, "pose": frame.pose.ravel().tolist()}
 
 
 def _unused(name: str, taken: Container[str]) -> str:
@@ -214,7 +240,7 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
             {"name": b.link, "kind": b.joint.kind, "q": b.q_index, "follows": b.follows, "parent": b.parent}
             for b in model.bodies
         ],
-        "frames": [{"name": n, "body": f.body, "pose": f.pose.ravel().tolist()} for n, f in model.all_frames.items()],
+        "frames": [{"name": n, **_place(f)} for n, f in model.all_frames.items()],
         "tip": None if model.tip is None else list(model.all_frames).index(model.tip),
         "torques": [
             {"name": n, "unit": u, "limit": limit if 0 < limit < np.inf else None}

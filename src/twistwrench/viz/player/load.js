@@ -1,42 +1,64 @@
-// What is put on the robot by hand, payload and push, and the button that lets it go.
+// What is put on the robot by hand, payload and push, how fast its motion is, and the button that lets it go.
 "use strict";
 
 class LoadPanel {
   constructor(panel) {
-    const { viewer } = panel, { robot, mechanics } = viewer;
+    const { viewer } = panel, { robot, mechanics, motion } = viewer;
     Object.assign(this, { panel, viewer });
     this.kind = robot.book ? robot.book.load : "all"; // what may be put on it
     document.getElementById("load").hidden = !robot.torques.length || !this.kind;
-    this.sliders = [];
+    this.sliders = {};
+    if (motion) document.querySelector("aside").insertBefore(document.getElementById("load"), document.getElementById("torques"));
     if (robot.payload !== null) {
-      this.slider(robot.payloadName, 0, robot.payload, "kg", (x) => { mechanics.mass = x; });
-      if (this.kind === "all") ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
+      const most = motion ? this.mostPayload() : robot.payload;
+      this.slider("payload", robot.payloadName, 0, most, "kg", () => mechanics.mass, (x) => { mechanics.mass = Math.max(0, x); });
+      if (this.kind === "all") ["x", "y", "z"].forEach((axis, k) => this.slider(`push-${axis}`, `push on tip, ${axis}`, -robot.push, robot.push, "N", () => mechanics.push[k], (x) => { mechanics.push[k] = x; }));
     }
-    this.stored = document.getElementById("stored");
-    this.rows = document.querySelector("#load ul");
+    if (motion) this.slider("pace", "motion speed", 0.25, 2, "×", () => motion.pace, (x) => { if (x > 0) motion.pace = x; });
+    this.most = document.getElementById("most");
     this.button = document.getElementById("let-go");
     this.said = document.getElementById("fall");
     this.felt = document.getElementById("felt");
-    if (this.kind !== "all") document.querySelector("#load h2").textContent = "Payload";
+    document.querySelector("#load h2").textContent = this.kind !== "all" ? "Payload" : motion ? "Payload, push, speed" : "Payload, push, fall";
     this.button.hidden = robot.fall.why !== null || this.kind !== "all";
     this.said.textContent = this.kind === "all" ? robot.fall.why || "" : "";
     this.button.addEventListener("click", () => (viewer.fall ? viewer.stop() : viewer.letGo()));
   }
 
-  slider(name, least, most, unit_, set) {
-    const slider = document.createElement("input"), step = (most - least) / 200;
-    Object.assign(slider, { type: "range", id: `load-${this.sliders.length}`, min: least, max: most, step });
-    slider.value = 0;
-    slider.setAttribute("aria-label", `${name} [${unit_}]`);
-    const [, , number] = this.panel.row("load", this.panel.cell("name", name), slider, this.panel.cell("number"));
-    const digits = Math.max(0, 2 - Math.floor(Math.log10(most)));
-    const tell = () => { number.textContent = `${signed(Number(slider.value), digits)} ${unit_}`; };
-    slider.addEventListener("input", () => { set(Number(slider.value)); tell(); this.viewer.loaded(); });
-    tell();
-    this.sliders.push({ slider, clear: () => { slider.value = 0; set(0); tell(); } });
+  mostPayload() { // twice what the limits allow; without limits as much as moves
+    const { motion, robot, verdict } = this.viewer, allowed = verdict.margin ? 2 * verdict.margin.mass : robot.moving;
+    return Number(Math.max(1, allowed, motion.data.mass).toPrecision(2)) * (1 + 1e-12);
   }
 
-  clear() { this.sliders.forEach(({ clear }) => clear()); } // stored torques do not contain what the sliders put on it
+  slider(id, name, least, most, unit_, get, set) {
+    const slider = document.createElement("input"), typed = document.createElement("input"), step = stepOf(most - least);
+    Object.assign(slider, { type: "range", id, min: least, max: Math.ceil(most / step - 1e-6) * step, step });
+    Object.assign(typed, { type: "text", id: `${id}-typed`, inputMode: "decimal", autocomplete: "off", className: "number" });
+    slider.setAttribute("aria-label", `${name} [${unit_}]`);
+    typed.setAttribute("aria-label", `${name} [${unit_}], typed`);
+    this.panel.row("load", this.panel.cell("name", name), slider, typed);
+    const tell = () => {
+      slider.value = get();
+      if (document.activeElement !== typed) typed.value = `${plain(get())} ${unit_}`;
+    };
+    slider.addEventListener("input", () => { set(Number(Number(slider.value).toPrecision(6))); tell(); this.viewer.loaded(); });
+    slider.addEventListener("change", () => this.viewer.settled());
+    typed.addEventListener("focus", () => typed.select());
+    typed.addEventListener("keydown", (event) => { if (event.key === "Enter") typed.blur(); });
+    typed.addEventListener("blur", () => tell());
+    typed.addEventListener("change", () => {
+      const value = parsed(typed.value);
+      if (value !== null) set(value);
+      typed.value = `${plain(get())} ${unit_}`;
+      tell();
+      this.viewer.loaded();
+      this.viewer.settled();
+    });
+    tell();
+    this.sliders[id] = { tell, set };
+  }
+
+  tell() { Object.values(this.sliders).forEach(({ tell }) => tell()); }
 
   feel() { // beside the mass ellipsoid: how heavy the tip is
     const { viewer, felt: said } = this;
@@ -48,18 +70,28 @@ class LoadPanel {
   }
 
   update() {
-    const { fall, robot } = this.viewer;
+    const { fall, robot, verdict, mechanics } = this.viewer, margin = verdict && !mechanics.mass && verdict.margin;
     this.feel();
-    const stored = this.sliders.length > 0 && Boolean(this.viewer.motion) && !this.viewer.posed;
-    this.rows.hidden = stored;
-    this.stored.hidden = !stored;
+    this.most.hidden = !margin;
+    if (margin) this.most.textContent = `The joints' torque limits allow up to ${roundedDown(margin.mass)} kg on this motion.`;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
     if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : "From rest, without torques, friction and stops.";
     else {
-      const worked = fall.work ? ` − work of the ${robot.book ? "torques and push" : this.viewer.mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
+      const worked = fall.work ? ` − work of the ${robot.book ? "torques and push" : mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
       this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
     }
   }
 }
 const energy = (x) => signed(x, 3);
+const plain = (x) => String(Number(x.toPrecision(6))).replace("-", "−");
+
+function parsed(text) { // a number as it is typed, with a comma or a unit or none; null where there is none
+  const found = /^\s*([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?)/i.exec(text), x = found ? Number(found[1].replace("−", "-").replace(",", ".")) : NaN;
+  return Number.isFinite(x) ? x : null;
+}
+
+function stepOf(range) { // a round number, some 200 to 500 of which make the range
+  const power = 10 ** Math.floor(Math.log10(range / 400));
+  return Number(([1, 2, 5, 10].find((factor) => factor * power >= range / 400) * power).toPrecision(1));
+}

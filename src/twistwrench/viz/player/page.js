@@ -32,8 +32,11 @@ class Viewer {
     this.shapes = robot.shapes.map((shape) => ({ ...shape, kept: surfaces[shape.surface] }));
     this.ball = this.stage.keep(ball());
     this.floor = this.stage.keep({ positions: grid(robot.size, robot.floor) });
-    this.motion = robot.motion && this.readMotion(robot.motion, array);
-    this.time = this.motion ? this.motion.time[0] : 0;
+    this.motion = robot.motion && new Motion(this.mechanics, robot.motion, array);
+    this.path = this.motion && robot.motion.path && this.stage.keep({ positions: array(robot.motion.path) });
+    this.judge = this.motion && new Verdict(this.motion, robot);
+    this.verdict = this.judge && this.judge.now;
+    this.time = this.motion ? this.motion.begin : 0; // of the motion as it was given
     this.posed = true; // by the sliders, as opposed to a moment of the motion
     this.playing = false;
     this.speed = 1;
@@ -56,20 +59,13 @@ class Viewer {
     requestAnimationFrame(frame);
   }
 
-  readMotion({ time, q, torques, path }, array) {
-    const rows = (data, n) => (k) => Array.from(data.subarray(k * n, (k + 1) * n));
-    const all = { time: array(time), q: rows(array(q), this.robot.coordinates.length), torques: rows(array(torques), this.robot.torques.length) };
-    if (path) all.path = this.stage.keep({ positions: array(path) });
-    return all;
-  }
-
   advance(now) {
-    const past = Math.min(0.1, (now - (this.now ?? now)) / 1000), times_ = this.motion && this.motion.time;
+    const past = Math.min(0.1, (now - (this.now ?? now)) / 1000);
     this.now = now;
     if (this.fall) this.fallOn(past);
     if (!this.playing) return;
-    const [begin, end] = [times_[0], times_[times_.length - 1]];
-    let time = this.time + this.speed * past;
+    const { begin, end, pace } = this.motion;
+    let time = this.time + this.speed * pace * past;
     if (time > end) time = end > begin ? begin + ((time - begin) % (end - begin)) : begin;
     this.seek(time);
   }
@@ -81,11 +77,11 @@ class Viewer {
     while (high - low > 1) { const middle = (low + high) >> 1; if (t[middle] <= this.time) low = middle; else high = middle; }
     high = Math.min(high, t.length - 1);
     const share = high > low ? (this.time - t[low]) / (t[high] - t[low]) : 0;
-    if (this.posed) this.panel.load.clear();
     this.posed = false;
     this.fall = null;
-    this.q = between(this.robot, this.motion.q(low), this.motion.q(high), share);
-    this.tau = this.motion.torques(low).map((x, k) => (1 - share) * x + share * this.motion.torques(high)[k]);
+    const { q } = this.motion, after = this.motion.row(high);
+    this.q = between(this.robot, Array.from(q[low]), Array.from(q[high]), share);
+    this.tau = Array.from(this.motion.row(low), (x, k) => (1 - share) * x + share * after[k]);
     this.refresh();
   }
 
@@ -113,10 +109,22 @@ class Viewer {
 
   stop() { this.setCoordinates(this.q); }
 
-  loaded() { // payload or push changed
-    if (!this.fall) return this.setCoordinates(this.q);
-    this.fall.reckon();
+  loaded() { // payload, push or speed changed
+    if (this.motion) {
+      this.motion.run();
+      this.verdict = this.judge.now;
+      this.panel.strip.draw();
+    }
+    if (this.fall) this.fall.reckon();
+    else if (this.motion && !this.posed) return this.seek(this.time);
     this.refresh();
+  }
+
+  settled() { this.panel.tell(); } // a slider was let go
+
+  get over() { // torques whose joints are red: over the whole motion, or where the robot is held
+    if (this.motion && !this.posed) return this.verdict.over;
+    return new Set(this.tau.flatMap((x, k) => (this.robot.torques[k].limit && isOver(x / this.robot.torques[k].limit) ? [k] : [])));
   }
 
   set(input) { // of a section of the book: torques may change while it moves
@@ -140,12 +148,12 @@ class Viewer {
   // Of each torque: its share of the limit, else of the largest of the motion, else of the largest there is now.
   shares() {
     const most = Math.max(1e-9, ...this.tau.map(Math.abs));
-    return this.tau.map((x, k) => x / (this.robot.torques[k].limit || this.robot.torques[k].peak || most));
+    return this.tau.map((x, k) => x / (this.robot.torques[k].limit || (this.motion && Math.abs(this.motion.peaks[k].value)) || most));
   }
 
   colour(k, share) {
     if (!this.robot.torques[k].limit) return this.robot.colours.unlimited;
-    const stops = this.robot.colours.shares, x = Math.abs(share);
+    const stops = this.robot.colours.shares, x = isOver(share) ? Infinity : Math.abs(share);
     const next = stops.findIndex(([at]) => x <= at);
     if (next === 0) return stops[0][1];
     if (next < 0) return stops[stops.length - 1][1];
@@ -164,12 +172,12 @@ class Viewer {
   }
 
   draw(fineness = FINENESS[0]) {
-    const { robot, poses, shown } = this, items = [], lines = [], size = robot.size;
+    const { robot, poses, shown } = this, items = [], lines = [], size = robot.size, red = this.redBodies();
     lines.push({ kept: this.floor, colour: [0.42, 0.48, 0.55, 0.42], reach: 2.4 * size });
     for (const { body, kept, colour, layer, pose: at } of this.shapes) {
       if (!shown[layer]) continue;
       const clear = layer === "inertia" || (shown.inertia && robot.dressed);
-      items.push({ kept, model: mul(poseOf(poses, body), at), colour: [...colour, layer === "inertia" ? 0.3 : clear ? 0.35 : 1], shadow: layer === "looks", closed: layer === "inertia" });
+      items.push({ kept, model: mul(poseOf(poses, body), at), colour: [...(red.has(body) && layer === "looks" ? reddened(colour, robot) : colour), layer === "inertia" ? 0.3 : clear ? 0.35 : 1], shadow: layer === "looks", closed: layer === "inertia" });
     }
     if (shown.torques) this.torqueMarks(items);
     if (shown.frames) this.frameMarks(items);
@@ -180,7 +188,7 @@ class Viewer {
     if (shown.mass) this.massMarks(items);
     if (this.book) this.book.marks(items);
     if (this.grasp.can) items.push({ kept: this.cached("knob", () => ball(8)), model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
-    if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...this.seen(robot.colours.path), 0.9], strip: true });
+    if (shown.path && this.path) lines.push({ kept: this.path, colour: [...this.seen(robot.colours.path), 0.9], strip: true });
     this.stage.draw(items, lines, robot.floor, this.sticks(), fineness);
   }
 
@@ -196,6 +204,11 @@ class Viewer {
     const sticks = this.robot.bodies.map(({ parent }, k) => [at(parent), at(k)]);
     if (tip.length) sticks.push([at(this.robot.frames[this.robot.tip].body), tip[0]]);
     return { sticks, ends: tip };
+  }
+
+  redBodies() { // moved by a joint that is over its limit
+    const { over } = this;
+    return new Set(this.robot.marks.filter(({ torque }) => over.has(torque)).map(({ body }) => body));
   }
 
   torqueMarks(items) {
@@ -239,8 +252,8 @@ class Viewer {
 
   loadMarks(items) { // what the sliders put on the tip
     const { robot, mechanics, shown } = this, p = place(mechanics.tipPose(this.q)), push = norm(mechanics.push);
-    const radius = 0.07 * robot.size * Math.cbrt(mechanics.mass / robot.payload);
-    if (shown.looks && mechanics.mass) items.push({ kept: this.ball, model: mul(shifted(p), scaling(radius)), colour: [...robot.colours.payload, 1], shadow: true });
+    const radius = 0.07 * robot.size * Math.cbrt(mechanics.mass / robot.payload), { body, pose: at } = robot.payloadAt;
+    if (shown.looks && mechanics.mass) items.push({ kept: this.ball, model: mul(shifted(place(mul(poseOf(this.poses, body), at))), scaling(radius)), colour: [...robot.colours.payload, 1], shadow: true });
     if (!push) return;
     const length = Math.round(100 * Math.max(0.08, 0.35 * push / robot.push)) / 100, T = mul(shifted(p), alongZ(mechanics.push));
     items.push({ kept: this.cached(`push ${length}`, () => arrow(length, 0.014)), model: mul(T, scaling(robot.size)), colour: [...robot.colours.wrench, 1] });
@@ -272,6 +285,9 @@ class Viewer {
     if (R) items.push({ kept: this.ball, model: pose(R, this.grasp.tip), colour: [...robot.colours.mass, 0.4], closed: true });
   }
 }
+
+const isOver = (share) => Math.abs(share) > 1 + 1e-6; // as the limit check of twistwrench
+const reddened = (colour, { colours }) => colour.map((c, i) => 0.1 * c + 0.9 * colours.shares[colours.shares.length - 1][1][i]);
 
 const AXES = [[0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1], IDENTITY]; // z onto x, y, z
 

@@ -8,6 +8,8 @@ class Panel {
     const of = (id) => document.getElementById(id);
     of("subtitle").textContent = `${robot.subtitle}, squares of ${squareOf(robot.size)} m`;
     this.torques = of("torques");
+    this.answer = of("verdict");
+    this.told = of("told");
     this.title = document.querySelector("#torques h2");
     this.holds = robot.hands.some(({ turn: turns }) => turns !== undefined) ? "Torques and wrench on the base that hold this pose" : "Torques that hold this pose";
     this.bars = robot.torques.map((torque, k) => this.torqueRow(torque, k));
@@ -54,7 +56,8 @@ class Panel {
     const fill = bar.appendChild(document.createElement("i"));
     bar.appendChild(document.createElement("b"));
     const [, , number, share] = this.row("torques", label, bar, this.cell("number"), this.cell("share"));
-    return { fill, number, share };
+    const most = this.viewer.motion && bar.appendChild(document.createElement("u")); // the peak of the motion
+    return { label, fill, number, share, most };
   }
 
   handRow({ name, lower, upper }, k) {
@@ -98,21 +101,21 @@ class Panel {
   }
 
   playBar(of) {
-    const viewer = this.viewer, t = viewer.motion.time;
+    const viewer = this.viewer, { begin, end } = viewer.motion;
     of("player").hidden = false;
     document.querySelector("main").classList.add("playing");
-    this.time = Object.assign(of("time"), { min: t[0], max: t[t.length - 1] });
+    this.time = Object.assign(of("time"), { min: begin, max: end });
     this.clock = of("clock");
     this.play = of("play");
     this.play.addEventListener("click", () => this.toggle());
     this.time.addEventListener("input", () => { viewer.playing = false; viewer.seek(Number(this.time.value)); });
     of("speed").addEventListener("change", (event) => { viewer.speed = Number(event.target.value); });
     document.addEventListener("keydown", (event) => {
-      if (event.key !== " " || /^(BUTTON|SELECT)$/.test(event.target.tagName)) return;
+      if (event.key !== " " || event.target.type === "text" || /^(BUTTON|SELECT)$/.test(event.target.tagName)) return;
       event.preventDefault();
       this.toggle();
     });
-    new ResizeObserver(() => this.history(of("history"))).observe(of("history"));
+    this.strip = new Strip(viewer, of("history"));
   }
 
   toggle() {
@@ -122,45 +125,43 @@ class Panel {
     this.update();
   }
 
-  history(canvas) { // every torque's share of its limit over time
-    const { motion, robot } = this.viewer, ratio = window.devicePixelRatio || 1, draw = canvas.getContext("2d");
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    [canvas.width, canvas.height] = [width * ratio, height * ratio];
-    draw.scale(ratio, ratio);
-    const t = motion.time, [begin, end] = [t[0], t[t.length - 1]], stride = Math.max(1, Math.floor(t.length / (2 * width)));
-    const scales = robot.torques.map(({ limit, peak }) => limit || peak || 1);
-    const top = Math.max(1.02, ...robot.torques.map(({ limit, peak }) => (limit ? (1.05 * peak) / limit : 0)));
-    const y = (share) => height - 1 - ((height - 3) * share) / top;
-    draw.strokeStyle = "#c0392b";
-    draw.setLineDash([4, 3]);
-    draw.beginPath();
-    draw.moveTo(0, y(1));
-    draw.lineTo(width, y(1));
-    draw.stroke();
-    draw.setLineDash([]);
-    robot.torques.forEach((_, k) => {
-      draw.strokeStyle = robot.colours.lines[k % robot.colours.lines.length];
-      draw.globalAlpha = 0.8;
-      draw.beginPath();
-      for (let i = 0; i < t.length; i += stride) draw.lineTo(width * ((t[i] - begin) / (end - begin || 1)), y(Math.abs(motion.torques(i)[k]) / scales[k]));
-      draw.stroke();
-    });
+  verdict() { // the word, and beside and below it why
+    const { verdict } = this.viewer, box = this.answer, [word, said] = box.querySelectorAll("b, span");
+    box.hidden = !verdict || !verdict.text;
+    if (box.hidden) return;
+    box.className = verdict.word.toLowerCase().replace(" ", "-");
+    word.textContent = verdict.word;
+    said.textContent = verdict.lines.join("\n");
+    const note = box.querySelector("small");
+    note.hidden = !verdict.fixed;
+    note.textContent = verdict.fixed ? `As computed for the command's load at its own speed, since ${verdict.fixed}.${verdict.moved ? " Torques below are those of the sliders." : ""}` : "";
+  }
+
+  tell() { // to those who hear the page, once a slider rests
+    if (this.viewer.verdict) this.told.textContent = this.viewer.verdict.text;
   }
 
   update() {
     const viewer = this.viewer, { robot, tau, q } = viewer, shares = viewer.shares();
-    const largest = Math.max(...tau.map(Math.abs), ...robot.torques.map(({ peak }) => peak), 1e-3);
+    const peaks = viewer.motion ? viewer.motion.peaks : [], { over } = viewer;
+    const largest = Math.max(...tau.map(Math.abs), ...peaks.map(({ value }) => Math.abs(value)), 1e-3);
     const digits = viewer.fall && !viewer.book ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
     const { book } = viewer;
     this.torques.hidden = !robot.torques.length || (book && !book.found.tau);
     this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : viewer.posed ? this.holds : "Torques of the motion";
+    this.verdict();
     this.load.update();
-    this.bars.forEach(({ fill, number, share }, k) => {
+    this.bars.forEach(({ label, fill, number, share, most }, k) => {
       const x = shares[k], wide = 50 * Math.min(1, Math.abs(x)), limit = robot.torques[k].limit;
       Object.assign(fill.style, { left: `${x < 0 ? 50 - wide : 50}%`, width: `${wide}%`, background: css(viewer.colour(k, x)) });
       number.textContent = `${signed(tau[k], digits)} ${robot.torques[k].unit}`;
       share.textContent = limit ? `${Math.round(100 * Math.abs(x))} %` : "";
-      share.className = limit && Math.abs(x) > 1 ? "share over" : "share";
+      share.className = limit && isOver(x) ? "share over" : "share";
+      label.classList.toggle("over", over.has(k));
+      if (!most) return;
+      const peak = limit ? peaks[k].value / limit : 0;
+      Object.assign(most.style, { left: `${Math.max(0, Math.min(99, 50 + 50 * peak))}%`, display: limit && !viewer.posed ? "" : "none" });
+      most.className = isOver(peak) ? "over" : "";
     });
     this.hands.forEach(({ slider, number }, k) => {
       const hand = robot.hands[k], value = hand.turn === undefined ? q[hand.q] : this.angles(hand.q)[hand.turn];
@@ -170,7 +171,7 @@ class Panel {
     });
     if (!this.time) return;
     this.time.value = viewer.time;
-    this.clock.textContent = viewer.fall ? "let go" : viewer.posed ? "posed by hand" : `${viewer.time.toFixed(2)} / ${Number(this.time.max).toFixed(2)} s`;
+    this.clock.textContent = viewer.fall ? "let go" : viewer.posed ? "posed by hand" : `${viewer.motion.shown(viewer.time).toFixed(2)} / ${viewer.motion.shown(viewer.motion.end).toFixed(2)} s`;
     this.play.textContent = viewer.playing ? "❚❚" : "▶";
     this.play.setAttribute("aria-label", viewer.playing ? "Pause" : "Play");
   }

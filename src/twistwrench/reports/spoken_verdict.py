@@ -1,0 +1,189 @@
+"""The verdict on a motion in words, and as data with which a page words it for other payloads, pushes and speeds."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.numbers import percent, percent_of_limit, seconds
+from ..core.verdict import Word
+from ..model.limits import TOLERANCE
+from ..motion.coordinates import Coordinates
+from ..motion.motion_log import ASKED
+from .blocks import Line, verdict
+from .load_case import (
+    LOADED,
+    TEMPLATE,
+    TERMS,
+    LoadCase,
+    Payload,
+    PayloadMargin,
+    cause_label,
+    driven_entries,
+    least_torque_per_kilogram,
+    placeholder_limits,
+)
+from .robot_summary import StatedLimits
+from .sentences import SENTENCES, sentence
+from .statistics import INTERVAL
+from .torque_report import NEGLIGIBLE, SMALL, ZERO, TorqueReport
+from .torque_verdict import (
+    HIDDEN,
+    KINDS,
+    NEAR,
+    assumed_words,
+    assumptions,
+    because,
+    carried_doubts,
+    confidence,
+    contradictions,
+    force_remark,
+    is_noise,
+    model_warnings,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..model.limits import Limits
+    from ..model.model import Model
+    from ..motion.bounds import Violation
+
+
+def verdict_view(report: TorqueReport) -> Line:
+    """The verdict with its reasons, the first beside it and each other on a line of its own."""
+    word, load = report.verdict.word, report.load
+    first, *others = report.verdict.reasons or (_nearest(report),)
+    assumed = ""
+    if report.verdict.ok:
+        still = report.differentiation.trajectory.held
+        assumed = assumed_words(assumptions(load.robot.model, load.payloads, held=still, friction=load.friction))
+    line = verdict(word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
+    if (margin := _payload_margin(report)) is not None:
+        line.pieces.append(f"\n{margin.words}")
+    for question, remark in _questions(report):
+        line.pieces += [(f"\n{question}", "bold yellow"), f" {remark}"]
+    return line
+
+
+def _questions(report: TorqueReport) -> list[tuple[str, str]]:
+    """Questions to the user, with what gives rise to them."""
+    found = [
+        ("IS THE UNIT RIGHT?", f"{doubt}.") for doubt in report.doubts if doubt.level == "note" and doubt.kind in ASKED
+    ]
+    remark = force_remark(report.load.with_load.model, report.joints)
+    return [*found, ("IS A CONTACT MISSING?", remark)] if remark else found
+
+
+def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
+    """Largest payload, if the verdict is certain and consistent with the peaks of a noisy log."""
+    if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
+        return None
+    fits = report.payload_margin.mass >= report.load.payloads[0].mass
+    return report.payload_margin if fits != any(e.kind == "effort" for e in report.excesses) else None
+
+
+def _nearest(report: TorqueReport) -> str:
+    """Joint nearest to its limit, for an OK, and its reservations: noise that would decide, and motion during pauses."""
+    limited = [j for j in report.joints if math.isfinite(j.limit)]
+    if not limited:
+        return sentence("no motor")
+    j = max(limited, key=lambda j: j.share)
+    if report.is_zero(j.largest):
+        return sentence("no torque")
+    smoothed = _over_as_logged(report)
+    sure = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2)) if smoothed else ""
+    share = percent_of_limit(j.share)
+    nearest = sentence("nearest", joint=j.joint, share=share, sure=sure, time=seconds(j.time), because=because(j))
+    clauses = [nearest, *([sentence("smoothed", joints=smoothed)] if smoothed else [])]
+    return "; ".join([*clauses, *([report.gaps.hidden_words] if report.gaps.hidden else [])])
+
+
+def _over_as_logged(report: TorqueReport) -> str:
+    """Number of joints over a limit before smoothing, in words; empty without any."""
+    count = len({e.joint for e in report.derived.excesses}) if report.derived is not None else 0
+    return f"{count} joint{'s' * (count > 1)}" if count else ""
+
+
+# ── The same as data
+
+
+def verdict_data(
+    load: LoadCase,
+    limits: Limits,
+    report: TorqueReport | None,
+    refused: Sequence[str] = (),
+    positions: Sequence[Violation] = (),
+) -> dict[str, Any]:
+    """Sentences, limits and doubts with which a page judges a motion for other payloads, pushes and speeds.
+
+    Without a ``report``, as for arrays, the motion has no noise, and its contradictions and passed limits of position are
+    given.
+    """
+    model, payload = load.robot.model, load.payloads[:1] or (Payload(1.0, frame=load.robot.model.tip),)
+    coordinates, held = Coordinates.from_model(model), () if report is None else report.differentiation.trajectory.held
+    assumed = [assumed_words(assumptions(model, p, held=held, friction=load.friction)) for p in ((), payload)]
+    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
+    before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)
+    velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)
+    data = {
+        "fixed": why_fixed(load),
+        "sentences": dict(SENTENCES),
+        "words": {"kinds": KINDS, "causes": {term: cause_label(term) for term in TERMS}, "remedy": TEMPLATE},
+        "bounds": {
+            "tolerance": TOLERANCE, "loaded": LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
+            "near": NEAR, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
+        },
+        "driven": driven_entries(model).tolist(),
+        "lookAgain": list(refused) if report is None else contradictions(report),
+        "doubts": {"before": before, "after": after},
+        "placeholders": {"words": placeholder_limits(load.robot), "stated": stated.tolist()},
+        "assumed": {"empty": assumed[0], "loaded": assumed[1]},
+        "velocities": velocities.tolist(),
+        "turns": coordinates.angular_velocity.tolist(),
+        "leastPerKilogram": least_torque_per_kilogram(model),
+        "margin": not (load.friction and model.friction.load.any()),
+        "passed": [_passed(v, model) for v in positions],
+        "noisy": [], "joints": None, "gap": None, "asLogged": "", "questions": [],
+    }  # fmt: skip
+    return data if report is None else data | _of_the_log(report)
+
+
+def _passed(v: Violation, model: Model) -> dict[str, Any]:
+    """A limit of position that is passed, as :class:`Excess` has it."""
+    turns = bool(Coordinates.from_model(model).angular_velocity[model.velocity_names.index(v.joint)])
+    return vars(v) | {"kind": "upper" if v.value > v.limit else "lower", "angular": turns}
+
+
+def _of_the_log(report: TorqueReport) -> dict[str, Any]:
+    """Part of the data that only a log has: noise of each joint's peak, pauses, limits of the motion that are passed."""
+    passed = [e for e in report.excesses if e.kind in ("lower", "upper") and not is_noise(report, e)]
+    noise = [e.joint for e in report.excesses if e.kind == "velocity" and is_noise(report, e)]
+    joints = [{"chance": j.chance, "reach": report.reach(j), "end": report.at_an_end(j)} for j in report.joints]
+    share = HIDDEN * (report.end - report.begin)
+    gap = {"hidden": report.gaps.hidden, "words": report.gaps.hidden_words, "most": share}
+    return {
+        "passed": [vars(e) for e in passed],
+        "noisy": noise,
+        "joints": joints if report.noisy else None,
+        "gap": gap if report.gaps.hidden else None,
+        "asLogged": _over_as_logged(report),
+        "questions": [f"{question} {remark}" for question, remark in _questions(report)],
+        "text": "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces),
+    }
+
+
+def why_fixed(load: LoadCase) -> str | None:
+    """Reason why a page cannot judge other loads than that of the command; None if it can."""
+    model = load.robot.model
+    if model.actuators:
+        return "motors and gears are judged as well"
+    if model.limited_followers:
+        return "mimic joints with limits of their own are judged as well"
+    if any(not body.joint.driven for body in model.bodies):
+        return "nothing drives the base"
+    if len(load.payloads) > 1:
+        return f"there are {len(load.payloads)} payloads"
+    return None

@@ -1,0 +1,127 @@
+// The verdict on the motion under what is set now: the sentences of `twistwrench torques`, with this page's numbers.
+"use strict";
+
+class Verdict {
+  constructor(motion, robot) {
+    Object.assign(this, { motion, robot, data: motion.data.verdict });
+    this.names = robot.torques.map(({ name }) => name);
+  }
+
+  say(name, words = {}) { return this.data.sentences[name].replace(/\{(\w+)\}/g, (_, key) => words[key]); }
+
+  time(row) { return seconds(this.motion.shown(this.motion.time[row])); }
+
+  joints() { // each with its peak, as the command counts it: noise of the log taken off, and its reach
+    const { peaks, limits } = this.motion, noise = this.data.joints;
+    return peaks.map(({ value, row }, k) => {
+      const { chance, reach, end } = noise ? noise[k] : { chance: 0, reach: 0, end: false }, peak = value + chance;
+      return { k, joint: this.names[k], unit: this.robot.torques[k].unit, limit: limits[k], largest: value, row, peak, reach, end, share: Math.abs(peak) / limits[k] };
+    });
+  }
+
+  because({ k, row, largest }) {
+    const along = Object.entries(this.motion.terms(row, k)).map(([name, x]) => [name, x * Math.sign(largest)]);
+    const [name, most] = along.reduce((a, b) => (b[1] > a[1] ? b : a)), total = along.reduce((sum, [, x]) => sum + Math.max(0, x), 0);
+    return this.say("because", { cause: this.data.words.causes[name], share: percent(total ? most / total : 0) });
+  }
+
+  torqueInWords(j, scale) {
+    const { negligible, small } = this.data.bounds, known = Number.isFinite(j.limit) ? j.limit : 0;
+    const doubts = j.reach > negligible * Math.max(Math.abs(j.peak), small * Math.max(known, scale));
+    return this.say("over", {
+      joint: j.joint, time: this.time(j.row), peak: torqueText(j.peak), doubt: doubts ? this.say("doubt", { sigma: deviation(j.reach) }) : "",
+      unit: j.unit, limit: number(j.limit), share: percentOfLimit(j.share), because: this.because(j),
+    });
+  }
+
+  passed() { // limits of position, and of the velocity that the speed makes
+    const { motion, data, names } = this, found = data.passed.map((e) => ({ ...e, time: motion.shown(e.time) }));
+    data.velocities.forEach((limit, k) => {
+      if (limit < 0 || data.noisy.includes(names[k])) return;
+      let worst = { by: -Infinity };
+      motion.dq.forEach((dq, i) => {
+        const value = motion.pace * dq[k], by = Math.abs(value) - limit;
+        if (by > worst.by) worst = { by, value, time: motion.shown(motion.time[i]) };
+      });
+      if (worst.by > data.bounds.tolerance * limit) found.push({ joint: names[k], kind: "velocity", value: worst.value, limit, time: worst.time, angular: data.turns[k] });
+    });
+    const rank = (e) => (e.limit ? -Math.abs(e.value / e.limit) : 0);
+    return found.sort((a, b) => (a.kind === b.kind ? rank(a) - rank(b) : a.kind < b.kind ? -1 : 1)).map((e) => {
+      const speed = e.kind === "velocity", by = speed ? Math.abs(e.value) - e.limit : Math.abs(e.value - e.limit);
+      const unit_ = `${e.angular ? "rad" : "m"}${speed ? "/s" : ""}`;
+      return { joint: e.joint, kind: this.data.words.kinds[e.kind], text: this.say("motion", { joint: e.joint, time: seconds(e.time), kind: this.data.words.kinds[e.kind], by: number(by, 3), unit: unit_, value: number(e.value, 5), limit: number(e.limit, 5) }) };
+    });
+  }
+
+  grouped(over) { // a sentence on the worst, and the names of the others
+    if (!over.length) return [];
+    const [first] = over, others = new Map();
+    over.slice(1).forEach(({ joint, kind }) => {
+      const kinds = others.get(joint) ?? others.set(joint, []).get(joint);
+      if (!kinds.includes(kind) && !(joint === first.joint && kind === first.kind)) kinds.push(kind);
+    });
+    const rest = [...others].filter(([, kinds]) => kinds.length).map(([joint, kinds]) => this.say("other", { joint, kinds: kinds.join(", ") }));
+    return [first.text, ...(rest.length ? [this.say("also", { others: listed(rest, 4) })] : [])];
+  }
+
+  loaded(peaks) { // joints that a motor drives and a torque loads
+    const size = Array.from(peaks, Math.abs), most = Math.max(0, ...size);
+    return size.map((x, k) => this.data.driven[k] && x > this.data.bounds.loaded * most);
+  }
+
+  limitDoubts(joints) {
+    const { words, placeholders } = this.data, loaded = this.loaded(joints.map(({ peak }) => peak)), count = loaded.filter(Boolean).length;
+    const missing = joints.filter(({ k, limit }) => loaded[k] && limit === Infinity).map(({ joint }) => joint), said = [];
+    const named = missing.length === count ? "" : ` (${listed(missing, 6)})`;
+    const which = count > 1 ? this.say("some", { count: missing.length, all: count, named }) : this.say("one", { joint: missing[0] });
+    if (missing.length) said.push(this.say("unlimited", { joints: which, remedy: words.remedy }));
+    if (placeholders.words && loaded.some((on, k) => on && !placeholders.stated[k])) said.push(`${placeholders.words}; give the real limits with --limits`);
+    return said;
+  }
+
+  nearest(joints, scale) {
+    const { bounds, asLogged, gap } = this.data, limited = joints.filter(({ limit }) => limit < Infinity);
+    if (!limited.length) return this.say("no motor");
+    const j = limited.reduce((a, b) => (b.share > a.share ? b : a));
+    if (Math.abs(j.largest) <= bounds.zero * scale) return this.say("no torque");
+    const sure = asLogged ? this.say("sure", { share: percent((bounds.interval * j.reach) / j.limit, 2) }) : "";
+    const said = [this.say("nearest", { joint: j.joint, share: percentOfLimit(j.share), sure, time: this.time(j.row), because: this.because(j) })];
+    if (asLogged) said.push(this.say("smoothed", { joints: asLogged }));
+    if (gap) said.push(gap.words);
+    return said.join("; ");
+  }
+
+  // The word, its lines, the joints over their limits, and the largest payload that all limits of torque allow.
+  judge() {
+    const { motion, data } = this, { mass } = motion.mechanics, { bounds, gap, doubts } = data, joints = this.joints();
+    const scale = Math.max(0, ...joints.map(({ largest }) => Math.abs(largest))), over = [], open = [];
+    const limited = joints.filter(({ limit }) => limit < Infinity).sort((a, b) => b.share - a.share);
+    for (const j of limited) {
+      const reach = bounds.confidence * j.reach, passes = Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit;
+      if (passes && Math.abs(j.peak) - reach > j.limit) over.push({ ...j, kind: data.words.kinds.effort, text: this.torqueInWords(j, scale) });
+      else if ((Math.abs(j.peak) + reach) / j.limit > 1 + bounds.tolerance && (reach > 0 || passes))
+        open.push(this.say("open", { joint: j.joint, end: j.end ? this.say("end") : "", peak: torqueText(j.peak), sigma: deviation(j.reach), unit: j.unit, limit: number(j.limit) }));
+    }
+    const margin = motion.mechanics.robot.payload === null || !data.margin ? null : motion.margin((peaks) => this.loaded(peaks), data.leastPerKilogram);
+    const hides = gap && gap.hidden > (limited.some(({ share }) => share > bounds.near) ? 0 : gap.most / motion.pace);
+    const unsure = [...this.limitDoubts(joints), ...open, ...doubts.before, ...(hides ? [gap.words] : []), ...doubts.after];
+    const stated = this.grouped([...over, ...this.passed()]);
+    const [word, reasons] = [["LOOK AGAIN", data.lookAgain], ["OVER LIMIT", stated], ["UNSURE", unsure]].find(([, said]) => said.length) ?? ["OK", []];
+    const assumed = word !== "OK" ? "" : mass ? data.assumed.loaded : data.assumed.empty;
+    const [first, ...others] = reasons.length ? reasons : [this.nearest(joints, scale)], lines = [`: ${first}${assumed}.`, ...others.map((reason) => `  - ${reason}.`)];
+    const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit);
+    if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), joint: this.names[margin.joint], time: this.time(margin.row) }));
+    lines.push(...data.questions);
+    return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, fixed: null };
+  }
+
+  // What the command said, where the page cannot judge another load.
+  carried() {
+    const { motion, data } = this, moved = motion.pace !== 1 || motion.mechanics.push.some((x) => x) || motion.mechanics.mass !== motion.data.mass;
+    const [first, ...lines] = (data.text ?? "").split("\n"), [word] = /^[A-Z ]+/.exec(first) ?? [""];
+    const over = new Set(this.joints().filter((j) => j.share > 1 + data.bounds.tolerance).map(({ k }) => k));
+    return { word, lines: [first.slice(word.length), ...lines], text: data.text ?? "", over, margin: null, fixed: data.fixed, moved };
+  }
+
+  get now() { return this.data.fixed === null ? this.judge() : this.carried(); }
+}

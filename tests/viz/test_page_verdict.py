@@ -1,0 +1,229 @@
+"""The verdict of a motion page, under Node: the sentence, the torques and the numbers are those of the command ``torques``."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from page_files import read_page
+from page_under_node import under_node
+
+import twistwrench as tw
+from twistwrench.core import numbers
+from twistwrench.motion.differentiation import Differentiation
+from twistwrench.motion.motion_log import MotionLog
+from twistwrench.reports.load_case import LoadCase, Payload
+from twistwrench.reports.robot_summary import read_limits
+from twistwrench.reports.spoken_verdict import verdict_view
+from twistwrench.reports.torque_report import analyse
+from twistwrench.viz import motion_of, write_page
+from twistwrench.viz.drawn_motion import reported_motion
+
+SET = "m.mass = given.mass; m.push = given.push; motion.pace = given.pace; motion.run();"
+SAY = f"(m, all, motion) => all.map((given) => {{ {SET} return new Verdict(motion, m.robot).now.text; }})"
+SWEEP = f"(m, all, motion) => all.map((given) => {{ {SET} return motion.tau.slice(); }})"
+
+
+def under(mass=0.0, push=(0.0, 0.0, 0.0), pace=1.0):
+    return {"mass": mass, "push": list(push), "pace": pace}
+
+
+def report_of(robot, log, *payloads, limits=None, wrenches=None, friction=True):
+    opened = MotionLog.open(log, robot.model)
+    load = LoadCase(robot, payloads, wrenches or {}, friction=friction)
+    return analyse(load, Differentiation.plan(opened, robot.model), limits or robot.limits)
+
+
+def said(report):
+    """Text of the verdict that the command prints."""
+    return "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces)
+
+
+def page_of(report, path):
+    motion = reported_motion(report)
+    return write_page(motion.load.robot, path, motion=motion)
+
+
+@pytest.fixture(scope="module")
+def demo_log():
+    return tw.robots.path_of("ur5").with_name("ur5_demo.csv")
+
+
+@pytest.fixture(scope="module")
+def demo(demo_log, tmp_path_factory):
+    report = report_of(tw.robots.ur5(), demo_log, Payload(5.0))
+    return page_of(report, tmp_path_factory.mktemp("verdict") / "demo.html")
+
+
+MASSES = [0.0, 5.0, 8.38, 8.40, 10.0]
+
+
+def test_the_sentence_is_that_of_the_command_for_every_payload(demo, demo_log):
+    """One page, its payload set by hand, against the command run anew with that payload."""
+    found = under_node(demo, SAY, [under(mass) for mass in MASSES])
+    expected = [said(report_of(tw.robots.ur5(), demo_log, Payload(mass))) for mass in MASSES]
+    assert found == expected
+    words = [text.split(":")[0] for text in found]
+    assert words == ["OK", "OK", "OK", "OVER LIMIT", "OVER LIMIT"]
+    for text, share in zip(found, ["42 %", "76 %", "99.997 %", "100.1 %", "111 %"], strict=True):
+        assert share in text
+    assert all("up to 8.38 kg" in text for text in found[1:])
+
+
+def numbers_to_print():
+    rng = random.Random(4)
+    ties = [0.5, 1.5, 2.5, 62.5, 0.125, 0.375, 1.0625, 99.5, 1000.5, 2.0005, 12345.5, 0.99995, 1.00005, 999.95, 9999.5]
+    sizes = [rng.uniform(1, 10) * 10.0 ** rng.randint(-9, 8) for _ in range(2000)]
+    short = [rng.randint(1, 99999) / 10.0 ** rng.randint(0, 6) for _ in range(1000)]
+    near = [1.0 + rng.uniform(-0.011, 0.011) for _ in range(500)]
+    values = [0.0, 1.0, 150.0, 1e6, 999999.5, 1e-4, 1e-5, *ties, *sizes, *short, *near]
+    return values + [-x for x in values]
+
+
+@pytest.mark.parametrize(
+    ("here", "there"),
+    [
+        (numbers.number, "number(x)"),
+        (lambda x: numbers.number(x, 3), "number(x, 3)"),
+        (lambda x: numbers.number(x, 5), "number(x, 5)"),
+        (numbers.torque, "torqueText(x)"),
+        (numbers.percent, "percent(x)"),
+        (lambda x: numbers.percent(x, 2), "percent(x, 2)"),
+        (numbers.percent_of_limit, "percentOfLimit(x)"),
+        (numbers.seconds, "seconds(x)"),
+        (lambda x: numbers.rounded_down(abs(x)), "roundedDown(Math.abs(x))"),
+        (lambda x: numbers.deviation(abs(x)), "deviation(Math.abs(x))"),
+    ],
+    ids=["number", "3", "5", "torque", "percent", "percent2", "limit", "seconds", "down", "deviation"],
+)
+def test_numbers_are_printed_as_python_prints_them(demo, here, there):
+    values = numbers_to_print()
+    assert under_node(demo, f"(m, given) => given.map((x) => {there})", values) == [here(x) for x in values]
+
+
+def joint_motion(robot, seed):
+    """A smooth motion about a random pose, its rates given."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 2, 41)
+    middle, size, rate = robot.random_configuration(rng), rng.uniform(0.1, 0.4, robot.nv), rng.uniform(1, 5, robot.nv)
+    phase = np.outer(t, rate)
+    return t, middle + size * np.sin(phase), size * rate * np.cos(phase), -size * rate**2 * np.sin(phase)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "planar_3r"])
+def test_torques_under_payload_push_and_speed_are_those_of_inverse_dynamics(tmp_path, name):
+    robot = getattr(tw.robots, name)()
+    rng = np.random.default_rng(7)
+    t, q, dq, ddq = joint_motion(robot, 3)
+    page = write_page(robot, tmp_path / "page.html", motion=motion_of(robot, t, q, dq, ddq))
+    set_ = [under(rng.uniform(0, 12), rng.uniform(-80, 80, 3), rng.uniform(0.25, 2)) for _ in range(7)]
+    R = robot.forward_kinematics(q)[:, :3, :3]
+    for given, found in zip(set_, under_node(page, SWEEP, set_), strict=True):
+        heavy = robot.with_payload(tw.SpatialInertia.from_com(given["mass"]))
+        F = np.concatenate([np.zeros((len(t), 3)), np.einsum("nji,j->ni", R, given["push"])], axis=1)
+        s = given["pace"]
+        expected = heavy.inverse_dynamics(
+            q, s * dq, s * s * ddq, wrench_on_robot={robot.tip: F}, friction=robot.model.friction.any
+        )
+        np.testing.assert_allclose(np.reshape(found, q.shape), expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def test_twice_the_speed_quadruples_what_inertia_takes(demo):
+    work = f"""(m, all, motion) => all.map((given) => {{ {SET}
+        const {{ inertia, coriolis, gravity }} = motion.terms(226, 1); return [inertia, coriolis, gravity]; }})"""
+    slow, fast = under_node(demo, work, [under(3.0), under(3.0, pace=2.0)])
+    np.testing.assert_allclose(fast, np.multiply(slow, [4.0, 4.0, 1.0]), rtol=1e-12)
+
+
+def test_the_verdict_at_another_speed_is_that_of_a_log_with_another_clock(demo, tmp_path):
+    """The demo in half its time, and in four times as much, written as a log and judged by the command."""
+    robot = tw.robots.ur5()
+    arrays = read_page(demo)[1]
+    q, dq, ddq = (arrays[name].reshape(-1, 6) for name in ("q", "dq", "ddq"))
+    paces = [2.0, 0.25]
+    for pace, text in zip(paces, under_node(demo, SAY, [under(6.0, pace=pace) for pace in paces]), strict=True):
+        motion = tw.Motion(arrays["time"] / pace, q, pace * dq, pace**2 * ddq, robot=robot)
+        motion.to_csv(tmp_path / "clock.csv")
+        assert text == said(report_of(robot, tmp_path / "clock.csv", Payload(6.0)))
+        assert ("velocity" in text) == (pace == 2.0)
+
+
+def test_friction_of_the_file_is_counted_at_every_speed(tmp_path):
+    """A robot with viscous and dry friction; without friction on request, the page leaves it out as well."""
+    robot = tw.robots.ur5()
+    laws = replace(robot.model.friction, viscous=np.full(6, 2.0), coulomb=np.full(6, 3.0), static=np.full(6, 3.0))
+    robot = tw.Robot(replace(robot.model, friction=laws))
+    t, q, dq, ddq = joint_motion(robot, 5)
+    page = write_page(robot, tmp_path / "page.html", motion=motion_of(robot, t, q, dq, ddq))
+    [found] = under_node(page, SWEEP, [under(2.0, pace=1.5)])
+    heavy = robot.with_payload(tw.SpatialInertia.from_com(2.0))
+    expected = heavy.inverse_dynamics(q, 1.5 * dq, 2.25 * ddq, friction=True)
+    np.testing.assert_allclose(np.reshape(found, q.shape), expected, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_payload_beside_the_tip_and_a_wrench_are_those_of_the_command(tmp_path, demo_log):
+    robot, wrench = tw.robots.ur5(), {"tool0": np.array([0, 0, 1.0, 4.0, 0, -20.0])}
+    payload = Payload(3.0, (0.02, 0.0, 0.1), "wrist_2_link")
+    page = page_of(report_of(robot, demo_log, payload, wrenches=wrench), tmp_path / "page.html")
+    masses = [3.0, 15.0]
+    expected = [said(report_of(robot, demo_log, replace(payload, mass=m), wrenches=wrench)) for m in masses]
+    assert under_node(page, SAY, [under(m) for m in masses]) == expected
+
+
+def test_a_robot_without_limits_is_never_ok(tmp_path, bundled):
+    robot = bundled("planar_3r")
+    t, q, dq, ddq = joint_motion(robot, 1)
+    tw.Motion(t, q, dq, ddq, robot=robot).to_csv(tmp_path / "log.csv")
+    report = report_of(robot, tmp_path / "log.csv")
+    page = page_of(report, tmp_path / "page.html")
+    texts = under_node(page, SAY, [under(m) for m in (0.0, 0.5, 50.0)])
+    assert texts[0] == said(report)
+    assert all(text.startswith("UNSURE: no torque limit for 3 of 3 joints") for text in texts)
+    assert not any("up to" in text for text in texts)
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,effort\n" + "".join(f"{joint},60\n" for joint in robot.joint_names))
+    stated = read_limits(limits, robot.model)
+    page = page_of(report_of(robot, tmp_path / "log.csv", limits=stated), tmp_path / "limited.html")
+    texts = under_node(page, SAY, [under(m) for m in (0.5, 50.0)])
+    expected = [said(report_of(robot, tmp_path / "log.csv", Payload(m), limits=stated)) for m in (0.5, 50.0)]
+    assert texts == expected
+    assert [text.split(":")[0] for text in texts] == ["OK", "OVER LIMIT"]
+
+
+def test_doubts_of_the_log_stay_whatever_the_sliders_say(tmp_path):
+    """A contradiction refuses every load; noise about the limit leaves the answer open within its interval."""
+    robot = tw.robots.ur5()
+    t, q, dq, ddq = joint_motion(robot, 2)
+    motion = motion_of(robot, t, q, dq, ddq)
+    page = write_page(robot, tmp_path / "page.html", motion=replace(motion, refused=("the clock runs backwards",)))
+    texts = under_node(page, SAY, [under(), under(1.0), under(100.0)])
+    assert set(texts) == {"LOOK AGAIN: the clock runs backwards."}
+
+
+def test_a_noisy_log_has_the_commands_sentence_at_the_commands_load(tmp_path, demo_log):
+    """Positions alone, rounded to a milliradian: peaks are estimates, and the limit lies within their interval."""
+    robot = tw.robots.ur5()
+    log = MotionLog.open(demo_log, robot.model)
+    rows = list(Differentiation.plan(log, robot.model).states(8192, None))
+    q = np.concatenate([s.q for s in rows])[::4]
+    t = np.concatenate([s.time for s in rows])[::4]
+    noisy = q + 2e-4 * np.random.default_rng(1).standard_normal(q.shape)
+    tw.Motion(t, noisy, robot=robot).to_csv(tmp_path / "noisy.csv")
+    for mass in (5.0, 8.4, 12.0):
+        report = report_of(robot, tmp_path / "noisy.csv", Payload(mass))
+        page = page_of(report, tmp_path / "page.html")
+        [text] = under_node(page, SAY, [under(mass)])
+        assert text == said(report)
+
+
+def test_what_a_page_cannot_judge_it_carries(tmp_path, demo_log):
+    """Motors and gears: the command's sentence, whatever is set."""
+    robot = tw.robots.ur5().with_actuators(tw.robots.path_of("ur5").with_name("ur5_demo.yaml"))
+    report = report_of(robot, demo_log, Payload(2.0))
+    page = page_of(report, tmp_path / "page.html")
+    work = f"""(m, all, motion) => all.map((given) => {{ {SET} const found = new Verdict(motion, m.robot).now;
+        return [found.text, found.fixed, found.moved]; }})"""
+    found = under_node(page, work, [under(2.0), under(9.0)])
+    assert found == [[said(report), "motors and gears are judged as well", moved] for moved in (False, True)]
