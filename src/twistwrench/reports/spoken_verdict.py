@@ -12,19 +12,9 @@ from ..core.verdict import Word
 from ..model.limits import TOLERANCE
 from ..motion.coordinates import Coordinates
 from ..motion.motion_log import ASKED
+from . import load_case
 from .blocks import Line, verdict
-from .load_case import (
-    LOADED,
-    TEMPLATE,
-    TERMS,
-    LoadCase,
-    Payload,
-    PayloadMargin,
-    cause_label,
-    driven_entries,
-    least_torque_per_kilogram,
-    placeholder_limits,
-)
+from .load_case import LoadCase, Payload, PayloadMargin, cause_label
 from .robot_summary import StatedLimits
 from .sentences import SENTENCES, sentence
 from .statistics import INTERVAL
@@ -131,19 +121,21 @@ def verdict_data(
     data = {
         "fixed": why_fixed(load),
         "sentences": dict(SENTENCES),
-        "words": {"kinds": KINDS, "causes": {term: cause_label(term) for term in TERMS}, "remedy": TEMPLATE},
+        "words": {
+            "kinds": KINDS, "causes": {term: cause_label(term) for term in load_case.TERMS}, "remedy": load_case.TEMPLATE,
+        },
         "bounds": {
-            "tolerance": TOLERANCE, "loaded": LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
+            "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
             "near": NEAR, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
-        "driven": driven_entries(model).tolist(),
+        "driven": load_case.driven_entries(model).tolist(),
         "lookAgain": list(refused) if report is None else contradictions(report),
         "doubts": {"before": before, "after": after},
-        "placeholders": {"words": placeholder_limits(load.robot), "stated": stated.tolist()},
+        "placeholders": {"words": load_case.placeholder_limits(load.robot), "stated": stated.tolist()},
         "assumed": {"empty": assumed[0], "loaded": assumed[1]},
         "velocities": velocities.tolist(),
         "turns": coordinates.angular_velocity.tolist(),
-        "leastPerKilogram": least_torque_per_kilogram(model),
+        "leastPerKilogram": load_case.least_torque_per_kilogram(model),
         "margin": not (load.friction and model.friction.load.any()),
         "passed": [_passed(v, model) for v in positions],
         "noisy": [], "joints": None, "gap": None, "asLogged": "", "questions": [],
