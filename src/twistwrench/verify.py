@@ -18,7 +18,9 @@ from .algorithms.inverse_dynamics import closed_form
 from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from .core.third_party import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
-from .formats import format_of_file, load_model
+from .formats import format_of_file, load_model, usd_path
+from .formats.source import first_xacro, is_xacro, read_robot_text
+from .formats.xml import parse
 from .lie.adjoint import ad
 from .model.assembly import ROOT_JOINT
 from .robot import Robot
@@ -247,9 +249,17 @@ def _file_of(robot: Robot, library: str, kind: str) -> Path:
     path = Path(robot.model.source)
     if not robot.model.source or not path.is_file():
         raise NotFoundError(f"robot {robot.name!r} has no file that another library could read; load it from a path.")
+    if _is_expanded(path):
+        raise RobotFileError(f"{path.name} is xacro; with {library}, {kind.upper()} files are compared.")
     if (found := format_of_file(path)) != kind:
         raise RobotFileError(f"{path.name} is {found.upper()}; with {library}, {kind.upper()} files are compared.")
     return path
+
+
+def _is_expanded(path: Path) -> bool:
+    """True for a file that xacro expands."""
+    text = "" if usd_path(path) is not None else read_robot_text(path)[0]
+    return is_xacro(path, text) and bool(first_xacro(parse(text)))
 
 
 def _floats(robot: Robot) -> bool:
@@ -263,7 +273,7 @@ def file_gap(robot: Robot) -> float:
     """
     model = robot.model
     mimic = "follow" if any(body.follows for body in model.bodies) else "independent"
-    if not model.source or not Path(model.source).is_file():
+    if not model.source or not Path(model.source).is_file() or _is_expanded(Path(model.source)):
         return 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)

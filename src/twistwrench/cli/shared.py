@@ -106,6 +106,8 @@ class RobotOptions:
     """Body to read from an MJCF scene."""
     model: str | None = None
     """Model to read from an SDF world."""
+    xacro: Mapping[str, str] | None = None
+    """Arguments of a xacro file."""
 
     def load(self) -> Robot:
         """Load the robot, a bundled one by name or a file by its path."""
@@ -135,7 +137,8 @@ class RobotOptions:
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
         if self.floating_base:  # some bundled robots float of themselves
             options["floating_base"] = True
-        options |= {name: value for name, value in (("keep", self.keep), ("model", self.model)) if value is not None}
+        own = {"keep": self.keep, "model": self.model, "xacro": self.xacro or None}
+        options |= {name: value for name, value in own.items() if value is not None}
         if not self.lock and held is None and self.chain is None:
             return self._driven(make(lock={}, **options), stiff=stiff), ()
         # Which locked joints turn and which slide, and their limits, are known only once the robot is.
@@ -194,6 +197,7 @@ _ROBOT = option_group(
     _option("--chain BASE TIP", "Hold all joints still that are not between these frames.", nargs=2),
     _option("--keep BODY", "Of an MJCF scene: this body and all that it carries."),
     _option("--model NAME", "Of an SDF world: this model."),
+    _option("--xacro ARG:=VALUE", "Argument of a xacro file; may be repeated.", multiple=True),
     _option("--tip FRAME", "The frame meant where none is named."),
     _option(
         "--mimic", "Whether mimic joints follow their leader.", choices=("follow", "independent"), default="follow"
@@ -218,7 +222,8 @@ def robot_command(name: str, *options: Decorator, examples: Sequence[str], robot
         def run(given: Given) -> int | None:
             values = vars(given)
             own = {field.name: values.pop(field.name) for field in fields(RobotOptions)}
-            return function(RobotOptions(**{**own, "lock": _parse_locks(own["lock"])}), given)
+            own |= {"lock": _parse_locks(own["lock"]), "xacro": _parse_arguments(own["xacro"])}
+            return function(RobotOptions(**own), given)
 
         order = (_ROBOT, *options) if robot_first else (*options, _ROBOT)
         made: click.Command = command(name, *order, examples_=examples)(run)
@@ -230,6 +235,15 @@ def robot_command(name: str, *options: Decorator, examples: Sequence[str], robot
 def _parse_locks(texts: Iterable[str]) -> dict[str, float]:
     given = assignments(texts, "--lock", "JOINT=VALUE, for example gripper=0.02")
     return {joint: parse_numbers(value, f"--lock {joint}", "a number", 1)[0] for joint, value in given.items()}
+
+
+def _parse_arguments(texts: Iterable[str]) -> dict[str, str]:
+    """Arguments of a xacro file."""
+    found = dict(text.strip().partition(":=")[::2] for text in texts)
+    for text in texts:
+        if not text.strip().partition(":=")[0] or ":=" not in text:
+            raise ValueRangeError(f"--xacro {text!r} is not ARG:=VALUE, for example hand:=true.")
+    return found
 
 
 # ── Options of several commands

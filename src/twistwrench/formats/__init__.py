@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -13,7 +14,16 @@ from ..core.text import with_clipped_quotations
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.assembly import DEFAULT_SNAP
 from ..model.model import Model
-from .source import bytes_of, is_text, read_robot_text
+from .source import (
+    EXPAND,
+    bytes_of,
+    expand_xacro,
+    first_xacro,
+    is_text,
+    is_xacro,
+    read_robot_text,
+    xacro_arguments,
+)  # fmt: skip
 from .xml import MOST_BODIES, Element, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
@@ -35,6 +45,7 @@ def load_model(
     model: str | None = None,
     include_paths: Sequence[str | os.PathLike[str]] = (),
     max_bodies: int = MOST_BODIES,
+    xacro: Mapping[str, str | float | bool] | None = None,
     lock: Mapping[str, ArrayLike] | None = None,
     tip: str | None = None,
     mimic: str = "follow",
@@ -53,12 +64,17 @@ def load_model(
         raise ValueRangeError(f"format={format!r} is not allowed. Choose from: {choices}, or None.")
     max_bodies = integer(max_bodies, "max_bodies")
     usd = usd_path(source)
+    arguments, folders_given = xacro_arguments(xacro), [Path(folder) for folder in include_paths]
     text, origin = ("", str(usd)) if usd is not None else read_robot_text(source, data)
     home = None if is_text(source) else Path(source).parent
+    shown = origin
     try:
         if usd is None:
             root = parse(text, max_bodies=max_bodies)
-            found = _format_of(root, text)
+            if (expanded := _expanded(source, text, root, arguments, folders_given)) is not None:
+                text, shown = expanded, f"{origin} (lines are those that xacro expands it to)"
+                root = parse(text, max_bodies=max_bodies)
+            found = _format_of(root)
             said = f"{found.upper()} (<{root.tag}>, {root.place})"
         else:
             bytes_of(usd)
@@ -73,14 +89,14 @@ def load_model(
             from .usd import read_usd
 
             builder, floating = read_usd(
-                usd, origin, include_paths=[Path(folder) for folder in include_paths], floating_base=floating_base,
+                usd, origin, include_paths=folders_given, floating_base=floating_base,
                 model=model, max_bodies=max_bodies,
             )  # fmt: skip
         elif found == "mjcf":
             from .mjcf import read_mjcf
             from .mjcf.preprocess import Folders
 
-            folders = Folders(home, [Path(folder) for folder in include_paths])
+            folders = Folders(home, folders_given)
             builder, floating = read_mjcf(
                 root, origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
             )
@@ -98,7 +114,7 @@ def load_model(
         )  # fmt: skip
     except ModelError as error:
         # What is wrong is known deep inside, and which file it is only here.
-        raise type(error)(f"{origin}: {with_clipped_quotations(str(error))}") from None
+        raise type(error)(f"{shown}: {with_clipped_quotations(str(error))}") from None
 
 
 def format_of_file(path: Path) -> str:
@@ -106,7 +122,7 @@ def format_of_file(path: Path) -> str:
     if usd_path(path) is not None:
         return "usd"
     text = read_robot_text(path)[0]
-    return _format_of(parse(text), text)
+    return _format_of(parse(text))
 
 
 def usd_path(source: object) -> Path | None:
@@ -116,7 +132,7 @@ def usd_path(source: object) -> Path | None:
     return path if (path := Path(source)).suffix.lower() in _USD else None
 
 
-def _format_of(root: Element, text: str) -> str:
+def _format_of(root: Element) -> str:
     found = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
     if root.tag == "mujocoinclude":
         raise RobotFileError(
@@ -126,16 +142,21 @@ def _format_of(root: Element, text: str) -> str:
         raise RobotFileError(
             f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
         )
-    if found == "urdf" and ("${" in text or "xacro:" in text):
-        _refuse_xacro(root)
     return found
 
 
-def _refuse_xacro(root: Element) -> None:
-    for element in root.walk():
-        raw = next((f'{name}="{text}"' for name, text in element.attributes.items() if "${" in text), None)
-        if element.tag.startswith("xacro:") or raw:
-            raise element.error(
-                f"is unexpanded xacro{': ' + raw if raw else ''}. Run `xacro file.xacro > robot.urdf` first, "
-                "and load robot.urdf."
-            )
+def _expanded(
+    source: str | os.PathLike[str], text: str, root: Element, arguments: Mapping[str, Any], folders: Sequence[Path]
+) -> str | None:
+    """Text that xacro makes of a file; None for files without it. Text that is no file is never expanded."""
+    path = None if is_text(source) else Path(source)
+    found = first_xacro(root) if root.tag == FORMATS["urdf"] and is_xacro(path or Path(), text) else ""
+    if path is not None and (found or path.suffix.lower() == ".xacro"):
+        return expand_xacro(path, arguments, folders, found)
+    if found:
+        raise RobotFileError(
+            f"{found}. Its expressions run as Python, so only files are expanded: load a path, or run {EXPAND}."
+        )
+    if arguments:
+        raise ValueRangeError(f"xacro= is of xacro files, and this one is not: <{root.tag}>, {root.place}.")
+    return None

@@ -6,12 +6,16 @@ import codecs
 import difflib
 import os
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
+from ..core.text import clipped, listed
 from ..core.third_party import third_party_errors
-from ..errors import NotFoundError, RobotFileError
+from ..errors import MissingExtraError, NotFoundError, RobotFileError, UnknownNameError, ValueRangeError
+from .xml import Element
 
 MAX_BYTES = 64 * 2**20
 """Larger files are refused; the largest robot descriptions in use are a few MiB."""
@@ -141,3 +145,85 @@ def _decoded(data: bytes, name: str) -> str:
             ) from None
         except LookupError:
             raise RobotFileError(unknown) from None
+
+
+# ── xacro, a language of macros with Python expressions, in which robot files are written
+
+_XACRO = "xacro:", "${"
+EXPAND = "`xacro file.xacro > robot.urdf`"
+"""Command that expands a xacro file elsewhere."""
+
+
+def is_xacro(path: Path, text: str) -> bool:
+    """True for a file whose name ends in ``.xacro``, or that has elements or expressions of it (perhaps)."""
+    return path.suffix.lower() == ".xacro" or any(mark in text for mark in _XACRO)
+
+
+def first_xacro(root: Element) -> str:
+    """First element that xacro would expand, in words; empty if there is none."""
+    for element in root.walk():
+        raw = next((f'{name}="{text}"' for name, text in element.attributes.items() if "${" in text), "")
+        if element.tag.startswith("xacro:") or raw:
+            return f"{element} is unexpanded xacro{f': {clipped(raw)}' if raw else ''}"
+    return ""
+
+
+class _Arguments(dict[str, str]):
+    """Values of a xacro file's arguments, and the names that it declares while it is expanded."""
+
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        super().__init__(
+            {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in given.items()}
+        )
+        self.declared: list[str] = []
+
+    def __contains__(self, name: object) -> bool:
+        self.declared.append(str(name))
+        return super().__contains__(name)
+
+
+def expand_xacro(path: Path, arguments: Mapping[str, Any], folders: Sequence[Path], found: str) -> str:
+    """URDF text of a xacro file. Packages are those above the file, in the folders, and in ``ROS_PACKAGE_PATH``.
+
+    The file's expressions are evaluated as Python, so this is for files that the user names. Raises MissingExtraError with
+    what was ``found``, UnknownNameError for arguments that the file does not declare, and RobotFileError.
+    """
+    try:
+        import xacro
+        from xacrodoc import XacroDoc, packages
+    except ImportError:
+        advice = MissingExtraError.advice("xacro")
+        raise MissingExtraError(
+            f"{path}: {found or 'it is xacro'}. Reading it needs 'xacrodoc', which is not installed: {advice}. Or run "
+            f"{EXPAND} first, and load robot.urdf."
+        ) from None
+    values = _Arguments(arguments)
+    packages.reset()
+    if folders:
+        packages.look_in([str(folder) for folder in folders])
+    xacro.init_stacks(str(path))  # relative includes begin there
+    known = "Folders of packages that are not above the file go into include_paths or ROS_PACKAGE_PATH"
+
+    def failed(reason: str) -> RobotFileError:
+        declared = f" It declares the arguments {listed(dict.fromkeys(values.declared))}." if values.declared else ""
+        return RobotFileError(f"xacro cannot expand it: {reason}.{declared} {known}.")
+
+    with third_party_errors(failed):
+        text: str = XacroDoc.from_file(path, subargs=values, resolve_packages=False).to_urdf_string()
+    for name in arguments:
+        if name not in values.declared:
+            raise UnknownNameError.from_choices(f"xacro argument of {path.name}", name, dict.fromkeys(values.declared))
+    return text
+
+
+def xacro_arguments(arguments: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Arguments of a xacro file, checked. Raises :class:`~twistwrench.ValueRangeError`."""
+    given = {} if arguments is None else arguments
+    plain = isinstance(given, Mapping) and all(
+        isinstance(name, str) and isinstance(value, str | int | float) for name, value in given.items()
+    )
+    if not plain:
+        raise ValueRangeError(
+            f"xacro={clipped(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}."
+        )
+    return given

@@ -138,7 +138,7 @@ class CachedModel:
 
 
 def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
-    """Cache entry of a robot's file; None if it is not a plain URDF file, or there is no cache."""
+    """Cache entry of a robot's file; None if it is not a plain URDF file (xacro includes others), or there is no cache."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
     written = _written(options)
@@ -148,7 +148,7 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
         data, version = read_bytes(Path(source)), _version()
     except (OSError, ValueError):  # which loading explains; or the library's own files are in an archive
         return None
-    if b"<robot" not in data or b"<mujoco" in data or b"<sdf" in data:
+    if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
         return None
     key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
     kept = object_cache.load(key, folder)

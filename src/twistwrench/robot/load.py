@@ -45,6 +45,7 @@ class LoadOptions(BuildOptions, total=False):
     model: str | None
     include_paths: Sequence[str | Path]
     max_bodies: int
+    xacro: Mapping[str, str | float | bool] | None
 
 
 def load(
@@ -56,6 +57,7 @@ def load(
     model: str | None = None,
     include_paths: Sequence[str | Path] = (),
     max_bodies: int = 20_000,
+    xacro: Mapping[str, str | float | bool] | None = None,
     lock: Mapping[str, ArrayLike] | None = None,
     tip: str | None = None,
     mimic: Mimic = "follow",
@@ -63,7 +65,7 @@ def load(
     snap: float = 1e-9,  # model.assembly.DEFAULT_SNAP, which an import of the package does not load
     gravity: ArrayLike | None = None,
 ) -> Robot:
-    """Load a robot from a URDF, MJCF, SDF or USD file, or from XML text (first non-blank character ``<``).
+    """Load a robot from a URDF, xacro, MJCF, SDF or USD file, or from XML text (first non-blank character ``<``).
 
     Parameters
     ----------
@@ -75,6 +77,7 @@ def load(
     model : str, optional, read one model of an SDF world, or one articulation of a USD stage
     include_paths : folders, besides that of the file, from which included files, layers and meshes may be read
     max_bodies : int, more bodies are refused
+    xacro : {argument: value}, optional, arguments of a xacro file, which is expanded; its expressions run as Python
     mimic : "follow" or "independent", whether mimic joints fold into their leaders or are joints like any other
     snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
     gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what the file says, else (0, 0, -9.81)
@@ -90,7 +93,7 @@ def load(
     InertiaError
         A moving body cannot exist; link, condition and amount are named.
     MissingExtraError
-        The file is USD, and the extra ``usd`` is not installed.
+        The file is USD or xacro, and the extra ``usd`` or ``xacro`` is not installed.
 
     Warns
     -----
@@ -106,7 +109,7 @@ def load(
     """
     options = LoadOptions(
         format=format, floating_base=floating_base, keep=keep, model=model, include_paths=include_paths,
-        max_bodies=max_bodies, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity,
+        max_bodies=max_bodies, xacro=xacro, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity,
     )  # fmt: skip
     known = known_file(source, options)
     if known is None:

@@ -205,6 +205,6 @@ def _downloaded(wanted: str, name: object) -> Path:
     path = next((getattr(module, one) for one in _PATHS if hasattr(module, one)), None)
     if path is None:
         raise NotFoundError(
-            f"{_FETCHED} has {name!r} as xacro only, which is never evaluated here. Expand it, and load the URDF file."
+            f"{_FETCHED} has {name!r} as xacro only: load its file with twistwrench.load(path, xacro={{…}})."
         )
     return Path(path)

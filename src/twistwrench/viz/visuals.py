@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..errors import MissingExtraError, ModelError, NotFoundError
-from ..formats.source import read_robot_text
+from ..formats.source import EXPAND, first_xacro, is_xacro, read_robot_text
 from ..formats.urdf import origin_of
 from ..formats.xml import Element, parse
 from ..typing import Array
@@ -89,9 +89,14 @@ def read_visuals(model: Model) -> tuple[list[Visual], list[str]]:
     try:
         if path is None or not path.is_file():
             return [], []
-        robot = parse(read_robot_text(path)[0])
+        text = read_robot_text(path)[0]
+        robot = parse(text)
     except (ModelError, NotFoundError, OSError, ValueError):  # not the file it was when the robot was loaded
         return [], [f"{model.source} cannot be read again, so the robot is drawn from its inertia"]
+    if is_xacro(path, text) and first_xacro(robot):
+        return [], [
+            f"{model.source} is xacro, so the robot is drawn from its inertia: {EXPAND} makes a file with its looks"
+        ]
     return _Reader(robot, path, model).read()
 
 

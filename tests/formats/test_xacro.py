@@ -1,0 +1,154 @@
+"""xacro files: expanded with the extra, without ROS, from files only; what is wrong with them, and without the extra."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.viz.visuals import read_visuals
+
+pytest_plugins = ("torque_fixtures",)
+
+ARM = """<?xml version="1.0"?>
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:include filename="parts/rod.xacro"/>
+<xacro:arg name="mass" default="2"/>
+<link name="base"/>
+<xacro:rod name="rod" mass="$(arg mass)"/>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="${-pi/2}" upper="1" effort="50" velocity="2"/></joint>
+<xacro:if value="$(arg hand)"><link name="hand"/><joint name="mount" type="fixed"><parent link="rod"/><child link="hand"/></joint></xacro:if>
+</robot>
+"""
+ROD = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="hand" default="false"/>
+<xacro:macro name="rod" params="name mass"><link name="${name}"><inertial><origin xyz="0.3 0 0"/><mass value="${mass}"/>
+<inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link></xacro:macro></robot>
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """A file in a package, which includes another one by a relative path."""
+    folder = tmp_path / "arm_description"
+    (folder / "urdf" / "parts").mkdir(parents=True)
+    (folder / "package.xml").write_text("<package><name>arm_description</name></package>")
+    (folder / "urdf" / "parts" / "rod.xacro").write_text(ROD)
+    (folder / "urdf" / "arm.urdf.xacro").write_text(ARM)
+    return folder / "urdf" / "arm.urdf.xacro"
+
+
+@pytest.fixture
+def with_extra() -> None:
+    pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
+
+
+@pytest.mark.usefixtures("with_extra")
+class TestWithExtra:
+    def test_a_file_is_expanded_with_its_arguments(self, arm):
+        plain = tw.load(arm)
+        assert plain.frame_names == ("base", "rod") and plain.model.moving_mass == 2.0
+        np.testing.assert_allclose(plain.limits.lower, [-np.pi / 2])
+        given = tw.load(arm, xacro={"hand": True, "mass": 3})
+        assert given.frame_names == ("base", "rod", "hand") and given.model.moving_mass == 3.0
+        assert tw.load(str(arm), xacro={"hand": "false"}).frame_names == plain.frame_names
+
+    def test_elements_of_xacro_tell_it_in_a_file_of_another_ending(self, arm):
+        other = arm.with_name("arm.urdf")
+        arm.rename(other)
+        assert tw.load(other).model.moving_mass == 2.0
+        include = other.parent / "parts" / "rod.xacro"
+        include.write_text(ROD.replace("${mass}", "${7 * mass}"))  # nothing of a file that includes others is kept
+        assert tw.load(other).model.moving_mass == 14.0
+
+    def test_a_file_without_macros_may_end_in_xacro(self, tmp_path):
+        (tmp_path / "ur5.xacro").write_text(tw.robots.path_of("ur5").read_text())
+        assert tw.load(tmp_path / "ur5.xacro").joint_names == tw.robots.ur5().joint_names
+
+    def test_packages_are_found_above_the_file_and_in_include_paths(self, arm, tmp_path):
+        arm.write_text(ARM.replace("parts/", "$(find arm_description)/urdf/parts/"))
+        assert tw.load(arm).model.moving_mass == 2.0
+        alone = tmp_path / "alone.xacro"
+        alone.write_text(arm.read_text())
+        with pytest.raises(tw.RobotFileError, match=r"arm_description.*include_paths or ROS_PACKAGE_PATH"):
+            tw.load(alone)
+        assert tw.load(alone, include_paths=[tmp_path / "arm_description"]).model.moving_mass == 2.0
+        with pytest.raises(tw.RobotFileError):  # what one file found is not kept for the next
+            tw.load(alone)
+
+    def test_an_unknown_argument_is_refused_with_those_that_are_declared(self, arm):
+        with pytest.raises(tw.UnknownNameError, match=r"named 'hnd'. Did you mean 'hand'\? Known: hand, mass"):
+            tw.load(arm, xacro={"hnd": "true"})
+
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ("${-pi/2}", "${-pie/2}", ["xacro cannot expand it", "pie", "It declares the arguments hand, mass"]),
+            ('name="mass" default="2"', 'name="weight" default="2"', ["xacro cannot expand it", "mass"]),
+            ("parts/rod", "parts/rods", ["xacro cannot expand it", "rods.xacro"]),
+            ("</robot>", "", ["arm.urdf.xacro", "line"]),
+        ],
+    )
+    def test_a_file_that_cannot_be_expanded_is_refused(self, arm, old, new, words):
+        arm.write_text(ARM.replace(old, new))
+        with pytest.raises(tw.RobotFileError) as caught:
+            tw.load(arm)
+        assert all(word in str(caught.value) for word in words), caught.value
+        assert "\n" not in str(caught.value)
+
+    def test_lines_of_errors_are_said_to_be_those_of_the_expanded_text(self, arm):
+        with pytest.raises(
+            tw.RobotFileError, match=r"arm\.urdf\.xacro \(lines are those that xacro expands it to\).*heavy"
+        ):
+            tw.load(arm, xacro={"mass": "heavy"})
+
+    def test_commands_take_arguments(self, arm, run, tmp_path):
+        code, said = run("info", arm, "--xacro", "hand:=true", "--xacro", "mass:=5")
+        assert code == 0 and "mass 5 kg moving" in said and "tip hand" in said, said
+        code, said = run("convert", arm, tmp_path / "arm.urdf", "--xacro", "hand:=true")
+        assert code == 0 and tw.load(tmp_path / "arm.urdf").tip == "hand", said
+        assert run("verify", arm)[0] == 0
+
+    @pytest.mark.parametrize("text", ["hand", ":=true", "hand=true"])
+    def test_an_argument_of_another_form_is_refused(self, arm, run, text):
+        code, said = run("info", arm, "--xacro", text)
+        assert code == 2 and f"--xacro {text!r} is not ARG:=VALUE" in said, said
+
+    def test_the_doctor_examines_the_robot_and_says_so(self, arm):
+        assert tw.doctor(tw.load(arm)).findings is not None
+        with pytest.raises(
+            tw.RobotFileError, match=r"xacro files are not examined.*doctor\(twistwrench\.load\(path\)\)"
+        ):
+            tw.doctor(arm)
+        assert "drawn from its inertia" in read_visuals(tw.load(arm).model)[1][0]
+
+
+def test_without_the_extra_its_name_and_another_way_are_said(arm, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    with pytest.raises(tw.MissingExtraError) as caught:
+        tw.load(arm)
+    for words in ("<xacro:include>", "line 3", "twistwrench[xacro]", "xacro file.xacro > robot.urdf"):
+        assert words in str(caught.value)
+    with pytest.raises(tw.MissingExtraError, match="it is xacro"):
+        arm.write_text("<robot name='r'><link name='l'/></robot>")
+        tw.load(arm)
+
+
+def test_text_is_never_expanded():
+    """Its expressions are a program, and it may come from anywhere."""
+    with pytest.raises(tw.RobotFileError, match="so only files are expanded"):
+        tw.load(ARM)
+
+
+@pytest.mark.parametrize("arguments", [3, ["hand"], {3: "x"}, {"hand": None}])
+def test_arguments_are_given_by_name(arm, arguments):
+    with pytest.raises(tw.ValueRangeError, match=r"give the arguments by name, as xacro=\{'hand': 'true'\}"):
+        tw.load(arm, xacro=arguments)
+
+
+def test_arguments_of_a_file_that_is_not_xacro_are_refused():
+    with pytest.raises(tw.ValueRangeError, match="xacro= is of xacro files, and this one is not"):
+        tw.load(tw.robots.path_of("ur5"), xacro={"hand": "true"})
