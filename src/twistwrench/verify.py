@@ -19,8 +19,7 @@ from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
 from .core.third_party import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
 from .formats import format_of_file, load_model, usd_path
-from .formats.source import first_xacro, is_xacro, read_robot_text
-from .formats.xml import parse
+from .formats.source import read_robot_text, xacro_in
 from .lie.adjoint import ad
 from .model.assembly import ROOT_JOINT
 from .robot import Robot
@@ -258,8 +257,7 @@ def _file_of(robot: Robot, library: str, kind: str) -> Path:
 
 def _is_expanded(path: Path) -> bool:
     """True for a file that xacro expands."""
-    text = "" if usd_path(path) is not None else read_robot_text(path)[0]
-    return is_xacro(path, text) and bool(first_xacro(parse(text)))
+    return usd_path(path) is None and bool(xacro_in(read_robot_text(path)[0]))
 
 
 def _floats(robot: Robot) -> bool:

@@ -21,7 +21,7 @@ from ..formats import FORMATS, load_model, usd_path
 from ..formats.mjcf.bodies import WITHOUT_SHAPE, PlacedElement, placement, shape_of
 from ..formats.robot_text import TEXTS, MjcfText, RobotText, SdfText, WrittenInertia
 from ..formats.sdf import pose, with_text, word
-from ..formats.source import EXPAND, first_xacro, is_text, is_xacro, robot_file
+from ..formats.source import EXPAND, is_text, robot_file, xacro_in
 from ..formats.urdf import add_joint, add_link, origin_of
 from ..formats.xml import Element, parse
 from ..model.builder import ModelBuilder
@@ -372,7 +372,7 @@ def read_subject(
     of = source.model.name if isinstance(source, Robot) else None
     if isinstance(source, Robot):
         path = Path(source.model.source) if source.model.source else None
-        if path is None or not path.is_file() or usd_path(path) is not None or _xacro_in(path, robot_file(path)[1]):
+        if path is None or not path.is_file() or usd_path(path) is not None or xacro_in(robot_file(path)[1]):
             links = {
                 name: ParsedLink(name, 0, written=WrittenInertia.from_inertia(G))
                 for name, G in source.model.link_inertias.items()
@@ -389,7 +389,7 @@ def read_subject(
     data, text = b"", str(source)
     if path is not None:
         data, text = robot_file(path)
-        if xacro := _xacro_in(path, text):
+        if xacro := xacro_in(text):
             raise RobotFileError(
                 f"{path}: {xacro}, and xacro files are not examined. Examine what {EXPAND} makes of it, or the robot: "
                 "twistwrench.doctor(twistwrench.load(path))."
@@ -415,11 +415,6 @@ def read_subject(
     shapes = ShapeReader(path, folders, meshes is not False)
     parsed = replace(_parsed(root, made, shapes, path), load_errors=tuple(problems))
     return Subject(parsed, text, path, data, floating_base, model)
-
-
-def _xacro_in(path: Path, text: str) -> str:
-    """First element of xacro in a file, in words; empty if there is none."""
-    return first_xacro(parse(text)) if is_xacro(path, text) else ""
 
 
 def _model_of(text: str, name: str) -> str | None:

@@ -14,16 +14,7 @@ from ..core.text import with_clipped_quotations
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.assembly import DEFAULT_SNAP
 from ..model.model import Model
-from .source import (
-    EXPAND,
-    bytes_of,
-    expand_xacro,
-    first_xacro,
-    is_text,
-    is_xacro,
-    read_robot_text,
-    xacro_arguments,
-)  # fmt: skip
+from .source import EXPAND, bytes_of, expand_xacro, is_text, read_robot_text, xacro_arguments, xacro_in
 from .xml import MOST_BODIES, Element, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
@@ -150,7 +141,7 @@ def _expanded(
 ) -> str | None:
     """Text that xacro makes of a file; None for files without it. Text that is no file is never expanded."""
     path = None if is_text(source) else Path(source)
-    found = first_xacro(root) if root.tag == FORMATS["urdf"] and is_xacro(path or Path(), text) else ""
+    found = xacro_in(text, root)
     if path is not None and (found or path.suffix.lower() == ".xacro"):
         return expand_xacro(path, arguments, folders, found)
     if found:

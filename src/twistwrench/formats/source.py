@@ -15,7 +15,7 @@ from ..core.numbers import printed
 from ..core.text import clipped, listed
 from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, RobotFileError, UnknownNameError, ValueRangeError
-from .xml import Element
+from .xml import Element, parse
 
 MAX_BYTES = 64 * 2**20
 """Larger files are refused; the largest robot descriptions in use are a few MiB."""
@@ -154,15 +154,13 @@ EXPAND = "`xacro file.xacro > robot.urdf`"
 """Command that expands a xacro file elsewhere."""
 
 
-def is_xacro(path: Path, text: str) -> bool:
-    """True for a file whose name ends in ``.xacro``, or that has elements or expressions of it (perhaps)."""
-    return path.suffix.lower() == ".xacro" or any(mark in text for mark in _XACRO)
-
-
-def first_xacro(root: Element) -> str:
-    """First element that xacro would expand, in words; empty if there is none."""
-    for element in root.walk():
-        raw = next((f'{name}="{text}"' for name, text in element.attributes.items() if "${" in text), "")
+def xacro_in(text: str, root: Element | None = None) -> str:
+    """First element that xacro would expand in the text of a URDF file, in words; empty if there is none."""
+    if not any(mark in text for mark in _XACRO):
+        return ""
+    root = parse(text) if root is None else root
+    for element in root.walk() if root.tag == "robot" else ():
+        raw = next((f'{name}="{value}"' for name, value in element.attributes.items() if "${" in value), "")
         if element.tag.startswith("xacro:") or raw:
             return f"{element} is unexpanded xacro{f': {clipped(raw)}' if raw else ''}"
     return ""

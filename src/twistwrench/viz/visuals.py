@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..errors import MissingExtraError, ModelError, NotFoundError
-from ..formats.source import EXPAND, first_xacro, is_xacro, read_robot_text
+from ..formats.source import EXPAND, read_robot_text, xacro_in
 from ..formats.urdf import origin_of
 from ..formats.xml import Element, parse
 from ..typing import Array
@@ -93,7 +93,7 @@ def read_visuals(model: Model) -> tuple[list[Visual], list[str]]:
         robot = parse(text)
     except (ModelError, NotFoundError, OSError, ValueError):  # not the file it was when the robot was loaded
         return [], [f"{model.source} cannot be read again, so the robot is drawn from its inertia"]
-    if is_xacro(path, text) and first_xacro(robot):
+    if xacro_in(text, robot):
         return [], [
             f"{model.source} is xacro, so the robot is drawn from its inertia: {EXPAND} makes a file with its looks"
         ]
