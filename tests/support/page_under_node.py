@@ -22,6 +22,8 @@ _SCRIPTS = (
     "fall.js",
     "motion.js",
     "verdict.js",
+    "address.js",
+    "share.js",
     "scales.js",
     "readouts.js",
     "tip_readouts.js",

@@ -27,7 +27,7 @@ from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .colours import force_scale, mass_scale
 from .page_data import PagePrograms, default_view_pose, robot_data, starting_pose, wrench_data
-from .page_motion import motion_data, notes_of_motion, robot_of_motion
+from .page_motion import motion_data, notes_of_motion, python_source, robot_of_motion
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
 from .visuals import Colour
@@ -43,7 +43,8 @@ _TRIANGLES = 300_000
 _SCRIPTS = (
     "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
     "fall.js", "motion.js", "verdict.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
-    "strip.js", "panel.js", "load.js", "scales.js", "readouts.js", "tip_readouts.js", "book.js", "page.js",
+    "strip.js", "address.js", "share.js", "panel.js", "load.js", "scales.js", "readouts.js", "tip_readouts.js",
+    "book.js", "page.js",
 )  # fmt: skip
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
@@ -128,6 +129,7 @@ def page_text(
     data |= programs.data()
     data["massScale"], data["tipDirections"] = mass_scale(robot, scene) if "mass" in data["programs"] else (0.0, 0)
     data["book"] = None if book is None else section_data(book, robot, start)
+    data["python"] = python_source(robot, motion)
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks

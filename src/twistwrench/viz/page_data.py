@@ -60,7 +60,7 @@ class PagePrograms:
     ) -> None:
         self.section, self.moves = section, motion
         model = robot.model
-        self.carried_by = "tip"
+        self.carried_by, self.place = "tip", (0.0, 0.0, 0.0)
         self.tip = model.tip if model.tip is not None and model.frame(model.tip).body != BASE else None
         named = {name: model.frame(name) for name in (*wrenches, *([] if self.tip is None else [self.tip]))}
         self.wrenches = tuple(named)
@@ -69,7 +69,7 @@ class PagePrograms:
             at = Payload(0.0) if payload is None else payload
             carrier = model.frame(at.frame or self.tip)
             named[self.payload] = replace(carrier, pose=carrier.pose @ se3.pose(np.eye(3), at.place))
-            self.carried_by = at.frame or self.tip
+            self.carried_by, self.place = at.frame or self.tip, at.place
         frames = {_unused(f"body {k}", named): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
         self.body_frames = tuple(frames)
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
@@ -84,6 +84,8 @@ class PagePrograms:
             "programs": list(self._functions),
             "wrenchFrames": self.wrenches,
             "payloadName": "more at tip" if robot.model.payloads else f"payload at {self.carried_by}",
+            "payloadFrame": self.carried_by,
+            "payloadPlace": list(self.place),
             "payloadAt": None if self.tip is None else _place(robot.model.frame(self.payload)),
             "moving": mass,
             "payload": None if self.tip is None else round_above(mass / 2 or 1.0),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import robots
 from ..core.numbers import number
 from ..model.model import BASE
 from ..reports.load_case import Payload
@@ -17,6 +19,8 @@ from ..robot import Robot
 if TYPE_CHECKING:
     from .drawn_motion import DrawnMotion
 
+BUNDLED = Path(robots.__file__).parent
+"""Folder of the bundled robots."""
 Put = Callable[[Any, str], dict[str, Any]]
 """Takes in an array and its kind; returns its entry of the page's header."""
 
@@ -70,3 +74,31 @@ def notes_of_motion(motion: DrawnMotion) -> list[str]:
             f"payload of {mass} kg. With another one, a peak may lie between two of them."
         )
     return said
+
+
+def python_source(robot: Robot, motion: DrawnMotion | None) -> dict[str, Any]:
+    """Expressions of Python that load the robot and the log, by the names of files, and the payloads that the robot has."""
+    model = robot.model
+    log = None if motion is None or motion.report is None else motion.report.trajectory
+    return {
+        "robot": _expression(model.source or f"{model.name}.urdf", model.tip),
+        "log": None if log is None else _log_expression(log),
+        "payloads": [
+            {"mass": inertia.mass, "place": inertia.com.tolist(), "frame": frame} for frame, inertia in model.payloads
+        ],
+    }
+
+
+def _expression(source: str, tip: str | None) -> str:
+    path = Path(source)
+    if path.parent == BUNDLED and path.suffix == ".urdf":
+        return f"tw.robots.{path.stem}()"
+    return f"tw.load({path.name!r}{'' if tip is None else f', tip={tip!r}'})"
+
+
+def _log_expression(source: str) -> str:
+    path = Path(source)
+    bundled = path.parent == BUNDLED and path.stem.endswith("_demo")
+    if not bundled:
+        return repr(path.name)
+    return f"tw.robots.path_of({path.stem.removesuffix('_demo')!r}).with_name({path.name!r})"

@@ -19,6 +19,7 @@ class Grasp {
     if (Math.hypot(a - x, b - y) > near) return null;
     let wanted = this.tip;
     return (dx, dy) => {
+      this.moved = true;
       const { right, up } = stage.camera(), p = this.tip, step = 1e-3 * stage.size, [u, v] = stage.project(p);
       const scale = step / Math.hypot(...stage.project(add(p, times(step, right))).map((z, k) => z - [u, v][k]));
       wanted = add(wanted, add(times(dx * scale, right), times(-dy * scale, up)));

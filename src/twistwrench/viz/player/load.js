@@ -52,7 +52,7 @@ class LoadPanel {
       typed.value = `${plain(get())} ${unit_}`;
       tell();
       this.viewer.loaded();
-      this.viewer.settled();
+      this.viewer.settled(false);
     });
     tell();
     this.sliders[id] = { tell, set };

@@ -49,6 +49,8 @@ class Viewer {
     this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
+    this.address = new Address(this);
+    this.menu = new Menu(this);
     addEventListener("beforeprint", () => this.print(document.getElementById("paper")));
     const frame = (now) => {
       this.advance(now);
@@ -120,7 +122,10 @@ class Viewer {
     this.refresh();
   }
 
-  settled() { this.panel.tell(); } // a slider was let go
+  settled(release = true) { // a slider was let go, or a value typed
+    this.panel.tell();
+    this.address?.note(release);
+  }
 
   get over() { // torques whose joints are red: over the whole motion, or where the robot is held
     if (this.motion && !this.posed) return this.verdict.over;

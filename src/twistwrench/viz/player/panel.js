@@ -65,6 +65,7 @@ class Panel {
     Object.assign(slider, { type: "range", id: `hand-${k}`, min: lower, max: upper, step: "any" });
     slider.setAttribute("aria-label", name);
     slider.addEventListener("input", () => this.viewer.setCoordinates(this.grasp(k, Number(slider.value))));
+    slider.addEventListener("change", () => this.viewer.settled());
     const shown = `${this.viewer.robot.book ? `${k + 1} ` : ""}${name.replace(/_joint$/, "")}`;
     const [, , number] = this.row("joints", this.cell("name", shown), slider, this.cell("number"));
     return { slider, number };
@@ -89,9 +90,15 @@ class Panel {
   switch(key, label) {
     const button = document.getElementById("shown").appendChild(document.createElement("button"));
     Object.assign(button, { textContent: label, id: `show-${key}`, title: this.meaning(key) });
-    const set = (on) => { this.viewer.shown[key] = on; this.viewer.changes += 1; this.load?.update(); button.setAttribute("aria-pressed", on); };
-    button.addEventListener("click", () => set(!this.viewer.shown[key]));
-    set(this.viewer.shown[key]);
+    button.addEventListener("click", () => { this.show(key, !this.viewer.shown[key]); this.viewer.settled(); });
+    this.show(key, this.viewer.shown[key]);
+  }
+
+  show(key, on) {
+    this.viewer.shown[key] = on;
+    this.viewer.changes += 1;
+    this.load?.update();
+    document.getElementById(`show-${key}`).setAttribute("aria-pressed", on);
   }
 
   meaning(key) { // what a mark's length says
@@ -109,6 +116,7 @@ class Panel {
     this.play = of("play");
     this.play.addEventListener("click", () => this.toggle());
     this.time.addEventListener("input", () => { viewer.playing = false; viewer.seek(Number(this.time.value)); });
+    this.time.addEventListener("change", () => viewer.settled());
     of("speed").addEventListener("change", (event) => { viewer.speed = Number(event.target.value); });
     document.addEventListener("keydown", (event) => {
       if (event.key !== " " || event.target.type === "text" || /^(BUTTON|SELECT)$/.test(event.target.tagName)) return;
@@ -122,6 +130,7 @@ class Panel {
     const viewer = this.viewer;
     viewer.playing = !viewer.playing;
     if (viewer.playing && viewer.posed) viewer.seek(viewer.time);
+    if (!viewer.playing) viewer.address.note(false);
     this.update();
   }
 

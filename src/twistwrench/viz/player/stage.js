@@ -98,8 +98,8 @@ class Stage extends Orbit {
   }
 
   // items: {kept, model, colour [r, g, b, a], shadow, closed, over}; lines: {kept, colour, reach, strip}; fineness as Sharpness has it.
-  draw(items, lines, floor, _, { most, samples, shadows }) {
-    const gl = this.gl, canvas = this.canvas, ratio = Math.min(window.devicePixelRatio || 1, most);
+  draw(items, lines, floor, _, { most, samples, shadows, exact }) {
+    const gl = this.gl, canvas = this.canvas, ratio = exact || Math.min(window.devicePixelRatio || 1, most);
     const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     if (samples) this.sampled(width, height, samples);
