@@ -27,12 +27,13 @@ def motion_page(tmp_path_factory):
 
 @pytest.fixture
 def sized(page):
-    """Opens a page at a size, in light or dark; the browser's own are back afterwards."""
+    """Opens a page with its panel at a size, in light or dark; the browser's own are back afterwards."""
 
     def sized(path, width=390, height=844, scheme="light"):
         page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
-        page.open(path.as_uri())
+        page.call("Page.navigate", url="about:blank")
+        page.open(f"{path.as_uri()}#full")
         assert page.wait(READY)
         page.run(SETTLE)
         return page

@@ -122,7 +122,7 @@ def test_the_controls_fit(show, width):
     page = show("panda_load", tw.robots.panda())
     page.call("Emulation.setDeviceMetricsOverride", width=width, height=820, deviceScaleFactor=1, mobile=False)
     try:
-        page.run("document.getElementById('load').scrollIntoView()")
+        page.run("viewer.compact.set(false); document.getElementById('load').scrollIntoView()")
         page.run("document.getElementById('let-go').click()")
         page.wait("viewer.fall.time > 0.02")
         inside = """Array.from(document.querySelectorAll('#load, #load *')).every((e) => {

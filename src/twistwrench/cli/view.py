@@ -29,6 +29,8 @@ _KINDS = ("split", "power", "phase")
     option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
     option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
     option("--html OUT.html", "Write the page to this file, and open no browser."),
+    option("--embed", "With --html: a page without side panel, for a frame within another page."),
+    option("--control NAME", "Of such a page: payload, push, speed, q:JOINT or section. [default: the first it has]"),
     option("--movie OUT.gif|OUT.mp4", "Film the motion instead of opening a page."),
     option("--speed", "Of the film: seconds of motion a second.", default=1.0),
     option("--no-browser", "Write the page, print its path, and open no browser."),
@@ -53,6 +55,8 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
             raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
         given.movie = movie_path(given.movie)
     given.check_files({"--trajectory": path, **options.files})
+    if (given.embed or given.control is not None) and given.html is None:
+        raise ValueRangeError("--embed and --control are about a page in a file. Add --html OUT.html.")
     if given.section is not None:
         _require_page(given.section, given.html, path)
     robot, wrenches, motion = _judged(options, path, given)
@@ -60,7 +64,8 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches}
     about["scene"] = scene_of(shown, meshes=not given.no_meshes)
     if given.html is not None:
-        click.echo(f"wrote {write_page(robot, given.html, section=given.section, **about)}")
+        about |= {"section": given.section, "embed": given.embed, "control": given.control}
+        click.echo(f"wrote {write_page(robot, given.html, **about)}")
     if given.movie is not None and motion is not None:
         from .terminal import frame_progress
 

@@ -21,6 +21,7 @@ from ..core import arguments
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number
+from ..core.text import listed
 from ..errors import ModelWarning, ValueRangeError
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -43,7 +44,7 @@ _TRIANGLES = 300_000
 _SCRIPTS = (
     "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
     "fall.js", "motion.js", "verdict.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
-    "strip.js", "address.js", "share.js", "panel.js", "load.js", "scales.js", "readouts.js", "tip_readouts.js",
+    "strip.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js", "readouts.js", "tip_readouts.js",
     "book.js", "page.js",
 )  # fmt: skip
 _POLICY = (
@@ -62,6 +63,8 @@ def write_page(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
     section: str | None = None,
+    embed: bool = False,
+    control: str | None = None,
 ) -> Path:
     """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
 
@@ -75,6 +78,10 @@ def write_page(
         A motion brings its own. [N m, N]
     section : str, optional, a section of Modern Robotics that the page shows with this robot
         One of those in the user guide, as "3.4", "5.4", "8.3"; for arms of at most nine joints.
+    embed : bool, optional, leaves out the side panel, for a frame within another page
+        ``#embed`` in the address of any page does the same, ``#full`` the opposite.
+    control : str, optional, the control that an embedded page and a small screen keep
+        "payload", "push", "speed", "q:JOINT" or "section"; None: the first of these that the page has.
 
     Raises
     ------
@@ -89,7 +96,8 @@ def write_page(
     ...     "https:" in page.read_text("utf-8")
     False
     """
-    text = page_text(robot, motion=motion, q=q, wrench_on_robot=wrench_on_robot, scene=scene, section=section)
+    shown: dict[str, Any] = {"motion": motion, "q": q, "wrench_on_robot": wrench_on_robot, "scene": scene}
+    text = page_text(robot, section=section, embed=embed, control=control, **shown)
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
     return Path(path)
@@ -103,6 +111,8 @@ def page_text(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
     section: str | None = None,
+    embed: bool = False,
+    control: str | None = None,
 ) -> str:
     """The page as text; see :func:`write_page`."""
     require_robot(robot, "page")
@@ -131,6 +141,7 @@ def page_text(
     data["book"] = None if book is None else section_data(book, robot, start)
     data["python"] = python_source(robot, motion)
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
+    data["embed"], data["control"] = embed, _checked_control(control, data)
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
     data["notes"] = [*_left_out(robot), *of_scene, *(notes_of_motion(motion) if motion is not None else ())]
@@ -204,6 +215,18 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
         "floor": float(low[2]),
         "target": ((low + high) / 2).tolist(),
     }
+
+
+def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None:
+    """The control, which the page has. Raises ValueRangeError."""
+    tip, moves = data["payload"] is not None, data["motion"] is not None
+    known = [
+        name for name, there in (("payload", tip), ("push", tip), ("speed", moves), ("section", data["book"])) if there
+    ]
+    choices = [*known, *(f"q:{hand['name']}" for hand in data["hands"])]
+    if control is not None and control not in choices:
+        raise ValueRangeError(f"control {control!r}: this page has {listed(choices)}. Name one of them.")
+    return control
 
 
 def _left_out(robot: Robot) -> list[str]:

@@ -51,6 +51,7 @@ class Viewer {
     else this.refresh();
     this.address = new Address(this);
     this.menu = new Menu(this);
+    this.compact = new Compact(this);
     addEventListener("beforeprint", () => this.print(document.getElementById("paper")));
     const frame = (now) => {
       this.advance(now);

@@ -22,11 +22,20 @@ class Panel {
     robot.switches.forEach(([key, label]) => this.switch(key, label));
     this.load = new LoadPanel(this);
     if (viewer.motion) this.playBar(of);
-    const resized = new ResizeObserver(() => this.cover(of));
-    [of("stage"), document.querySelector("header")].forEach((part) => resized.observe(part));
+    const resized = new ResizeObserver(() => this.cover());
+    [of("stage"), of("verdict"), document.querySelector("header")].forEach((part) => resized.observe(part));
   }
 
-  cover(of) { // where the panel stands beside the stage, the view is in the middle of the rest
+  cover() { // where the panel stands beside the stage, the view is in the middle of the rest
+    const of = (id) => document.getElementById(id), compact = document.querySelector("main").classList.contains("compact"), narrow = window.innerWidth <= 640;
+    if (compact) {
+      const below = (part) => (part.offsetHeight ? part.offsetTop + part.offsetHeight : 0), foot = (part) => (part.offsetHeight ? part.offsetHeight + 10 : 0);
+      of("verdict").style.top = narrow ? `${below(document.querySelector("header")) + 6}px` : "";
+      const bottom = foot(of("one")) + foot(of("player"));
+      this.viewer.stage.covered = { right: 0, top: narrow ? below(of("verdict")) || below(document.querySelector("header")) : 0, bottom, foot: bottom };
+      return;
+    }
+    of("verdict").style.top = "";
     const beside = window.innerWidth > 760 && !matchMedia("print").matches;
     const right = beside ? document.querySelector("aside").offsetWidth + 12 : 0;
     const bar = this.viewer.motion ? of("player").offsetHeight + 12 : 0;

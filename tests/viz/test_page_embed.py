@@ -1,0 +1,147 @@
+"""Pages without a side panel: within another page, and on a small screen. What remains works and fits."""
+
+from __future__ import annotations
+
+import pytest
+from click.testing import CliRunner
+from page_files import read_page
+from test_page_verdict import report_of
+
+import twistwrench as tw
+from twistwrench.cli import main
+from twistwrench.reports.load_case import Payload
+from twistwrench.viz import write_page
+from twistwrench.viz.drawn_motion import reported_motion
+
+pytest_plugins = ("page_fixtures",)
+SEEN = """(() => {
+    const names = ["header", "#verdict", "#one", "#player", "aside", "#shown"], found = {};
+    for (const name of names) {
+        const e = document.querySelector(name), box = e.getBoundingClientRect();
+        if (box.width && getComputedStyle(e).visibility !== "hidden") found[name] = [box.left, box.top, box.right, box.bottom];
+    }
+    return found; })()"""
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def motion():
+    log = tw.robots.path_of("ur5").with_name("ur5_demo.csv")
+    return reported_motion(report_of(tw.robots.ur5(), log, Payload(5.0)))
+
+
+@pytest.fixture
+def at(page, folder, motion):
+    """Opens the motion's page, or an embedded one, at a size and a place of its address."""
+
+    def at(width, height, hash_="", **options):
+        path = folder / f"embed{len(options)}.html"
+        if not path.exists():
+            write_page(motion.load.robot, path, motion=motion, **options)
+        page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        page.call("Page.navigate", url="about:blank")
+        page.complaints.clear()
+        page.open(f"{path.as_uri()}{hash_}")
+        assert page.wait("!!window.viewer")
+        page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        return page
+
+    yield at
+    page.call("Emulation.clearDeviceMetricsOverride")
+
+
+def apart(boxes, width, height):
+    """True if all boxes are on the screen and none overlaps another."""
+    inside = all(a >= 0 and b >= 0 and c <= width and d <= height for a, b, c, d in boxes)
+    pairs = [(x, y) for k, x in enumerate(boxes) for y in boxes[:k]]
+    return inside and not any(min(x[2], y[2]) > max(x[0], y[0]) and min(x[3], y[3]) > max(x[1], y[1]) for x, y in pairs)
+
+
+def test_a_small_screen_has_the_verdict_one_control_and_the_play_bar(at):
+    page = at(390, 844, "#load=10&t=1.808")
+    seen = page.run(SEEN)
+    assert sorted(seen) == sorted(["header", "#verdict", "#one", "#player"])
+    assert apart(list(seen.values()), 390, 844)
+    assert page.run("document.getElementById('verdict').textContent").startswith("OVER LIMIT: shoulder_lift_joint")
+    assert page.run("Array.from(document.querySelectorAll('#one input'), (e) => e.id)") == ["payload", "payload-typed"]
+    page.click("#open-full")  # the panel, and back
+    assert {"aside", "#shown"} <= set(page.run(SEEN))
+    assert page.run("document.querySelector('#load #payload') !== null")
+    page.click("#open-full")
+    assert page.run(SEEN) == seen
+    assert page.complaints == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("control", "named"), [("speed", "pace"), ("push", "push-z"), ("q:elbow_joint", "hand-2")])
+def test_an_embedded_page_keeps_the_control_that_is_named(at, control, named, folder):
+    (folder / "embed2.html").unlink(missing_ok=True)
+    page = at(900, 520, embed=True, control=control)
+    seen = page.run(SEEN)
+    assert sorted(seen) == sorted(["header", "#verdict", "#one", "#player"])
+    assert apart(list(seen.values()), 900, 520)
+    assert page.run("document.querySelector('#one input').id") == named
+    corners = page.run("""viewer.robot.bodies.map((_, k) => viewer.stage.project(place(viewer.poses[k])))""")
+    assert all(0 < x < 900 and 0 < y < seen["#one"][1] for x, y in corners)  # nothing covers the robot
+    assert page.complaints == []
+    page.call("Page.navigate", url="about:blank")
+    page.open(f"{(folder / 'embed2.html').as_uri()}#full")
+    assert page.wait("!!window.viewer")
+    assert "aside" in page.run(SEEN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (900, 520), (700, 800), (390, 844)])
+def test_nothing_overlaps_and_words_stand_out(at, width, height, scheme):
+    """Contrast of the verdict's words with its paper, in light and dark: 4.5 to 1 at least."""
+    page = at(width, height, "#load=10")
+    page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    try:
+        seen = page.run(SEEN)
+        boxes = [box for name, box in seen.items() if name != "#verdict" or "aside" not in seen]
+        assert apart(boxes, width, height)
+        colours = page.run("""Array.from(document.querySelectorAll('#verdict b, #verdict span, #load h2, #subtitle'), (e) =>
+            getComputedStyle(e).color.match(/[\\d.]+/g).slice(0, 3).map(Number))""")
+        paper = page.run(
+            "getComputedStyle(document.getElementById('verdict')).backgroundColor.match(/[\\d.]+/g).map(Number)"
+        )
+        stage = 255 if scheme == "light" else 60
+        ground = [paper[3] * c + (1 - paper[3]) * stage for c in paper[:3]] if len(paper) > 3 else paper
+        for colour in colours:
+            assert contrast(colour, ground) >= 4.5
+    finally:
+        page.call("Emulation.setEmulatedMedia", features=[])
+
+
+def contrast(a, b):
+    def light(colour):
+        c = [x / 255 / 12.92 if x / 255 <= 0.04045 else ((x / 255 + 0.055) / 1.055) ** 2.4 for x in colour]
+        return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
+
+    low, high = sorted([light(a), light(b)])
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_the_shell_writes_embedded_pages_and_refuses_controls_that_are_not_there(tmp_path):
+    out = tmp_path / "a.html"
+    done = run("view", "ur5", "--trajectory", "demo", "--payload", "5", "--html", out, "--embed", "--control", "speed")
+    assert done.exit_code == 0, done.output
+    header, _ = read_page(out)
+    assert (header["embed"], header["control"]) == (True, "speed")
+    assert out.stat().st_size < 340_000
+    done = run("view", "ur5", "--html", out, "--embed", "--control", "speed")
+    assert done.exit_code == 2
+    assert "this page has payload, push, q:shoulder_pan_joint" in done.output
+    done = run("view", "ur5", "--embed", "--no-browser")
+    assert done.exit_code == 2
+    assert "Add --html" in done.output
+
+
+def test_pages_stay_small(tmp_path, motion):
+    """Without meshes: a robot at most 210 kB, a motion of 751 rows at most 340 kB."""
+    assert write_page(motion.load.robot, tmp_path / "robot.html").stat().st_size <= 210_000
+    assert write_page(motion.load.robot, tmp_path / "motion.html", motion=motion).stat().st_size <= 340_000
