@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from places import SHARED
+from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.reports.load_case import arm_entries, placeholder_limits, weight_share
 
 T = np.arange(0, 4, 0.01)
 S = (T / 4) ** 3 * (10 - 15 * T / 4 + 6 * (T / 4) ** 2)
@@ -329,7 +331,10 @@ def test_finding_19_placeholder_limits_are_doubted_unless_they_are_the_users(run
     assert code == 1 and said.startswith("UNSURE: effort 35 on all 3 joints: the arm's own weight takes at most 1."), (
         said
     )
-    (tmp_path / "limits.csv").write_text("joint,effort\nj1,35\nj2,35\nj3,35\n")
+    assert "write a table with 'twistwrench info ROBOT --csv limits.csv', fill in its efforts" in " ".join(said.split())
+    assert (
+        run("info", "arm.urdf", "--csv", "limits.csv")[0] == 0
+    )  # as that says, and every row of it is the user's then
     assert run(*given, "--limits", "limits.csv")[0] == 0
     (tmp_path / "arm.urdf").write_text(small(2))  # 33 %
     assert run(*given)[0] == 0
@@ -367,7 +372,35 @@ def test_finding_19_of_public_robots_the_wrong_files_alone_are_doubted():
         except tw.TwistWrenchError:
             continue
         found |= {file.name} if report.findings and report.subject.robot.model.nv > 2 else set()
+        if "ur3_" in file.name:
+            assert "which are those of the UR10" in str(report.findings[0])
     assert found == PLACEHOLDERS & {file.name for file in files}
+
+
+SHARES = {
+    "kinova": 0.26,
+    "z1": 0.32,
+    "ur10_robot": 0.37,
+    "ur5_robot": 0.40,
+    "panda": 0.65,
+    "xarm7": 0.65,
+    "so100": 0.027,
+    "so101": 0.086,
+    "ur3_robot": 0.052,
+}
+"""The largest share of an effort that the own weight takes: of real arms, then of files with other efforts."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHARES)
+def test_finding_19_the_own_weight_of_real_arms_takes_a_quarter_of_some_effort_at_least(name):
+    files = [file for key, file in FILES.items() if key.endswith(f"/{name}") and "beside" not in key]
+    if not files:
+        pytest.skip("example-robot-data is not installed")
+    robot = tw.load(files[0], inertia="accept")
+    share = weight_share(robot, arm_entries(robot.model))
+    assert share == pytest.approx(SHARES[name], rel=0.05)  # over 2,000 random poses
+    assert bool(placeholder_limits(robot)) == (share < 0.15)
 
 
 def test_finding_28_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_counted(run, tmp_path):

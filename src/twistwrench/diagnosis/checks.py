@@ -12,7 +12,7 @@ from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
 from ..model.limits import margin
-from ..reports.load_case import arm_entries, placeholder_limits
+from ..reports.load_case import TEMPLATE, arm_entries, placeholder_limits
 from ..robot import Robot
 from . import mass_checks as masses
 from . import tensor_checks as tensors
@@ -98,7 +98,7 @@ def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[F
     if said:
         yield Finding(
             "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, said,
-            repair=FileRepair("advice", "take the efforts from the data sheet, or give them with --limits"),
+            repair=FileRepair("advice", f"take the efforts from the data sheet, or {TEMPLATE}"),
         )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ LOADED = 1e-6
 TEMPLATE = (
     "write a table with 'twistwrench info ROBOT --csv limits.csv', fill in its efforts, and add --limits limits.csv"
 )
-"""Remedy for missing limits."""
+"""Remedy for limits that are missing or no limits."""
 _LISTED = 6
 _POSES, _USUAL = 2000, 0.15
 """Random poses, and the share of effort below which an arm's own weight leaves it in doubt: real arms have 0.25 to 0.83."""
@@ -92,7 +92,7 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
         sentences.append(sentence("unlimited", joints=joints, remedy=TEMPLATE))
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
-        sentences.append(f"{placeholders}; give the real limits with --limits")
+        sentences.append(f"{placeholders}; {TEMPLATE}")
     return sentences
 
 
@@ -116,10 +116,8 @@ def placeholder_limits(robot: Robot) -> str:
     chain = arm_entries(model)
     if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
         return ""
-    q = robot.random_configuration(np.random.default_rng(0), _POSES)
-    weight = np.abs(np.asarray(robot.gravity_forces(q)))[:, chain].max(axis=0)
-    share = weight / effort[chain]
-    if not weight.max() > 0 or share.max() >= _USUAL:
+    share = weight_share(robot, chain)
+    if not 0 < share < _USUAL:
         return ""
     least, most = float(effort[chain].min()), float(effort[chain].max())
     what = (
@@ -130,8 +128,15 @@ def placeholder_limits(robot: Robot) -> str:
     copied = [name for name, known in _SETS.items() if tuple(effort[chain].tolist()) == known]
     return (
         f"{what}{f', which are those of the {copied[0]}' if copied else ''}: the arm's own weight takes at most "
-        f"{percent(float(share.max()), 2)} of {'it' if least == most else 'them'}, and 25 to 83 % in real arms"
+        f"{percent(share, 2)} of {'it' if least == most else 'them'}, and 25 to 83 % in real arms"
     )
+
+
+def weight_share(robot: Robot, entries: list[int]) -> float:
+    """Largest share of an effort, over some entries of τ, that the robot's own weight takes at the worst of random poses."""
+    q = robot.random_configuration(np.random.default_rng(0), _POSES)
+    weight = np.abs(np.asarray(robot.gravity_forces(q)))[:, entries].max(axis=0)
+    return float((weight / robot.limits.effort[entries]).max())
 
 
 def arm_entries(model: Model) -> list[int]:
