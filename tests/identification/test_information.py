@@ -15,7 +15,6 @@ from twistwrench.estimation.least_squares import NormalEquations
 from twistwrench.identification import NormalEquationBlocks, accumulate, streaming
 from twistwrench.identification import chunks as log_source
 from twistwrench.identification.chunks import LogClock, LogSource, steady_windows
-from twistwrench.identification.hyperparameters import BoundedMemory
 from twistwrench.identification.normal_equation_blocks import MOST_BLOCKS
 from twistwrench.identification.rows import FilteredRows, SteadySamples
 
@@ -135,13 +134,6 @@ def test_the_clock_of_a_log_with_a_gap_is_its_own():
     found = SteadySamples.from_arrays(t, np.sin(t)[:, None], np.cos(t)[:, None], "log")
     assert found.rate == pytest.approx(100.0, rel=1e-9) and len(found) == 2000
     assert found.seconds == pytest.approx(t[-1] - t[0])
-
-
-def test_what_was_used_longest_ago_is_let_go_of_first():
-    kept = BoundedMemory(10, len)
-    for size in (2, 4, 2, 5):
-        assert kept.get(size, lambda size=size: "x" * size) == "x" * size
-    assert kept.keys == [2, 5]
 
 
 def test_blocks_of_time_that_become_one_lose_no_row(log):

@@ -100,15 +100,6 @@ class NormalEquations:
             N[j][np.ix_(mine, mine)], c[j, mine], y[j] = G[:-1, :-1], G[-1, :-1], G[-1, -1]
         return cls(N, c, y, rows)
 
-    def packed(self, active: Array) -> Array:
-        """Packed numbers (f,)."""
-        found = list[Array]()
-        for N, c, y, mine in zip(self.N, self.c, self.y, active, strict=True):
-            G = np.zeros((len(c[mine]) + 1,) * 2)
-            G[:-1, :-1], G[-1, :-1], G[-1, -1] = N[np.ix_(mine, mine)], c[mine], y
-            found.append(G[np.tril_indices(len(G))])
-        return np.concatenate(found)
-
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from typing import Generic, TypeVar
+from functools import cached_property, lru_cache, reduce
+from itertools import pairwise
 
 import numpy as np
 
@@ -87,33 +87,24 @@ class FitOptions:
 
 
 class Trial:
-    """Normal equations of all blocks under settings that change one at a time."""
+    """Rows of equations under some settings, at most so many."""
 
-    def __init__(self, source: SettingRows, settings: FitSettings) -> None:
+    def __init__(self, source: SettingRows, settings: FitSettings, most: float | None = None) -> None:
         self.settings, self._source, self.felt = settings, source, source.base.felt
-        self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
-        self._blocks = source.kept_blocks(settings, self._fresh_blocks)
-
-    @cached_property
-    def rows(self) -> FilteredRows:
-        """Rows at the cut-off, with the usual speed of friction."""
-        return self._source.rows(self.settings.cutoff)
+        self.rows = source.rows(settings.cutoff, source.most if most is None else most)
+        self.tau = self.rows.torques(settings.shift)
+        """(m, nv)."""
 
     @cached_property
     def fold(self) -> Array:
-        """(m,) the block of time of each row."""
+        """(m,) the fifth of the time of each row."""
         return self._source.folds(self.rows.log, self.rows.time)
 
     @cached_property
-    def _places(self) -> list[Array | slice]:
-        """Rows of each block; those that follow each other as a slice, which copies nothing."""
-        places = [np.flatnonzero(self.fold == b) for b in range(FOLDS)]
-        return [slice(p[0], p[-1] + 1) if len(p) and p[-1] - p[0] == len(p) - 1 else p for p in places]
-
-    @cached_property
-    def tau(self) -> Array:
-        """(m, nv)."""
-        return self.rows.torques(self.settings.shift)
+    def places(self) -> list[slice]:
+        """Rows of each fifth, which follow each other."""
+        edges = np.searchsorted(self.fold, np.arange(FOLDS + 1)).tolist()
+        return [slice(a, b) for a, b in pairwise(edges)]
 
     @cached_property
     def W(self) -> Array:
@@ -122,12 +113,9 @@ class Trial:
         if np.array_equal(settings.friction_speed, self._source.usual_speed):
             return rows.W
         W = rows.W.copy()
-        for c, joints in self.coulomb:
+        for c, joints in self._source.coulomb:
             W[:, :, c] = rows.coulomb(c, joints, settings.friction_speed)
         return W
-
-    def _fresh_blocks(self) -> list[NormalEquations]:
-        return [NormalEquations.from_rows(self.W[p], self.tau[p], self.felt) for p in self._places]
 
     def changes(self, x: Array) -> Array:
         """(m, nv, k) what the predicted torques change by with each chosen setting: the clock's offset, speeds of friction."""
@@ -141,55 +129,11 @@ class Trial:
                 np.where(np.eye(len(self.felt), dtype=bool), 1.1, 1.0) * settings.friction_speed
             ):
                 change = np.zeros(self.tau.shape)
-                for c, joints in self.coulomb:
+                for c, joints in self._source.coulomb:
                     if speed_owner(joints) == j:
                         change += (self.rows.coulomb(c, joints, faster) - self.W[:, :, c]) * x[c]
                 found.append(change)
         return np.stack(found, axis=-1) if found else np.zeros((*self.tau.shape, 0))
-
-    def fits(self, prior: Prior, blocks: Sequence[int]) -> list[tuple[int, Array]]:
-        """Each block, and what the others of ``blocks`` give."""
-        total = reduce(operator.add, (self._blocks[b] for b in blocks))
-        weight = 1.0 / total.solve(prior)[1] ** 2
-        found = []
-        for b in blocks:
-            rest = total - self._blocks[b] if len(blocks) > 1 else total
-            x = prior.solve(np.einsum("jkl,j->kl", rest.N, weight), (rest.c * weight[:, None]).sum(axis=0))
-            found.append((b, x))
-        return found
-
-    def score(self, prior: Prior, blocks: Sequence[int]) -> float:
-        """The sum of log |residual|² over the joints, of blocks predicted from the others."""
-        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(len(self.felt)))
-        return float(np.log(np.maximum(left, 1e-300)).sum())
-
-    def shift(self, shift: float) -> None:
-        """Take torques from another time."""
-        _ = self.W  # of the settings before
-        self.tau = self.rows.torques(shift)
-        self.settings = replace(self.settings, shift=shift)
-        for k, p in enumerate(self._places):
-            W, tau = self.W[p], self.tau[p]
-            c = np.stack([W[:, j].T @ tau[:, j] for j in range(W.shape[1])])
-            self._blocks[k] = replace(self._blocks[k], c=c, y=(tau**2).sum(axis=0))
-
-    def speed(self, friction_speed: Array) -> None:
-        """Take other speeds of friction."""
-        changed, _ = friction_speed != self.settings.friction_speed, self.tau
-        if self.W is self.rows.W:
-            self.W = self.W.copy()
-        self.settings = replace(self.settings, friction_speed=friction_speed)
-        for c, joints in self.coulomb:
-            if not changed[speed_owner(joints)]:
-                continue
-            self.W[:, :, c] = self.rows.coulomb(c, joints, friction_speed)
-            for k, p in enumerate(self._places):
-                N, right = self._blocks[k].N.copy(), self._blocks[k].c.copy()
-                W, tau = self.W[p], self.tau[p]
-                for j in np.flatnonzero(joints):
-                    N[j, :, c] = N[j, c, :] = W[:, j].T @ W[:, j, c]
-                    right[j, c] = W[:, j, c] @ tau[:, j]
-                self._blocks[k] = replace(self._blocks[k], N=N, c=right)
 
 
 # ── Essential parameters: the fewest groups that predict rows held out as well as all of them
@@ -270,39 +214,6 @@ def _order(total: Information, size: Array, held: Array) -> Array:
     return np.array(order, int)
 
 
-# ── A bounded cache: least recently used entries go first
-
-Made = TypeVar("Made")
-
-
-class BoundedMemory(Generic[Made]):
-    """Cache of objects by key, up to a number of bytes with room for one more as large as the largest; the last one stays."""
-
-    def __init__(self, most: int, size: Callable[[Made], int]) -> None:
-        self._most, self._size = most, size
-        self._made: dict[Hashable, Made] = {}
-
-    @property
-    def keys(self) -> list[Hashable]:
-        """Keys of the cached objects, the last used last."""
-        return list(self._made)
-
-    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        """Cached object of a key; built if it is missing."""
-        if key in self._made:
-            found = self._made.pop(key)
-        else:
-            self._keep_below(self._most - max(map(self._size, self._made.values()), default=0), 0)
-            found = make()
-        self._made[key] = found
-        self._keep_below(self._most, 1)
-        return found
-
-    def _keep_below(self, most: int, fewest: int) -> None:
-        while len(self._made) > fewest and sum(map(self._size, self._made.values())) > most:
-            self._made.pop(next(iter(self._made)))
-
-
 # ── Search for cut-off, clock offset and speeds of friction
 
 # Blocks of time are left out in turn and predicted from the others. A setting is the better the smaller Σ_j log |τ_j -
@@ -317,9 +228,12 @@ _LATER = (1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300)
 _SHIFTS = tuple(1e-3 * s for s in (*(-s for s in reversed(_LATER)), 0, *_LATER))
 _ROWS = 10.0  # equations for each group that a cut-off has to leave
 _BYTES = 48 * 2**20
-"""Memory for rows at several cut-offs, and for normal equations of the blocks at several settings, half of
-that; beyond, those used longest ago are made again."""
-_NEAR = 1e-3  # s, about an offset that was found, where it is sought again
+"""Memory for rows at several cut-offs, and for normal equations of the fifths at several settings; beyond, those used longest
+ago are made again."""
+_MOST_CHOICE = 3000
+"""Most rows that settings are chosen on."""
+_EXACT = 5e-5
+"""Accuracy of a clock's offset [s]."""
 _WORTH = 2e-3
 """Decrease of log |residual|² for each joint from which another cut-off, offset or speed is preferred to the first one."""
 _CHANCE = 6.0
@@ -328,7 +242,7 @@ times: half a log-likelihood ratio that is distributed as χ² of one degree of 
 
 
 class SettingRows:
-    """The rows of logs at each cut-off that is tried, made once; ``dead`` (nv,) bool are joints without a torque."""
+    """The rows of logs at each cut-off that is tried; ``dead`` (nv,) bool are joints without a torque."""
 
     def __init__(
         self,
@@ -336,61 +250,65 @@ class SettingRows:
         samples: Sequence[SteadySamples],
         asked: FitOptions,
         dead: Array,
-        most_rows: float = MOST_ROWS,
+        most: float = MOST_ROWS,
     ) -> None:
-        self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
-        self.tried = (
-            (asked.cutoff,)
-            if asked.cutoff is not None
-            else cutoffs(samples, _ROWS * base.count / base.unknown.model.nv)
-        )
-        speed = _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed
-        self.usual_speed = np.full(base.unknown.model.nv, speed)
-        self._most = most_rows
-        self._rows = BoundedMemory[FilteredRows](_BYTES, lambda rows: rows.nbytes)
-        self._judged = BoundedMemory[JudgedStates](_BYTES // 3, lambda states: states.W.nbytes)
-        self._blocks = BoundedMemory[list[tuple[Array, float]]](
-            _BYTES // 2, lambda made: sum(x.nbytes for x, _ in made)
-        )
+        self.base, self.samples, self.asked, self.dead, self.most = base, samples, asked, dead, most
+        nv = base.unknown.model.nv
+        self.tried = (asked.cutoff,) if asked.cutoff is not None else cutoffs(samples, _ROWS * base.count / nv)
+        self.usual_speed = np.full(nv, _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed)
+        self.coulomb = base.unknown.coulomb_columns(base.kept)
+        """Columns of dry friction, and the joints (nv,) bool that each is in."""
+        cached = lru_cache(2 + int(_BYTES / (8 * nv * base.count * _MOST_CHOICE)))
+        self.rows, self._judged = cached(self._rows), cached(self._states)
+        self._trials = lru_cache(2)(self._trial)
+        self._parts = lru_cache(2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS)))(self._undelayed)
 
-    def rows(self, cutoff: float) -> FilteredRows:
-        """At that cut-off, with the usual speed of friction."""
+    def _rows(self, cutoff: float, most: float) -> FilteredRows:
+        """Rows at a cut-off, with the usual speed of friction."""
+        rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, most)
+        rows.W[:, self.dead], rows.dead = 0.0, self.dead
+        return rows
 
-        def build() -> FilteredRows:
-            rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, self._most)
-            rows.W[:, self.dead], rows.dead = 0.0, self.dead
-            return rows
+    def _states(self, cutoff: float) -> JudgedStates:
+        """States of positions below a cut-off."""
+        return JudgedStates.from_samples(self.base, self.samples, cutoff, self.usual_speed)
 
-        return self._rows.get(cutoff, build)
+    def _trial(self, cutoff: float, speeds: tuple[float, ...]) -> Trial:
+        return Trial(self, FitSettings(cutoff, np.array(speeds), 0.0), min(self.most, _MOST_CHOICE))
 
-    def judged(self, cutoff: float) -> JudgedStates:
-        """States of positions below that cut-off."""
-        return self._judged.get(
-            cutoff, lambda: JudgedStates.from_samples(self.base, self.samples, cutoff, self.usual_speed)
-        )
+    def _undelayed(self, cutoff: float, speeds: tuple[float, ...]) -> list[NormalEquations]:
+        """Normal equations of each fifth, without an offset of the clock."""
+        trial = self._trials(cutoff, speeds)
+        return [NormalEquations.from_rows(trial.W, trial.tau, trial.felt, rows=place) for place in trial.places]
+
+    def _equations(self, settings: FitSettings) -> list[NormalEquations]:
+        """Normal equations of each fifth; an offset of the clock changes the torques alone."""
+        key = settings.cutoff, tuple(settings.friction_speed.tolist())
+        parts = self._parts(*key)
+        if not settings.shift:
+            return parts
+        trial = self._trials(*key)
+        late = trial.rows.torques(settings.shift)
+        tau = [late[place] for place in trial.places]
+        c = [np.einsum("mjr,mj->jr", trial.W[place], x) for place, x in zip(trial.places, tau, strict=True)]
+        return [replace(one, c=k, y=(x**2).sum(axis=0)) for one, k, x in zip(parts, c, tau, strict=True)]
 
     def folds(self, log: Array, time: Array) -> Array:
-        """(m,) the block of time that each row belongs to, 0 to 4: fifths of all logs together."""
+        """(m,) the fifth that each row belongs to, 0 to 4, of the time of all logs together."""
         begins = np.concatenate([[0.0], np.cumsum([s.seconds for s in self.samples])])
         starts = np.array([s.start for s in self.samples])
         at = begins[log] + (time - starts[log])
         return np.minimum((FOLDS * at / begins[-1]).astype(int), FOLDS - 1)
 
-    def kept_blocks(self, settings: FitSettings, make: Callable[[], list[NormalEquations]]) -> list[NormalEquations]:
-        """Normal equations of the blocks at settings, made once."""
-        key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
-        packed = self._blocks.get(key, lambda: [(one.packed(self.base.felt), one.rows) for one in make()])
-        return [NormalEquations.unpacked(numbers, self.base.felt, rows) for numbers, rows in packed]
-
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
-        rows = self.rows(self.tried[len(self.tried) // 2])
+        rows = self.rows(self.tried[len(self.tried) // 2], self.most)
         found = [np.sqrt((x**2).mean(axis=0)) for x in (rows.torques(0.0), rows.speed, rows.acceleration)]
         usual = [max(float(np.median(x)), 1e-6) for x in found]
         return tuple(np.maximum(x, 1e-2 * u) for x, u in zip(found, usual, strict=True))
 
     def choose(self, prior: Prior, blocks: Iterable[int]) -> FitSettings:
-        """The settings that predict each of some blocks of time best from the others of them."""
+        """The settings that predict each of some fifths best from the others of them."""
         blocks = tuple(blocks)
         settings = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
         for _ in range(2):
@@ -403,49 +321,53 @@ class SettingRows:
 
     def _tuned(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
         """Offset of the clock and speeds of friction, one after another, at one cut-off."""
-        trial = Trial(self, settings)
-        best = trial.score(prior, blocks)
         if self.asked.shift is None:
-            best = self._best_shift(trial, prior, blocks, best)
-        if self.asked.friction_speed is None and trial.coulomb:
-            nv = len(settings.friction_speed)
+            settings = self._best_shift(settings, prior, blocks)
+        if self.asked.friction_speed is None and self.coulomb:
+            nv = len(self.dead)
             for joints in (np.ones(nv, bool), *np.eye(nv, dtype=bool)):
-                best = _best_speed(trial, prior, blocks, best, joints, self._worth(settings.cutoff))
-        if self.asked.shift is None:
-            self._best_shift(trial, prior, blocks, best)
-        return trial.settings
+                others = [np.where(joints, speed, settings.friction_speed) for speed in SPEEDS]
+                tried = [replace(settings, friction_speed=speed) for speed in others]
+                settings = self._better(
+                    settings, min(tried, key=lambda one: self._score(one, prior, blocks)), prior, blocks
+                )
+        return settings if self.asked.shift is not None else self._best_shift(settings, prior, blocks)
 
-    def _worth(self, cutoff: float) -> float:
-        """Score that another setting has to gain: more for a short log, where chance gains as much."""
-        independent = 2.0 * cutoff * sum(s.seconds for s in self.samples)
-        return max(_WORTH * len(self.dead), _CHANCE / independent)
+    def _best_shift(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
+        from scipy.optimize import minimize_scalar
 
-    def _best_shift(self, trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float) -> float:
-        worth = self._worth(trial.settings.cutoff)
-        begun, first = trial.settings.shift, best
-        scores = []
-        for shift in _SHIFTS:
-            trial.shift(shift)
-            scores.append(trial.score(prior, blocks))
-        k = int(np.argmin(scores))
-        shift, least = _SHIFTS[k], scores[k]
+        def score(shift: float) -> float:
+            return self._score(replace(settings, shift=float(shift)), prior, blocks)
+
+        k = int(np.argmin([score(shift) for shift in _SHIFTS]))
+        best = _SHIFTS[k]
         if 0 < k < len(_SHIFTS) - 1:
-            around, of_these = _SHIFTS[k - 1 : k + 2], scores[k - 1 : k + 2]
-            for _ in range(2):
-                vertex = float(np.clip(_vertex(around, of_these), around[0], around[2]))
-                trial.shift(vertex)
-                if (found := trial.score(prior, blocks)) >= least:
-                    break
-                shift, least = vertex, found
-                around = (vertex - _NEAR, vertex, vertex + _NEAR)
-                of_these = []
-                for s in around:
-                    trial.shift(s)
-                    of_these.append(trial.score(prior, blocks))
-        if least > first - worth:
-            shift, least = begun, first
-        trial.shift(shift)
-        return least
+            near = minimize_scalar(score, bounds=(_SHIFTS[k - 1], _SHIFTS[k + 1]), options={"xatol": _EXACT})
+            best = min((best, float(near.x)), key=score)
+        return self._better(settings, replace(settings, shift=best), prior, blocks)
+
+    def _better(self, first: FitSettings, other: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
+        """The other settings if they gain enough: more for a short log, where chance gains as much."""
+        independent = 2.0 * first.cutoff * sum(s.seconds for s in self.samples)
+        worth = max(_WORTH * len(self.dead), _CHANCE / independent)
+        gain = self._score(first, prior, blocks) - self._score(other, prior, blocks)
+        return other if gain > worth else first
+
+    def _fits(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> list[tuple[NormalEquations, Array]]:
+        """The normal equations of each fifth, and the groups by the others of ``blocks``."""
+        every = self._equations(settings)
+        parts = [every[b] for b in blocks]
+        total = reduce(operator.add, parts)
+        sigma, found = total.solve(prior)[1], []
+        for part in parts:
+            rest = total - part if len(parts) > 1 else total
+            found.append((part, prior.solve(*rest.whitened(sigma))))
+        return found
+
+    def _score(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> float:
+        """The sum of log |residual|² over the joints, of fifths predicted from the others."""
+        left = sum((part.squares(x) for part, x in self._fits(settings, prior, blocks)), np.zeros(len(self.dead)))
+        return float(np.log(np.maximum(left, 1e-300)).sum())
 
     def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
         """By predictions of torques below the highest cut-off; the lowest that is nearly as good as any."""
@@ -458,7 +380,7 @@ class SettingRows:
         self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
     ) -> float:
         """The sum of log |residual|² over the joints, of torques that are given with their times for each log."""
-        trial, judged = Trial(self, settings), self.judged(settings.cutoff)  # one trial at a time is in memory
+        judged = self._judged(settings.cutoff)
         tau = np.concatenate(
             [
                 np.stack([np.interp(s.time + settings.shift, time, x) for x in tau.T], axis=1)
@@ -466,34 +388,15 @@ class SettingRows:
             ]
         )
         fold = self.folds(judged.log, judged.time)
-        W = judged.W.copy() if trial.coulomb else judged.W
-        for c, joints in trial.coulomb:
+        W = judged.W.copy() if self.coulomb else judged.W
+        for c, joints in self.coulomb:
             of_states = (
                 self.base.unknown.drive(int(self.base.kept[c]), s.dq, s.ddq, settings.friction_speed)
                 for s in judged.states
             )
             W[:, joints, c] = np.concatenate([value[:, None] * share[joints] for value, share in of_states])
         left = np.zeros(W.shape[1])
-        for block, x in trial.fits(prior, blocks):
+        for block, (_, x) in zip(blocks, self._fits(settings, prior, blocks), strict=True):
             here = fold == block
             left += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
         return float(np.log(np.maximum(left[~self.dead], 1e-300)).sum())
-
-
-def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
-    """Minimum of the parabola through three points; the middle point if it has none."""
-    (a, b, c), (d, e, f) = x, y
-    below = (b - a) * (e - f) - (b - c) * (e - d)
-    return b - 0.5 * ((b - a) ** 2 * (e - f) - (b - c) ** 2 * (e - d)) / below if below < 0 else b
-
-
-def _best_speed(trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float, joints: Array, worth: float) -> float:
-    begun = trial.settings.friction_speed
-    found, least = begun, best - worth
-    for value in SPEEDS:
-        tried = np.where(joints, value, begun)
-        trial.speed(tried)
-        if (score := trial.score(prior, blocks)) < least:
-            found, least = tried, score
-    trial.speed(found)
-    return least if found is not begun else best

@@ -339,12 +339,6 @@ class FilteredRows:
             parts,
         )
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of columns, velocities, torques as a spline, and friction of other speeds [bytes]."""
-        friction = sum(column.nbytes for column in self._coulomb.values())
-        return int(self.W.nbytes + friction + sum(x.time.nbytes + 2 * x.dq.nbytes for x in self.logs))
-
     def torques(self, shift: float) -> Array:
         """(m, nv) torques that are ``shift`` seconds later in the log than the positions of the rows, springs taken off."""
         found = [log.torques(shift) for log in self.logs]
