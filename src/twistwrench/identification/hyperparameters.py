@@ -227,7 +227,7 @@ _USUAL_SPEED = 0.05
 _LATER = (1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300)
 _SHIFTS = tuple(1e-3 * s for s in (*(-s for s in reversed(_LATER)), 0, *_LATER))
 _ROWS = 10.0  # equations for each group that a cut-off has to leave
-_BYTES = 48 * 2**20
+_BYTES = 96 * 2**20
 """Memory for rows at several cut-offs, and for normal equations of the fifths at several settings; beyond, those used longest
 ago are made again."""
 _MOST_CHOICE = 3000
@@ -302,7 +302,7 @@ class SettingRows:
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
-        rows = self.rows(self.tried[len(self.tried) // 2], self.most)
+        rows = self.rows(self.tried[len(self.tried) // 2], min(self.most, _MOST_CHOICE))
         found = [np.sqrt((x**2).mean(axis=0)) for x in (rows.torques(0.0), rows.speed, rows.acceleration)]
         usual = [max(float(np.median(x)), 1e-6) for x in found]
         return tuple(np.maximum(x, 1e-2 * u) for x, u in zip(found, usual, strict=True))
