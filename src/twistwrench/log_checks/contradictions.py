@@ -333,12 +333,8 @@ class Contradictions:
             if not (math.isfinite(lower) and math.isfinite(upper)):
                 continue
             if high + math.tau * math.ceil((lower - slack - low) / math.tau) > upper + slack:
-                said: dict[str, Any] = {
-                    "angle": printed(high - low, 4),
-                    "lower": printed(lower, 4),
-                    "upper": printed(upper, 4),
-                }
-                yield doubt("wrapped", [name], joint=name, **said)
+                angle, ends = printed(high - low, 4), (printed(lower, 4), printed(upper, 4))
+                yield doubt("wrapped", [name], joint=name, angle=angle, lower=ends[0], upper=ends[1])
 
     # ── rates
 
@@ -415,12 +411,9 @@ class Contradictions:
         if 2 * len(rows) > len(times):
             step = float(np.median(np.concatenate([np.diff(t) for t in times])))
             apart = step * float(np.median(np.concatenate([np.diff(np.flatnonzero(new)) for new in rows])))
-            said: dict[str, Any] = {
-                "rate": number(1 / apart, 3),
-                "rows": number(1 / step, 3),
-                "apart": seconds(apart, 3),
-            }
-            return [doubt("repeated", found={"value": 1 / apart, "unit": "Hz"}, **said), *self._of_spikes()]
+            rates, told = [number(1 / x, 3) for x in (apart, step)], {"value": 1 / apart, "unit": "Hz"}
+            repeated = doubt("repeated", rate=rates[0], rows=rates[1], apart=seconds(apart, 3), found=told)
+            return [repeated, *self._of_spikes()]
         found = [gap for t, q in zip(times, self._curves, strict=True) for gap in gaps(t, q)]
         return [*_of_gaps(found, times), *self._of_spikes()]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number, percent, plus_minus, printed, seconds
 from ..core.text import listed
 from ..estimation.cross_validation import HeldOut
-from ..estimation.least_squares import NormalEquations, Prior
+from ..estimation.least_squares import Prior
 from ..estimation.noise import quantum
 from ..estimation.sampling import cut_off
 from ..model.model import BASE
@@ -111,12 +111,8 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
         # White noise of that size, below the cut-off, differentiated twice: sqrt(∫ (2 π f)^4 df) over 0 to the cut-off.
         noise = step / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / seen.rate / 5.0)
         if step > 0 and size > 0 and noise > _COARSE * size:
-            words: dict[str, Any] = {
-                "grid": number(step, 3),
-                "noise": percent(noise / size, 3),
-                "cutoff": printed(cutoff),
-            }
-            yield doubt("quantised", [name], **words)
+            share = percent(noise / size, 3)
+            yield doubt("quantised", [name], grid=number(step, 3), noise=share, cutoff=printed(cutoff))
 
 
 # ── Causes of the residual
@@ -201,21 +197,9 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
     gain = float(x[0])
     if left > _TOLD * without or _OF_FILE[0] <= gain <= _OF_FILE[1]:
         return []
-    words = {
-        "value": number(gain, 3),
-        "interval": "",
-        "evidence": "the file's bodies explain it best so",
-    }
-    return [
-        doubt(
-            "torque-sign" if gain < 0 else "gain",
-            seen.names,
-            level="refuse",
-            found={"value": gain},
-            named="all joints",
-            **words,
-        )
-    ]
+    kind, evidence = "torque-sign" if gain < 0 else "gain", "the file's bodies explain it best so"
+    said = {"value": number(gain, 3), "interval": "", "evidence": evidence}
+    return [doubt(kind, seen.names, level="refuse", found={"value": gain}, named="all joints", **said)]
 
 
 # ── What remains
@@ -236,7 +220,7 @@ _SPOILED = ("buffered", "saturated")
 
 def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that refuse the log first; insufficient motion only if nothing else is wrong."""
-    read = [*_contradictions(seen), *column_doubts(seen)]
+    read = [*(one for motion in seen.motions for one in of_reading(motion.doubts)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
     causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *cause_doubts(seen)]
     known = spoiled or any(one.level != "note" for one in causes)
@@ -251,22 +235,14 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     return tuple(sorted(found, key=lambda one: ("refuse", "unsure", "note").index(one.level)))
 
 
-def _contradictions(seen: FittedLog) -> Iterator[Doubt]:
-    """Doubts found while the logs were read."""
-    for motion in seen.motions:
-        yield from of_reading(motion.doubts)
-
-
 def _without(seen: FittedLog) -> list[Doubt]:
     """Fixed links that the file has, and the robot of the log does not carry."""
     base, model = seen.base, seen.base.unknown.model
-    drives = base.drives
-    live = ~seen.dead
+    Q = np.linalg.qr(seen.W[:, :, base.drives].reshape(seen.tau.size, len(base.drives)))[0]
 
     def left_by(values: Array) -> float:
-        rest = seen.tau - seen.W @ base.project(values)
-        x = least(NormalEquations.from_rows(seen.W[:, :, drives], rest))
-        return float(((rest - seen.W[:, :, drives] @ x)[:, live] ** 2).sum())
+        rest = (seen.tau - seen.W @ base.project(values)).ravel()
+        return float(rest @ rest - ((Q.T @ rest) ** 2).sum())
 
     whole = left_by(base.unknown.file_values)
     names = {body.link for body in model.bodies}
@@ -280,25 +256,17 @@ def _without(seen: FittedLog) -> list[Doubt]:
             best = (left, link)
     if best is None:
         return []
-    size = float((seen.tau[:, live] ** 2).sum())
+    size = float((seen.tau**2).sum())
     shares = [percent(np.sqrt(squares / size), 3) for squares in (best[0], whole)]
     return [doubt("missing-link", link=best[1], left=shares[0], whole=shares[1])]
-
-
-def least(equations: NormalEquations) -> Array:
-    """Plain least squares in scaled columns; undetermined unknowns are zero."""
-    N, c = equations.N.sum(axis=0), equations.c.sum(axis=0)
-    size = np.sqrt(np.maximum(N.diagonal(), 1e-300))
-    scaled = N / size[:, None] / size[None, :]
-    return np.asarray(np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) @ (c / size) / size)
 
 
 def _less(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
     """The file's values with an inertia taken from a body."""
     values = base.unknown.file_values.copy()
     places = base.unknown.of_bodies
-    for k in np.flatnonzero((places >= 10 * body) & (places < 10 * body + 10)):
-        values[k] -= G.parameters[places[k] - 10 * body]
+    mine = places // 10 == body
+    values[mine] -= G.parameters[places[mine] - 10 * body]
     return values
 
 
@@ -379,8 +347,8 @@ def _unexplained(seen: FittedLog, *, known: bool) -> list[Doubt]:
     if not found and held.all > _NOTABLE and not known:
         live = [name for k, name in enumerate(held.joints) if not seen.dead[k]]
         worst = max(live, key=lambda name: held.joints[name])
-        words: dict[str, Any] = {"left": percent(held.all, 3), "most": percent(held.joints[worst], 3)}
-        found.append(doubt("partly-unexplained", [worst], **words))
+        most = percent(held.joints[worst], 3)
+        found.append(doubt("partly-unexplained", [worst], left=percent(held.all, 3), most=most))
     if bad and not known and not any(one.refuses for one in found):
         said = ", ".join(f"{name} {percent(held.joints[name], 3)}" for name in bad)
         found.append(doubt("unexplained-joint", bad, said=said))
