@@ -21,16 +21,8 @@ from ..estimation.cross_validation import FOLDS
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..log_checks.doubts import doubt_table
 from ..typing import Array
-from .causes import (
-    STRIBECK_SPEEDS,
-    Cause,
-    FittedTorques,
-    LogStates,
-    compliances,
-    continuous_causes,
-    discrete_causes,
-    laws,
-)
+from . import causes
+from .causes import Cause, FittedTorques, LogStates
 from .diagnosis import CauseFit, FoundCause, estimated, in_units, log_fit
 from .hyperparameters import AssumedCause, FitOptions, FitSettings, SettingRows, Trial
 from .parameters import BaseParameters, UnknownParameters
@@ -323,7 +315,7 @@ def _joints(wanted: WantedCause, s: LogStates) -> tuple[int, ...]:
 def _with_law(one: WantedCause, fit: CauseFit, x: Array) -> tuple[_TakenOff, CauseFit]:
     """A law of joints with its coefficient."""
     s = fit.states
-    law = next(law for law in laws(s) if (law.kind, law.joints) == (one.kind, _joints(one, s)))
+    law = next(law for law in causes.laws(s) if (law.kind, law.joints) == (one.kind, _joints(one, s)))
     refit = fit.refit(s, s.filtered(law.column(s, FittedTorques.from_groups(s, x)))[s.rows] * fit.live)
 
     def correct(s: LogStates, x: Array, beta: Array) -> LogStates:
@@ -337,9 +329,9 @@ def _candidates(one: WantedCause, s: LogStates, x: Array) -> list[Cause]:
     tried: Iterable[Cause]
     if one.kind == "elasticity":
         one = replace(one, joints=_joints(one, s))
-        tried = compliances(s, s.filtered(s.torque(x)))
+        tried = causes.compliances(s, s.filtered(s.torque(x)))
     else:
-        tried = (*discrete_causes(s, one.joints), *continuous_causes(s, wide=True))
+        tried = (*causes.discrete_causes(s, one.joints), *causes.continuous_causes(s, wide=True))
     return [cause for cause in tried if (cause.kind, cause.joints) == (one.kind, one.joints)]
 
 
@@ -357,7 +349,7 @@ def _taken_off(one: WantedCause, s: LogStates, x: Array, best: FoundCause) -> _T
         return cause.correct(s, beta)
 
     def twisted(s: LogStates, x: Array, beta: Array) -> LogStates:
-        each = compliances(s, s.filtered(s.torque(x)), largest)
+        each = causes.compliances(s, s.filtered(s.torque(x)), largest)
         return next(c for c in each if c.joints == joints).correct(s, beta)
 
     if best.value is None:
@@ -369,8 +361,8 @@ def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParamete
     """Unknown parameters with static friction of each joint, faded at the speed that explains most."""
     s, best = fit.states, list[tuple[float, float]]()
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
-    for speed in STRIBECK_SPEEDS:
-        mine = (law for law in laws(s) if (law.kind, law.speed, len(law.joints)) == ("stribeck", speed, 1))
+    for speed in causes.STRIBECK_SPEEDS:
+        mine = (law for law in causes.laws(s) if (law.kind, law.speed, len(law.joints)) == ("stribeck", speed, 1))
         columns = (s.filtered(law.column(s, fitted))[s.rows] for law in mine)
         best.append((fit.gained(fit.refit(s, *(e for e in columns if e.any()))), speed))
     friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))
