@@ -19,7 +19,7 @@ class LoadPanel {
     this.button = document.getElementById("let-go");
     this.said = document.getElementById("fall");
     this.felt = document.getElementById("felt");
-    document.querySelector("#load h2").textContent = this.kind !== "all" ? "Payload" : motion ? "Payload, push, speed" : "Payload, push, fall";
+    document.querySelector("#load h2").textContent = this.kind !== "all" ? "Payload" : !motion ? "Payload, push, fall" : robot.payload === null ? "Speed" : "Payload, push, speed";
     this.button.hidden = robot.fall.why !== null || this.kind !== "all";
     this.said.textContent = this.kind === "all" ? robot.fall.why || "" : "";
     this.button.addEventListener("click", () => (viewer.fall ? viewer.stop() : viewer.letGo()));
@@ -36,7 +36,9 @@ class LoadPanel {
     Object.assign(typed, { type: "text", id: `${id}-typed`, inputMode: "decimal", autocomplete: "off", className: "number" });
     slider.setAttribute("aria-label", `${name} [${unit_}]`);
     typed.setAttribute("aria-label", `${name} [${unit_}], typed`);
-    this.panel.row("load", this.panel.cell("name", name), slider, typed);
+    const label = this.panel.cell("name", name.length > 18 ? name.replace(/ at .*/, "") : name);
+    label.title = name;
+    this.panel.row("load", label, slider, typed);
     const tell = () => {
       slider.value = get();
       if (document.activeElement !== typed) typed.value = `${plain(get())} ${unit_}`;

@@ -258,7 +258,7 @@ class Viewer {
 
   loadMarks(items) { // what the sliders put on the tip
     const { robot, mechanics, shown } = this, p = place(mechanics.tipPose(this.q)), push = norm(mechanics.push);
-    const radius = 0.07 * robot.size * Math.cbrt(mechanics.mass / robot.payload), { body, pose: at } = robot.payloadAt;
+    const radius = Math.cbrt((3 * mechanics.mass) / (4 * Math.PI * 7850)), { body, pose: at } = robot.payloadAt; // a ball of steel
     if (shown.looks && mechanics.mass) items.push({ kept: this.ball, model: mul(shifted(place(mul(poseOf(this.poses, body), at))), scaling(radius)), colour: [...robot.colours.payload, 1], shadow: true });
     if (!push) return;
     const length = Math.round(100 * Math.max(0.08, 0.35 * push / robot.push)) / 100, T = mul(shifted(p), alongZ(mechanics.push));

@@ -145,14 +145,14 @@ class Panel {
 
   verdict() { // the word, and beside and below it why
     const { verdict } = this.viewer, box = this.answer, [word, said] = box.querySelectorAll("b, span");
-    box.hidden = !verdict || !verdict.text;
+    box.hidden = !verdict;
     if (box.hidden) return;
     box.className = verdict.word.toLowerCase().replace(" ", "-");
     word.textContent = verdict.word;
     said.textContent = verdict.lines.join("\n");
     const note = box.querySelector("small");
-    note.hidden = !verdict.fixed;
-    note.textContent = verdict.fixed ? `As computed for the command's load at its own speed, since ${verdict.fixed}.${verdict.moved ? " Torques below are those of the sliders." : ""}` : "";
+    note.hidden = !verdict.note;
+    note.textContent = verdict.note;
   }
 
   tell() { // to those who hear the page, once a slider rests

@@ -112,16 +112,19 @@ class Verdict {
     const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit);
     if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), joint: this.names[margin.joint], time: this.time(margin.row) }));
     lines.push(...data.questions);
-    return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, fixed: null };
+    return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, note: data.joints && this.moved ? "Intervals are those of the command's load and speed." : "" };
   }
 
   // What the command said, where the page cannot judge another load.
   carried() {
-    const { motion, data } = this, moved = motion.pace !== 1 || motion.mechanics.push.some((x) => x) || motion.mechanics.mass !== motion.data.mass;
+    const { data, moved } = this, whose = data.text ? "As computed for the command's load at its own speed" : "Not judged here";
+    const note = `${whose}, since ${data.fixed}.${moved ? " Torques below are those of the sliders." : ""}`;
     const [first, ...lines] = (data.text ?? "").split("\n"), [word] = /^[A-Z ]+/.exec(first) ?? [""];
     const over = new Set(this.joints().filter((j) => j.share > 1 + data.bounds.tolerance).map(({ k }) => k));
-    return { word, lines: [first.slice(word.length), ...lines], text: data.text ?? "", over, margin: null, fixed: data.fixed, moved };
+    return { word, lines: [first.slice(word.length), ...lines], text: data.text ?? "", over, margin: null, note };
   }
+
+  get moved() { const { pace, mechanics, data } = this.motion; return pace !== 1 || mechanics.mass !== data.mass || mechanics.push.some((x) => x); }
 
   get now() { return this.data.fixed === null ? this.judge() : this.carried(); }
 }
