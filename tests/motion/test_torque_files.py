@@ -149,6 +149,21 @@ def test_one_limit_of_acceleration_holds_for_both_ways(ur5, tmp_path, header, ro
     assert np.isinf(np.delete(limits.acceleration, 2)).all()
 
 
+@pytest.mark.parametrize(
+    "header, words",
+    [
+        ("acceleration", "1 assumption: limits of acceleration are not judged"),
+        ("acceleration,jerk", "1 assumption: limits of acceleration and jerk are not judged"),
+        ("velocity", "OK"),
+    ],
+)
+def test_limits_that_are_not_judged_are_named_in_the_verdict(run, motion_file, tmp_path, header, words):
+    (tmp_path / "limits.csv").write_text(f"joint,{header}\nelbow_joint{',90' * len(header.split(','))}\n")
+    code, said = run("torques", "ur5", "--trajectory", motion_file, "--limits", tmp_path / "limits.csv")
+    assert code == 0 and words in " ".join(said.split()), said
+    assert ("not judged" in said) == (header != "velocity")
+
+
 @pytest.mark.parametrize("upper, over", [(60, False), (40, True)])
 def test_limits_of_the_command_are_in_the_unit_of_its_angles(run, tmp_path, upper, over):
     t = np.linspace(0, 1, 101)

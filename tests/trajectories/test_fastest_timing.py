@@ -126,6 +126,20 @@ def test_acceleration_limits_of_the_file_are_kept_if_none_are_given(bundled):
     assert trajectories.move(limited, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0]).violations() == ()
 
 
+@pytest.mark.parametrize(("shape", "largest"), [("quintic", 60.0), ("cubic", np.inf), ("trapezoid", np.inf)])
+def test_limits_of_jerk_are_judged(shape, largest):
+    """Over d = 0.5 rad in T = 2 s a quintic has jerks of 60 d/T³ at most; the others jump, if only where they begin."""
+    made = {"trapezoid": trajectories.trapezoid(v=0.75, duration=2.0)}
+    scaling = made[shape] if shape in made else getattr(trajectories, shape)(2.0)
+    mass = tw.robots.pendulum().with_gravity([0, 0, 0])
+    motion = trajectories.Trajectory(mass, joint_line(mass, [0], [0.5]), scaling)
+    exact = largest * 0.5 / 2.0**3
+    assert motion.violations(trajectories.bounds_of(mass, jerk=min(1.001 * exact, 1e9))) == () or exact == np.inf
+    (passed,) = motion.violations(trajectories.bounds_of(mass, jerk=min(0.999 * exact, 50.0)))
+    assert passed.kind == "jerk"
+    assert abs(passed.value) == pytest.approx(exact, rel=1e-4) or exact == np.inf
+
+
 def test_a_mass_with_a_velocity_limit_coasts():
     """It takes d/v + v/a."""
     mass = tw.robots.pendulum().with_gravity([0, 0, 0])

@@ -13,7 +13,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.assembly import follower_torques
-from ..model.limits import Limits, margin
+from ..model.limits import TOLERANCE, Limits, margin
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 
@@ -88,7 +88,7 @@ def bounds_of(
 
 # ── The check of a motion against its limits
 
-KINDS = ("position", "velocity", "acceleration", "torque")
+KINDS = ("position", "velocity", "acceleration", "jerk", "torque")
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Violation:
     joint: str
     """Name of the joint."""
     kind: str
-    """``position``, ``velocity``, ``acceleration`` or ``torque``."""
+    """``position``, ``velocity``, ``acceleration``, ``jerk`` or ``torque``."""
     value: float
     """The value, in the unit of the limit."""
     limit: float
@@ -165,6 +165,14 @@ class LimitCheck:
             if values is not None:
                 self._worst[kind].add(time, np.abs(values) - largest[kind], values)
 
+    def add_jerk(self, time: Array, ddq: Array) -> None:
+        """Take in the slopes of accelerations (n, nv), n ≥ 3, of a motion that begins and ends at rest, even if by a jump."""
+        jerk = np.gradient(ddq, time, axis=0, edge_order=2)
+        jumps = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
+        for end, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
+            jerk[end] = np.where(jumps[end], ddq[end] / step, jerk[end])
+        self._worst["jerk"].add(time, np.abs(jerk) - self.bounds.jerk, jerk)
+
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
         """Take in what mimic joints with a limit of effort bear in these states, friction left out."""
         if self._followers:
@@ -200,7 +208,8 @@ class LimitCheck:
         b = self.bounds
         if kind == "position":
             return float(b.upper[k] if value > b.upper[k] else b.lower[k])
-        either = {"velocity": [b.velocity], "acceleration": [b.acceleration, b.deceleration], "torque": [b.effort]}
+        either = {"velocity": [b.velocity], "torque": [b.effort], "jerk": [b.jerk]}
+        either["acceleration"] = [b.acceleration, b.deceleration]
         size = min((float(x[k]) for x in either[kind]), key=lambda limit: abs(abs(value) - beyond - limit))
         return float(np.copysign(size, value))
 

@@ -49,7 +49,10 @@ def verdict_view(report: TorqueReport) -> Line:
     assumed = ""
     if report.verdict.ok:
         still = report.differentiation.trajectory.held
-        assumed = assumed_words(assumptions(load.robot.model, load.payloads, held=still, friction=load.friction))
+        clauses = assumptions(
+            load.robot.model, load.payloads, held=still, friction=load.friction, unjudged=report.limits
+        )
+        assumed = assumed_words(clauses)
     line = verdict(word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
     if (margin := _payload_margin(report)) is not None:
         line.pieces.append(f"\n{margin.words}")
@@ -114,7 +117,9 @@ def verdict_data(
     """
     model, payload = load.robot.model, load.payloads[:1] or (Payload(1.0, frame=load.robot.model.tip),)
     coordinates, held = Coordinates.from_model(model), () if report is None else report.differentiation.trajectory.held
-    assumed = [assumed_words(assumptions(model, p, held=held, friction=load.friction)) for p in ((), payload)]
+    assumed = [
+        assumed_words(assumptions(model, p, held=held, friction=load.friction, unjudged=limits)) for p in ((), payload)
+    ]
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)
     velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)

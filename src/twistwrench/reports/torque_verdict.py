@@ -15,7 +15,7 @@ from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt, doubt_table
 from ..model.inertia_checks import massless_links
-from ..model.limits import over_limit
+from ..model.limits import Limits, over_limit
 from ..model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from .load_case import TEMPLATE, Payload, cause_label, limit_doubts, unlimited
@@ -98,13 +98,22 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
 
 
 def assumptions(
-    model: Model, payloads: Sequence[Payload], *, held: Sequence[str] = (), friction: bool = True
+    model: Model,
+    payloads: Sequence[Payload],
+    *,
+    held: Sequence[str] = (),
+    friction: bool = True,
+    unjudged: Limits | None = None,
 ) -> list[str]:
     """Assumptions of a verdict, a clause each, the most consequential first.
 
-    ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request.
+    ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request. Limits
+    that are ``unjudged`` as to acceleration and jerk are named.
     """
     clauses = []
+    kinds = [kind for kind in ("acceleration", "jerk") if unjudged and np.isfinite(getattr(unjudged, kind)).any()]
+    if kinds:
+        clauses.append(f"limits of {' and '.join(kinds)} are not judged")
     if held:
         joints = len(model.leaders) + len(held)
         clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")

@@ -62,6 +62,8 @@ def violations(
     q, dq, ddq = trajectory(t)
     check = LimitCheck(robot.model, bounds_or_own(robot, bounds))
     check.add(t, q, dq, ddq, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    if samples > 2 and trajectory.duration > 0:
+        check.add_jerk(t, ddq)
     check.add_dynamics(robot, t, q, dq, ddq)
     return check.violations()
 
