@@ -227,7 +227,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     found = [
         *read,
         *causes,
-        *([] if seen.payload_only else _without(seen)),
+        *([] if seen.payload_only or known else _without(seen)),
         *([] if known else _unexciting(seen) or _undetermined(seen)),
         *_negative(seen, known=known),
         *_unexplained(seen, known=known),
