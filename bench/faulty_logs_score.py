@@ -65,7 +65,7 @@ def name_of(kind: str, sentence: str) -> str:
 def settings_chosen_once() -> Iterator[None]:
     """Choose the settings of an identification on all fifths of the time only, not anew for each that is held out.
 
-    A third of the time; of 6 logs compared, all had the same verdict and doubts.
+    A third of the time; 6 logs that were compared had the same verdict and doubts.
     """
     plain, first = SettingRows.choose, dict[int, tuple[SettingRows, FitSettings]]()
 
@@ -135,9 +135,11 @@ def torques_report(robot: str, made: Recording) -> dict[str, Any]:
 
 @lru_cache(maxsize=32)
 def saved(robot: str) -> str:
-    """Path of a file of the robot, with inertias that can be."""
-    path = Path(tempfile.mkdtemp()) / f"{robot}.urdf"
-    tw.save(load(robot), path)
+    """Path of a file of the robot, with inertias that can be; a URDF has no gravity, so that of another is written as MJCF."""
+    found = load(robot)
+    usual = np.array_equal(found.model.gravity, [0.0, 0.0, -9.81])
+    path = Path(tempfile.mkdtemp()) / (f"{robot}.urdf" if usual else f"{robot}.xml")
+    tw.save(found, path)
     return str(path)
 
 

@@ -11,8 +11,8 @@ A column e is fitted beside the groups; a cause that is not linear is found by G
 
     e = d(τ̂ of the corrected log)/dβ.
 
-Its interval is β ± t √(Σ_b u_b²) / Σ e⊥' Λ e⊥,  u_b = Σ_{t in b} e⊥' Λ r, with e⊥ the column less its projection on W (Liang
-and Zeger, Biometrika 73, 1986).
+Its interval is β ± t √(Σ_b u_b²) / Σ e⊥' Λ e⊥,  u_b = Σ_{t in b} e⊥' Λ r, with e⊥ the column less its projection on W and r
+held out (Liang and Zeger, Biometrika 73, 1986). Values of several causes are estimated together at the end.
 """
 
 from __future__ import annotations
@@ -184,16 +184,25 @@ class CauseFit:
         return self._block_deviation((self.W @ self._inverse[-1][:, -1])[..., None])
 
     def _block_deviation(self, influence: Array) -> Array:
-        """Deviations (k,) of Σ influence' Λ r, by blocks of time."""
-        u = np.einsum("mjk,mj,j->mk", influence, self.tau - self.W @ self._held[-1], self.weight, optimize=True)
-        return np.sqrt((np.add.reduceat(u, self.blocks, axis=0) ** 2).sum(axis=0))
+        """Deviations (k,) of Σ influence' Λ r, with r held out, which the fit takes part of away from its own rows.
+
+        The larger of two: by blocks of time, few of which may hold most of it; by rows and the length of their correlation.
+        """
+        u = np.einsum("mjk,mj,j->mk", influence, self.left * self.spread, self.weight, optimize=True)
+        by_blocks = (np.add.reduceat(u, self.blocks, axis=0) ** 2).sum(axis=0)
+        return np.sqrt(np.maximum(by_blocks, self.correlation * (u**2).sum(axis=0)))
+
+    @cached_property
+    def correlation(self) -> float:
+        """Integrated autocorrelation time of the residuals, in rows."""
+        return autocorrelation_length(self.left / np.sqrt(self.squares))
 
     @cached_property
     def blocks(self) -> Array:
         """First rows of blocks of time: a second at least, and five autocorrelation lengths of the residuals."""
         s = self.states
         step = float(np.median(np.diff(s.time[s.rows]))) if len(s.rows) > 1 else 1.0
-        length = max(_SECONDS / step, _LENGTHS * autocorrelation_length(self.left / np.sqrt(self.squares)))
+        length = max(_SECONDS / step, _LENGTHS * self.correlation)
         count = max(2, int(len(self.left) / length))
         return np.linspace(0, len(self.left), count + 1).astype(int)[:-1]
 
@@ -231,7 +240,7 @@ class FoundCause:
     S, t : float, statistic and its significance
     before, fit : CauseFit, without the cause and with it
     correct : callable, takes the cause off states
-    value, deviation : array, of β; None for a cause without a value
+    value, deviation : array, of β, which ``correct`` has as its default; None for a cause without a value
     """
 
     kind: str
@@ -240,7 +249,7 @@ class FoundCause:
     t: float
     before: CauseFit
     fit: CauseFit
-    correct: Callable[[LogStates], LogStates] | None = None
+    correct: Callable[..., LogStates] | None = None
     law: Law | None = None
     value: Array | None = None
     deviation: Array | None = None
@@ -248,6 +257,8 @@ class FoundCause:
     rivals: tuple[FoundCause, ...] = ()
     number: float | None = None
     """Value of a discrete cause, in its unit."""
+    step: float = 0.0
+    """Step of β in finite differences."""
     cost: float = 0.0
     span: tuple[float, float] | None = None
     """Times [s] between which it acts."""
@@ -341,7 +352,31 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
                 break
             found.append(best)
             fit = best.fit
-    return found, before
+    return _together(start, found), before
+
+
+def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
+    """Values of several causes, each anew with the others taken off: the first was estimated before these were known."""
+    moved = {k: one.correct for k, one in enumerate(found) if one.correct is not None}
+    if len(moved) < 2:
+        return found
+    last = found[-1].fit
+    s = start.states.changed(rows=last.states.rows, friction_speed=last.states.friction_speed)
+    fit = last.refit(s)
+    for k in moved:
+        one = found[k]
+        if one.value is None:
+            continue
+
+        def correct(s: LogStates, beta: Array, k: int = k) -> LogStates:
+            for j, off in moved.items():
+                s = off(s, beta=beta) if j == k else off(s)
+            return s
+
+        again = _refined(fit, Cause(one.kind, one.joints, correct, one.step, len(one.value)), one.value)
+        moved[k] = partial(moved[k], beta=again.value)
+        found[k] = replace(one, value=again.value, deviation=again.deviation, correct=moved[k])
+    return found
 
 
 def law_changes(fit: CauseFit) -> Array:
@@ -539,12 +574,14 @@ def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
         step = best.with_columns(_columns(best, s, cause, beta))[1]
         refit = fit.refit(cause.correct(s, beta + step))
         gained = fit.gained(refit)
-        if gained < S + _WORTH:
+        worth = gained > S + _WORTH
+        if gained > S:
+            best, S, beta = refit, gained, beta + step
+        if not worth:
             break
-        best, S, beta = refit, gained, beta + step
     deviation = best.deviation(_columns(best, s, cause, beta))
     found = _judged(fit, best, replace(cause, correct=partial(cause.correct, beta=beta)))
-    return replace(found, value=beta, deviation=deviation)
+    return replace(found, value=beta, deviation=deviation, step=cause.step)
 
 
 def _judged(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:

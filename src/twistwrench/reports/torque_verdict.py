@@ -209,9 +209,17 @@ def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
         after.append("samples were flattened that are no noise, and could be a torque beyond a limit")
     after += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
     after += [m.cut_words for m in report.measured if m.cut and m.matters]
-    return before, after + _against(report, [m for m in report.measured if m.disagrees and not m.contradicts])
+    limits = {j.joint: j.limit for j in report.joints if math.isfinite(j.limit)}
+    doubted = [
+        m
+        for m in report.measured
+        if m.disagrees and not m.contradicts and m.residual > _CONCERNS * limits.get(m.joint, 0.0)
+    ]
+    return before, after + _against(report, doubted)
 
 
+_CONCERNS = 0.05
+"""Share of a joint's limit from which the difference of measured and computed torques concerns the verdict."""
 _OF_TORQUES, _LITTLE = ("torque-sign", "exchanged-torques", "gain"), ("late", "low-pass")
 """Causes that change measured torques of their joints only, and those that change them little."""
 
