@@ -23,7 +23,7 @@ from ..log_checks.doubts import doubt_table
 from ..typing import Array
 from . import causes
 from .causes import Cause, FittedTorques, LogStates
-from .diagnosis import CauseFit, FoundCause, estimated, in_units, log_fit
+from .diagnosis import CauseFit, FoundCause, estimated, log_fit
 from .hyperparameters import AssumedCause, FitOptions, FitSettings, SettingRows, Trial
 from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples, of_springs
@@ -264,7 +264,7 @@ class AssumedCauses:
         gravity, at, found = tuple(self.corrected()[1].tolist()), 0, list[AssumedCause]()
         for one in self.causes:
             kind, count = one.wanted.kind, len(one.beta)
-            value, interval = in_units(kind, one.beta, half[at : at + count]) if count else (one.number, None)
+            value, interval = causes.in_units(kind, one.beta, half[at : at + count]) if count else (one.number, None)
             at += count
             joints = tuple(names[k] for k in one.wanted.joints)
             unit = "" if value is None else doubt_table()[kind].unit

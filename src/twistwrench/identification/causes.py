@@ -20,7 +20,7 @@ The fitted torque stands in all of them, never the measured one, which contains 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -417,3 +417,22 @@ def _through(s: LogStates) -> Array:
     """Share of the logs' time that has passed; a half for states without a time."""
     length = np.ptp(s.time)
     return (s.time - s.time.min()) / length if length else np.full(len(s.time), 0.5)
+
+
+def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
+    """β (k,) and its interval, of half the widths (k,), in the unit of the table; the size of β that is a vector."""
+    size = float(np.linalg.norm(value)) if len(value) > 1 else float(value[0])
+    along = value / size if len(value) > 1 and size else np.eye(len(value))[0]
+    wide = float(np.sqrt(((along * half) ** 2).sum()))
+    to = _TO_UNITS.get(kind, float)
+    low, high = sorted(float(to(size + way * wide)) for way in (-1.0, 1.0))
+    return float(to(size)), (low, high)
+
+
+_TO_UNITS: Mapping[str, Callable[[float], float]] = {
+    **dict.fromkeys(("zero", "tilt", "elasticity"), np.degrees),
+    **dict.fromkeys(("late", "late-joint"), lambda seconds: 1e3 * seconds),
+    "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
+    **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
+    "gain": lambda x: float(np.exp(np.clip(x, -30.0, 30.0))),
+}

@@ -17,7 +17,7 @@ held out (Liang and Zeger, Biometrika 73, 1986). Values of several causes are es
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -277,26 +277,7 @@ class FoundCause:
         if self.value is None or self.deviation is None:
             return self.number, None
         t = float(student_quantile(max(1.0, len(self.fit.blocks) - 1.0), 0.95))
-        return in_units(self.kind, self.value, t * self.deviation)
-
-
-def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
-    """β (k,) and its interval, of half the widths (k,), in the unit of the table; the size of β that is a vector."""
-    size = float(np.linalg.norm(value)) if len(value) > 1 else float(value[0])
-    along = value / size if len(value) > 1 and size else np.eye(len(value))[0]
-    wide = float(np.sqrt(((along * half) ** 2).sum()))
-    to = _TO_UNITS.get(kind, float)
-    low, high = sorted(float(to(size + way * wide)) for way in (-1.0, 1.0))
-    return float(to(size)), (low, high)
-
-
-_TO_UNITS: Mapping[str, Callable[[float], float]] = {
-    **dict.fromkeys(("zero", "tilt", "elasticity"), np.degrees),
-    **dict.fromkeys(("late", "late-joint"), lambda seconds: 1e3 * seconds),
-    "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
-    **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
-    "gain": lambda x: float(np.exp(np.clip(x, -30.0, 30.0))),
-}
+        return causes.in_units(self.kind, self.value, t * self.deviation)
 
 
 def log_fit(
