@@ -15,6 +15,8 @@ ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\]\((\.\./|docs/|)([^)#:]+)(#[^)]*)?\)")
 _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
 """What the tests read behind a block's language: no-run, exit=1."""
+_LIVE = re.compile(r"^<!-- live: (\S+), (.+) -->$", re.MULTILINE)
+"""A page that computes, within a page of the site: its name, and its title."""
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
 _SHIM = "https://unpkg.com/iframe-worker/shim"
@@ -43,7 +45,7 @@ def on_files(files: Any, config: Any) -> Any:
     add("index.md", _beside_docs("README.md"))
     add("changes.md", _beside_docs("CHANGELOG.md"))
     add("commands.md", _commands())
-    for name, text in (_api() | _book()).items():
+    for name, text in (_api() | _book() | _live()).items():
         add(name, text)
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     linked = {target for page in pages for target in _files_linked(page)}
@@ -54,7 +56,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to the repository's files lead to their pages on the site."""
-    markdown = _FENCE.sub(r"```\1", markdown)
+    markdown = _LIVE.sub(_frame, _FENCE.sub(r"```\1", markdown))
     if page.file.src_uri.startswith("api-"):
         page.meta["search"] = {"boost": 0.3}  # guides are found before docstrings
     if page.file.src_uri.startswith("files/"):
@@ -162,6 +164,37 @@ def _book() -> dict[str, str]:
         "For your own arm: `twistwrench view my_arm.urdf --section 8.3 --html page.html`; [what the pages show](viewer.md).\n"
     )
     return found
+
+
+def _live() -> dict[str, str]:
+    """Pages without side panel, for frames in guides."""
+    import twistwrench as tw
+    from twistwrench.motion.differentiation import Differentiation
+    from twistwrench.motion.motion_log import MotionLog
+    from twistwrench.reports.load_case import LoadCase, Payload
+    from twistwrench.reports.torque_report import analyse
+    from twistwrench.viz.drawn_motion import reported_motion
+    from twistwrench.viz.page import page_text
+
+    ur5, log = tw.robots.ur5(), tw.robots.path_of("ur5").with_name("ur5_demo.csv")
+    plan = Differentiation.plan(MotionLog.open(log, ur5.model), ur5.model)
+    motion = reported_motion(analyse(LoadCase(ur5, (Payload(5.0),)), plan, ur5.limits))
+    shown = {
+        "payload": page_text(ur5, motion=motion, embed=True, control="payload"),
+        "speed": page_text(ur5, motion=motion, embed=True, control="speed"),
+        "ellipsoid": page_text(ur5, section="5.4", embed=True, control="section"),
+        "mass": page_text(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section"),
+    }
+    return {f"live/{name}.html": text for name, text in shown.items()}
+
+
+def _frame(found: re.Match[str]) -> str:
+    """A frame that loads its page once it is seen; without frames, a link."""
+    name, title = found[1], found[2]
+    return (
+        f'<iframe class="live" src="live/{name}.html" title="{title}" loading="lazy"></iframe>\n\n'
+        f"[{title}: open it by itself](live/{name}.html)"
+    )
 
 
 def _api() -> dict[str, str]:

@@ -103,3 +103,20 @@ def test_docstrings_are_completed_from_the_glossary_there(site):
     assert "Parameters" in entry
     assert "joint velocities [rad/s, m/s]" in entry
     assert "or batch shapes do not broadcast" in entry
+
+
+def test_guides_hold_pages_that_compute(site):
+    """One on a page, not larger than 340 kB, on the landing page above the first 900 pixels of a screen, without network."""
+    held = {"index": "payload", "trajectories": "speed", "statics": "ellipsoid", "chapter-8": "mass"}
+    for page, name in held.items():
+        text = (site / f"{page}.html").read_text("utf-8")
+        assert re.findall(r'<iframe class="?live"? src="?live/([^".]+)\.html', text) == [name]
+        assert (site / "live" / f"{name}.html").stat().st_size <= 340_000
+    with browser() as page:
+        page.offline()
+        page.open((site / "index.html").as_uri())
+        box = "document.querySelector('iframe.live').getBoundingClientRect().top"
+        assert page.run(box) < 900
+        page.open((site / "live" / "payload.html").as_uri())
+        assert page.wait("!!window.viewer && document.getElementById('verdict').textContent").startswith("OK: nearest")
+        assert page.complaints == []

@@ -18,7 +18,7 @@ class Orbit {
     const view = [...right, -dot(right, eye), ...up, -dot(up, eye), ...back, -dot(back, eye), 0, 0, 0, 1];
     const near = 0.02 * this.distance, far = this.distance + 20 * this.size;
     const [width, height] = [Math.max(1, this.canvas.clientWidth), Math.max(1, this.canvas.clientHeight)], aspect = width / height, free = 1 - (this.covered.top + (this.covered.foot ?? 0)) / height;
-    const f = Math.min(1, free / Math.min(1, aspect)) / Math.tan(0.3);
+    const f = Math.min(1, free / Math.min(1, aspect), Math.max(1, aspect) * (1 - (this.covered.side ?? 0) / width)) / Math.tan(0.3);
     const depth = [(far + near) / (near - far), (2 * far * near) / (near - far)];
     const lens = [f / Math.max(aspect, 1e-3), 0, 0, 0, 0, f, 0, 0, 0, 0, ...depth, 0, 0, -1, 0];
     if (aspect < 1) [lens[0], lens[5]] = [f, f * aspect];

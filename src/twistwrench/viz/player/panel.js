@@ -31,8 +31,10 @@ class Panel {
     if (compact) {
       const below = (part) => (part.offsetHeight ? part.offsetTop + part.offsetHeight : 0), foot = (part) => (part.offsetHeight ? part.offsetHeight + 10 : 0);
       of("verdict").style.top = narrow ? `${below(document.querySelector("header")) + 6}px` : "";
-      const bottom = foot(of("one")) + foot(of("player"));
-      this.viewer.stage.covered = { right: 0, top: narrow ? below(of("verdict")) || below(document.querySelector("header")) : 0, bottom, foot: bottom };
+      const book = of("book").parentElement.tagName === "MAIN" ? of("book") : { offsetWidth: 0, offsetHeight: 0 };
+      const bottom = foot(of("one")) + foot(of("player")) + (narrow ? foot(book) : 0), side = narrow || !book.offsetWidth ? 0 : book.offsetWidth + 12;
+      const right = side || (narrow ? 0 : 0.6 * of("verdict").offsetWidth);
+      this.viewer.stage.covered = { right, top: narrow ? below(of("verdict")) || below(document.querySelector("header")) : 0, bottom, foot: bottom, side };
       return;
     }
     of("verdict").style.top = "";
