@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import tempfile
-import webbrowser
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +42,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is shown all the same.
     """
     from ..viz.movie import film, movie_path
-    from ..viz.page import write_page
+    from ..viz.page import open_browser, write_page
     from ..viz.page_motion import robot_of_motion
     from ..viz.scene import scene_of
 
@@ -77,7 +74,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
         path_of_page = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
         write_page(robot, path_of_page, **about)
         click.echo(f"wrote {path_of_page}")
-        if not given.no_browser and not _open_browser(path_of_page.as_uri()):
+        if not given.no_browser and not open_browser(path_of_page.as_uri()):
             click.echo("note: no browser could be opened. Open the file in one.", err=True)
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
@@ -135,16 +132,6 @@ def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
 def _print_notes(trajectory: MotionLog, motion: DrawnMotion) -> None:
     for sentence in (*trajectory.notes, *motion.warnings):
         click.echo(f"note: {sentence}", err=True)
-
-
-def _open_browser(url: str) -> bool:
-    """True if a browser with windows opened the address; a browser of the terminal is not started."""
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
-        return False
-    try:
-        return webbrowser.open(url)
-    except (webbrowser.Error, OSError):
-        return False
 
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:

@@ -33,6 +33,7 @@ from .smoothing import FEWEST, continuous, spline_rates, states_between
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from ..viz.page import ShownPage
     from .motion_log import MotionLog
 
 
@@ -412,6 +413,24 @@ class Motion:
         from ..plotting.motion import plot_motion
 
         return plot_motion(self, path, bounds, friction=friction)
+
+    def show(self, robot: Robot | None = None, **options: Any) -> ShownPage:
+        """Show the page of the motion: in a notebook below the cell, elsewhere in the browser.
+
+        Parameters
+        ----------
+        robot : Robot, optional, with the same coordinates; None: the motion's own
+        options : those of :func:`twistwrench.viz.write_page`
+
+        Returns
+        -------
+        page : ShownPage
+        """
+        from ..viz.drawn_motion import motion_of
+        from ..viz.page import show
+
+        robot = self.robot if robot is None else robot
+        return show(robot, motion=motion_of(robot, self), **options)
 
     # ── as columns ──
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..runtime.dispatch import CallSignature
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
+    from ..viz.page import ShownPage
     from .closed_robot import ClosedRobot
     from .explanation import Explanation
     from .ik import IKResult
@@ -158,6 +159,22 @@ class Robot(
         from ..reports.robot_summary import summary
 
         return summary(self)
+
+    def show(self, q: ArrayLike | None = None, **options: Any) -> ShownPage:
+        """Show the robot's page: in a notebook below the cell, elsewhere in the browser.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, optional, where it starts
+        options : those of :func:`twistwrench.viz.write_page`
+
+        Returns
+        -------
+        page : ShownPage
+        """
+        from ..viz.page import show
+
+        return show(self, q=q, **options)
 
     def _repr_html_(self) -> str:
         from ..core.numbers import number

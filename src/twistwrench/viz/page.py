@@ -6,7 +6,11 @@ import base64
 import hashlib
 import html
 import json
+import os
+import sys
+import tempfile
 import warnings
+import webbrowser
 import zlib
 from dataclasses import replace
 from importlib import resources
@@ -157,6 +161,62 @@ def page_text(
         script=scripts[1],
         data=box.packed(data),
     )
+
+
+class ShownPage:
+    """A page that a notebook draws below its cell."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def _repr_html_(self) -> str:
+        """A frame that runs the page's scripts, and lets them reach nothing else."""
+        style = "width:100%;height:480px;border:0"
+        return f'<iframe srcdoc="{html.escape(self.text)}" loading="lazy" sandbox="allow-scripts" style="{style}"></iframe>'
+
+    def open(self) -> Path:
+        """Write the page to a temporary folder and open it in the browser.
+
+        Returns
+        -------
+        path : Path of the page
+        """
+        path = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
+        path.write_text(self.text, encoding="utf-8")
+        open_browser(path.as_uri())
+        return path
+
+
+def show(robot: Robot, **options: Any) -> ShownPage:
+    """Show the page of a robot or a motion: in a notebook below the cell, elsewhere in the browser.
+
+    Parameters
+    ----------
+    options : those of :func:`write_page`
+
+    Returns
+    -------
+    page : ShownPage
+    """
+    page = ShownPage(page_text(robot, **options))
+    if "ipykernel" not in sys.modules:
+        page.open()
+    return page
+
+
+def open_browser(url: str) -> bool:
+    """Open an address in a browser that has windows; a browser of the terminal is not started.
+
+    Returns
+    -------
+    opened : bool
+    """
+    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+        return False
+    try:
+        return webbrowser.open(url)
+    except (webbrowser.Error, OSError):
+        return False
 
 
 def _digest(script: str) -> str:

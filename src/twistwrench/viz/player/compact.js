@@ -43,7 +43,7 @@ class Compact {
   leave(event) { // a page within another opens in a window of its own; a small one shows its panel
     const { address } = this.viewer, words = address.words.filter((word) => word !== "embed" && word !== "full");
     this.link.href = `#${[...words, "full", written(address.state, address.first)].filter(Boolean).join("&")}`;
-    if (this.embedded) return;
+    if (this.embedded && location.protocol !== "about:") return;
     event.preventDefault();
     this.wanted = !this.wanted;
     this.set(this.wanted);

@@ -26,6 +26,7 @@ function pythonOf(viewer) {
 class Menu {
   constructor(viewer) {
     Object.assign(this, { viewer, box: document.getElementById("menu"), field: document.getElementById("copied") });
+    document.getElementById("copy-link").hidden = location.protocol === "about:"; // in a frame of a notebook there is no address
     const at = (id, act) => document.getElementById(id).addEventListener("click", act);
     at("copy-link", () => this.copy(this.link(), location.protocol === "file:" ? "Put this behind the page's name; the file goes with it." : "The link to what you see."));
     at("copy-python", () => this.copy(pythonOf(viewer), "What you see, in Python."));
