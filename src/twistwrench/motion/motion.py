@@ -420,17 +420,23 @@ class Motion:
         Parameters
         ----------
         robot : Robot, optional, with the same coordinates; None: the motion's own
-        options : those of :func:`twistwrench.viz.write_page`
+        **options : those of :func:`twistwrench.viz.write_page`
 
         Returns
         -------
         page : ShownPage
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> t = np.linspace(0, 1, 21)
+        >>> tw.Motion(t, np.sin(t)[:, None], robot=tw.robots.pendulum()).show()  # doctest: +SKIP
         """
         from ..viz.drawn_motion import motion_of
         from ..viz.page import show
 
-        robot = self.robot if robot is None else robot
-        return show(robot, motion=motion_of(robot, self), **options)
+        motion = self if robot is None else self.with_robot(robot)
+        return show(motion.robot, motion=motion_of(motion.robot, motion), **options)
 
     # ── as columns ──
 

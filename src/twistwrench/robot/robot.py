@@ -166,11 +166,16 @@ class Robot(
         Parameters
         ----------
         q : (nq,) array_like, optional, where it starts
-        options : those of :func:`twistwrench.viz.write_page`
+        **options : those of :func:`twistwrench.viz.write_page`
 
         Returns
         -------
         page : ShownPage
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().show([0, -1, 1, 0, 0, 0])  # doctest: +SKIP
         """
         from ..viz.page import show
 

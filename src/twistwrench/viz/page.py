@@ -164,7 +164,12 @@ def page_text(
 
 
 class ShownPage:
-    """A page that a notebook draws below its cell."""
+    """A page that a notebook draws below its cell.
+
+    Parameters
+    ----------
+    text : str, the page
+    """
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -180,6 +185,10 @@ class ShownPage:
         Returns
         -------
         path : Path of the page
+
+        Examples
+        --------
+        >>> ShownPage("<!doctype html>").open()  # doctest: +SKIP
         """
         path = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
         path.write_text(self.text, encoding="utf-8")
@@ -192,7 +201,7 @@ def show(robot: Robot, **options: Any) -> ShownPage:
 
     Parameters
     ----------
-    options : those of :func:`write_page`
+    **options : those of :func:`write_page`
 
     Returns
     -------
