@@ -16,7 +16,7 @@ from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import LoadCase, Payload
 from twistwrench.reports.robot_summary import read_limits
-from twistwrench.reports.spoken_verdict import verdict_view
+from twistwrench.reports.spoken_verdict import verdict_text as said
 from twistwrench.reports.torque_report import analyse
 from twistwrench.viz import motion_of, write_page
 from twistwrench.viz.drawn_motion import reported_motion
@@ -34,11 +34,6 @@ def report_of(robot, log, *payloads, limits=None, wrenches=None, friction=True):
     opened = MotionLog.open(log, robot.model)
     load = LoadCase(robot, payloads, wrenches or {}, friction=friction)
     return analyse(load, Differentiation.plan(opened, robot.model), limits or robot.limits)
-
-
-def said(report):
-    """Text of the verdict that the command prints."""
-    return "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces)
 
 
 def page_of(report, path):
@@ -243,3 +238,21 @@ def test_what_a_page_cannot_judge_it_carries(tmp_path, demo_log):
     note = "As computed for the command's load at its own speed, since motors and gears are judged as well."
     moved = f"{note} Torques below are those of the sliders."
     assert under_node(page, work, [under(2.0), under(9.0)]) == [[said(report), note], [said(report), moved]]
+
+
+@pytest.mark.slow
+def test_a_film_has_payload_and_verdict_on_its_frames(tmp_path, demo_log):
+    """In the upper left corner, in the colour of the verdict; a motion that nobody judged has none."""
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    from twistwrench.viz import film
+
+    motion = reported_motion(report_of(tw.robots.ur5(), demo_log, Payload(10.0)))
+    frames = {}
+    for name, one in {"judged": motion, "plain": replace(motion, report=None)}.items():
+        with Image.open(film(one, tmp_path / f"{name}.gif", fps=2, speed=6)) as picture:
+            frames[name] = np.asarray(picture.convert("RGB")).astype(int)[30:80, :300]
+    red = {name: ((f[..., 0] > 150) & (f[..., 1] < 90)).sum() for name, f in frames.items()}
+    assert red["judged"] > 200
+    assert red["plain"] == 0

@@ -61,6 +61,11 @@ def verdict_view(report: TorqueReport) -> Line:
     return line
 
 
+def verdict_text(report: TorqueReport) -> str:
+    """The text of :func:`verdict_view`, without colours."""
+    return "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces)
+
+
 def _questions(report: TorqueReport) -> list[tuple[str, str]]:
     """Questions to the user, with what gives rise to them."""
     found = [
@@ -168,7 +173,7 @@ def _of_the_log(report: TorqueReport) -> dict[str, Any]:
         "gap": gap if report.gaps.hidden else None,
         "asLogged": _over_as_logged(report),
         "questions": [f"{question} {remark}" for question, remark in _questions(report)],
-        "text": "".join(piece if isinstance(piece, str) else piece[0] for piece in verdict_view(report).pieces),
+        "text": verdict_text(report),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -13,16 +14,19 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.files import replacing
 from ..core.glossary import complete
-from ..core.numbers import printed, seconds
+from ..core.numbers import number, printed, seconds
+from ..core.verdict import Word
 from ..errors import MissingExtraError, ShapeError, ValueRangeError
 from ..model.model import BASE
 from ..plotting import style
+from ..reports.spoken_verdict import verdict_text
 from ..typing import Array
 from .colours import share_colours
 from .drawn_motion import DrawnMotion, motion_of
 from .scene import Scene, Shape, scene_of
 
 if TYPE_CHECKING:
+    from ..reports.torque_report import TorqueReport
     from ..robot import Robot
     from .surface import Surface
 
@@ -296,6 +300,8 @@ def film(
         left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
         stage = _Stage(left.subplots(), painter)
         bars = _Bars(right.subplots(), motion)
+        if motion.report is not None:
+            _write_verdict(left, motion.report)
         drawn.canvas.draw()
         drawn.set_layout_engine("none")  # found once; finding it for every picture takes longer than drawing it
         writer = _writer(target.suffix.lower(), fps)
@@ -308,6 +314,20 @@ def film(
                 if progress:
                     progress(k + 1, len(moments))
     return target
+
+
+def _write_verdict(figure: Any, report: TorqueReport) -> None:
+    """Payload and verdict in the upper left corner."""
+    word, first = report.verdict.word, verdict_text(report).split("\n", 1)[0]
+    carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
+    colour = {Word.OK: style.GREEN, Word.UNSURE: style.ORANGE}.get(word, style.OVER)
+    at: dict[str, Any] = {"x": 0.03, "va": "top", "ha": "left"}
+    figure.text(
+        y=0.97, s=f"payload {carried}" if carried else "no payload", fontsize=style.SMALL, color=style.INK, **at
+    )
+    figure.text(y=0.925, s=word, fontsize=style.SMALL + 6, color=colour, fontweight="bold", **at)
+    reason = fill(first.removeprefix(f"{word}: "), 72)
+    figure.text(y=0.855, s=reason, fontsize=style.SMALL, color=style.INK, **at)
 
 
 def movie_path(path: str | Path) -> str:
@@ -376,7 +396,7 @@ class _Bars:
 
     def __init__(self, axis: Any, motion: DrawnMotion) -> None:
         robot = motion.load.with_load
-        limits = np.where(robot.limits.effort > 0, robot.limits.effort, np.inf)
+        limits = np.where(motion.limits.effort > 0, motion.limits.effort, np.inf)
         self.limited = np.isfinite(limits)
         self.scale = np.where(self.limited, limits, np.maximum(motion.peaks, 1e-9))
         first = np.argsort(-np.where(self.limited, motion.peaks / self.scale, -1.0), kind="stable")[:_BARS]
