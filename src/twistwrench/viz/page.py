@@ -152,7 +152,7 @@ def page_text(
     data["subtitle"] = _subtitle(robot, motion, payload)
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
-    scripts = programs.script(), "\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS)
+    scripts = programs.script(), "\n".join(_without_comments((parts / name).read_text("utf-8")) for name in _SCRIPTS)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
         policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",
@@ -161,6 +161,12 @@ def page_text(
         script=scripts[1],
         data=box.packed(data),
     )
+
+
+def _without_comments(script: str) -> str:
+    """A script without lines that only comment, and without indentation."""
+    lines = (line.strip() for line in script.splitlines())
+    return "\n".join(line for line in lines if line and not line.startswith("//"))
 
 
 class ShownPage:

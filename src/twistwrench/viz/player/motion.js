@@ -68,24 +68,32 @@ class Motion {
     };
   }
 
+  get perKilogram() { // of payload, the torques that it takes at this speed, by rows; a push does not change them
+    if (this.known?.pace !== this.pace) {
+      const { tau, nv, pace, mechanics } = this, scales = [pace, pace * pace], found = new Float64Array(tau.length), alone = new Float64Array(nv);
+      for (let i = 0; i < this.time.length; i++) {
+        const row = this.inverse(i, scales, mechanics.still, 1, found.subarray(nv * i, nv * (i + 1)));
+        this.inverse(i, scales, mechanics.still, 0, alone);
+        for (let k = 0; k < nv; k++) row[k] -= alone[k];
+      }
+      this.known = { pace, found };
+    }
+    return this.known.found;
+  }
+
   // The largest payload, where each torque is linear in it: m <= (+-limit - tau_0) / tau_1 in every row of every joint.
   margin(loaded, least) {
-    const key = [this.pace, ...this.mechanics.push].join();
-    if (this.known?.key === key) return this.known.found;
-    const { limits, nv, tau } = this, alone = this.sweep(0, new Float64Array(tau.length)), one = this.sweep(1, new Float64Array(tau.length));
-    const most = new Float64Array(nv);
-    let found = { mass: Infinity }, fits = true;
+    const { limits, nv, tau, perKilogram } = this, { mass } = this.mechanics, most = new Float64Array(nv);
+    let found = { mass: Infinity };
     for (let j = 0; j < tau.length; j++) {
-      const k = j % nv, per = one[j] - alone[j];
+      const k = j % nv, per = perKilogram[j], alone = tau[j] - mass * per;
+      if (Math.abs(alone) > limits[k]) return null;
       most[k] = Math.max(most[k], Math.abs(per));
-      fits &&= Math.abs(alone[j]) <= limits[k];
       if (!(Math.abs(per) > least)) continue;
-      const mass = (Math.sign(per) * limits[k] - alone[j]) / per;
-      if (mass < found.mass) found = { mass, joint: k, row: Math.floor(j / nv) };
+      const allowed = (Math.sign(per) * limits[k] - alone) / per;
+      if (allowed < found.mass) found = { mass: allowed, joint: k, row: Math.floor(j / nv) };
     }
-    if (!fits || found.mass === Infinity || loaded(most).some((on, k) => on && limits[k] === Infinity)) found = null;
-    this.known = { key, found };
-    return found;
+    return found.mass === Infinity || loaded(most).some((on, k) => on && limits[k] === Infinity) ? null : found;
   }
 }
 
