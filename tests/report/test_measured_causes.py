@@ -1,5 +1,7 @@
 """Causes of measured torques in the report of ``torques``: by name, in place of figures, and none for a right log."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,10 +22,10 @@ NOISE = 0.01 * TORQUES.std(axis=0) * np.random.default_rng(0).normal(size=TORQUE
 MEASURED = TORQUES + NOISE
 
 
-def report(tmp_path, q=Q, tau=MEASURED, *, load=None):
+def report(tmp_path, q=Q, tau=MEASURED, *, load=None, limits=ARM.model.limits):
     tw.Motion(T, q, tau=tau, robot=ARM).to_csv(tmp_path / "log.csv")
     log = MotionLog.open(tmp_path / "log.csv", ARM.model)
-    found = analyse(load or LoadCase(ARM), Differentiation.plan(log, ARM.model), ARM.model.limits)
+    found = analyse(load or LoadCase(ARM), Differentiation.plan(log, ARM.model), limits)
     object.__setattr__(found, "causes", command.measured_causes(found, log))
     return found
 
@@ -52,12 +54,27 @@ def test_a_torque_of_the_wrong_sign_is_look_again_in_its_own_words(tmp_path):
     assert "disagrees" not in " ".join(found.verdict.reasons)
 
 
-def test_a_gain_is_a_note_with_value_and_interval_where_the_torques_are_not_grossly_different(tmp_path):
+def test_a_gain_that_changes_predictions_is_unsure_with_its_value(tmp_path):
     found = report(tmp_path, tau=MEASURED * [1, 1.3, 1])
     cause = found.causes[0]
     assert (cause.kind, cause.joints) == ("gain", ("joint2",)) and cause.interval[0] < 1.3 < cause.interval[1]
-    assert any("joint2 is 1.3" in note for note in notes_of(found))
-    assert "1.3" not in " ".join(found.verdict.reasons)
+    assert any("joint2 is 1.3" in reason for reason in found.verdict.reasons)
+    assert not any("1.3" in note for note in notes_of(found))
+
+
+def test_a_gain_of_a_few_per_cent_is_a_note(tmp_path):
+    found = report(tmp_path, tau=MEASURED * [1, 1.04, 1])
+    assert kinds(found) == ["gain"] and found.causes[0].effect < 0.05
+    assert any("joint2 is 1.04" in note for note in notes_of(found)) and "1.04" not in " ".join(found.verdict.reasons)
+
+
+def test_a_difference_below_a_twentieth_of_the_limit_is_a_note(tmp_path):
+    off = 2.0 * np.abs(TORQUES[:, 2]).max()
+    words = []
+    for effort in (19.0 * off, 21.0 * off):
+        limits = replace(ARM.model.limits, effort=np.full(3, effort))
+        words.append(" ".join(report(tmp_path, tau=MEASURED + [0, 0, off], limits=limits).verdict.reasons))
+    assert "disagrees" in words[0] and "disagrees" not in words[1]
 
 
 def test_a_law_of_a_joint_is_a_note_whatever_its_size(tmp_path):

@@ -215,7 +215,9 @@ def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
         for m in report.measured
         if m.disagrees and not m.contradicts and m.residual > _CONCERNS * limits.get(m.joint, 0.0)
     ]
-    return before, after + _against(report, doubted)
+    told = [m for m in report.measured if m.contradicts or m in doubted]
+    named = [c for c in report.causes if _alarms(c) and not any(explains(c, m.joint) for m in told)]
+    return before, [*after, *(cause.sentence.rstrip(".") for cause in named), *_against(report, doubted)]
 
 
 _CONCERNS = 0.05
@@ -228,6 +230,11 @@ def explains(cause: Doubt, joint: str) -> bool:
     """True if a cause makes a joint's measured torque grossly different from that computed: laws of the joints do not."""
     gross = doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _LITTLE
     return gross and (cause.kind not in _OF_TORQUES or joint in cause.joints)
+
+
+def _alarms(cause: Doubt) -> bool:
+    """True if a cause changes the torques of another motion by so much that those computed of this one are in doubt."""
+    return cause.refuses and doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _LITTLE
 
 
 def _against(report: TorqueReport, different: Sequence[MeasuredTorque]) -> list[str]:
@@ -490,7 +497,7 @@ def _friction_notes(report: TorqueReport) -> Iterator[str]:
 def _measured_notes(report: TorqueReport) -> Iterator[str]:
     in_verdict = {m.joint for m in report.measured if m.disagrees}
     for cause in report.causes:
-        if not any(explains(cause, joint) for joint in in_verdict):
+        if not _alarms(cause) and not any(explains(cause, joint) for joint in in_verdict):
             yield f"{cause.sentence[0].upper()}{cause.sentence[1:]}"
     if differ := [
         m.joint for m in report.measured if m.disagrees and not any(explains(c, m.joint) for c in report.causes)
