@@ -414,13 +414,13 @@ class Motion:
 
         return plot_motion(self, path, bounds, friction=friction)
 
-    def show(self, robot: Robot | None = None, **options: Any) -> ShownPage:
+    def show(self, robot: Robot | None = None, *, embed: bool = False, control: str | None = None) -> ShownPage:
         """Show the page of the motion: in a notebook below the cell, elsewhere in the browser.
 
         Parameters
         ----------
         robot : Robot, optional, with the same coordinates; None: the motion's own
-        **options : those of :func:`twistwrench.viz.write_page`
+        embed, control : those of :func:`twistwrench.viz.write_page`
 
         Returns
         -------
@@ -436,7 +436,7 @@ class Motion:
         from ..viz.page import show
 
         motion = self if robot is None else self.with_robot(robot)
-        return show(motion.robot, motion=motion_of(motion.robot, motion), **options)
+        return show(motion.robot, motion=motion_of(motion.robot, motion), embed=embed, control=control)
 
     # ── as columns ──
 

@@ -160,13 +160,21 @@ class Robot(
 
         return summary(self)
 
-    def show(self, q: ArrayLike | None = None, **options: Any) -> ShownPage:
+    def show(
+        self,
+        q: ArrayLike | None = None,
+        *,
+        wrench_on_robot: Wrenches | None = None,
+        section: str | None = None,
+        embed: bool = False,
+        control: str | None = None,
+    ) -> ShownPage:
         """Show the robot's page: in a notebook below the cell, elsewhere in the browser.
 
         Parameters
         ----------
         q : (nq,) array_like, optional, where it starts
-        **options : those of :func:`twistwrench.viz.write_page`
+        wrench_on_robot, section, embed, control : those of :func:`twistwrench.viz.write_page`
 
         Returns
         -------
@@ -179,7 +187,7 @@ class Robot(
         """
         from ..viz.page import show
 
-        return show(self, q=q, **options)
+        return show(self, q=q, wrench_on_robot=wrench_on_robot, section=section, embed=embed, control=control)
 
     def _repr_html_(self) -> str:
         from ..core.numbers import number
