@@ -73,7 +73,7 @@ def test_a_difference_below_a_twentieth_of_the_limit_is_a_note(tmp_path):
     words = []
     for effort in (19.0 * off, 21.0 * off):
         limits = replace(ARM.model.limits, effort=np.full(3, effort))
-        words.append(" ".join(report(tmp_path, tau=MEASURED + [0, 0, off], limits=limits).verdict.reasons))
+        words.append(" ".join(report(tmp_path, tau=MEASURED + np.array([0, 0, off]), limits=limits).verdict.reasons))
     assert "disagrees" in words[0] and "disagrees" not in words[1]
 
 
