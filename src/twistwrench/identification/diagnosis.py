@@ -44,7 +44,8 @@ _DISCRETE = 0.03, 0.06
 """Residuals of all joints and of any one, as shares of their torques, from which discrete causes are tried."""
 _SUSPECTS = 8
 """Joints with the largest residuals, of which discrete causes are tried."""
-_SECONDS, _LENGTHS = 1.0, 5.0
+_SECONDS, _LENGTHS = (1.0, 2.5), 5.0
+"""Least and longest blocks of time [s], in multiples of the correlation of residuals, which another cause makes long."""
 _STEPS, _WORTH = 5, 0.005
 _REFINED, _STARTED = 5, 3
 _UNTOLD = 1e-7
@@ -199,10 +200,10 @@ class CauseFit:
 
     @cached_property
     def blocks(self) -> Array:
-        """First rows of blocks of time: a second at least, and five autocorrelation lengths of the residuals."""
+        """First rows of blocks of time, five autocorrelation lengths of the residuals long, of a second to 2.5."""
         s = self.states
         step = float(np.median(np.diff(s.time[s.rows]))) if len(s.rows) > 1 else 1.0
-        length = max(_SECONDS / step, _LENGTHS * self.correlation)
+        length = max(_SECONDS[0] / step, min(_SECONDS[1] / step, _LENGTHS * self.correlation))
         count = max(2, int(len(self.left) / length))
         return np.linspace(0, len(self.left), count + 1).astype(int)[:-1]
 
@@ -337,11 +338,16 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
 
 
 def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
-    """Values of several causes, each anew with the others taken off: the first was estimated before these were known."""
-    moved = {k: one.correct for k, one in enumerate(found) if one.correct is not None}
-    if len(moved) < 2:
+    """Values of several causes, each anew with the others taken off: the first was estimated before these were known.
+
+    A cause that was found again, for its rest, is one with the first.
+    """
+    if sum(one.correct is not None for one in found) < 2:
         return found
     last = found[-1].fit
+    alike = [(one.kind, one.joints) for one in found]
+    found = [one for k, one in enumerate(found) if alike.index(alike[k]) == k]
+    moved = {k: one.correct for k, one in enumerate(found) if one.correct is not None}
     s = start.states.changed(rows=last.states.rows, friction_speed=last.states.friction_speed)
     fit = last.refit(s)
     for k in moved:
