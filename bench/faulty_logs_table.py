@@ -149,6 +149,18 @@ def case_rows(parts: dict[str, list[Row]]) -> Iterable[list[str]]:
         yield cells
 
 
+def precision_rows(parts: dict[str, Any]) -> Iterable[list[str]]:
+    """A row for each cause: of all logs of some parts, those that named it first, and those of them in which it was right."""
+    counts: dict[str, list[int]] = {}
+    for row in (row for part in parts.values() for row in part["logs"]):
+        if name := named(row):
+            count = counts.setdefault(name, [0, 0])
+            count[0] += 1
+            count[1] += right(row)
+    for name, (said, true) in sorted(counts.items()):
+        yield [name, str(said), str(true), f"{100 * true / said:.0f} %"]
+
+
 def _percent(x: float) -> str:
     return f"{x:.1f}" if x < 10 else f"{x:.0f}"
 
@@ -186,6 +198,7 @@ def page(kept: dict[str, Any]) -> str:
     head = ["case", "cause"] + [
         f"{what}, {label}" for label in faults for what in ("verdict", "torques wrong by", "named first")
     ]
+    causes_now = precision_rows(kept[labels[-1]])
     return (
         "\n\n".join(
             filter(
@@ -194,6 +207,7 @@ def page(kept: dict[str, Any]) -> str:
                     _HEAD,
                     section("Targets", "", ["target", *labels], rows),
                     section("Faults", _FAULTS, head, list(case_rows(faults))),
+                    section("Causes", _CAUSES, ["cause", "named first", "rightly", "share"], list(causes_now)),
                     section("Runs", "", ["label", "part", "logs", "commit", "date", "processor", "which"], runs),
                 ),
             )
@@ -207,6 +221,7 @@ _HEAD = """# Faulty logs
 Logs of robots whose parameters are known, with one fault each, or two: what `identify` says of them, and how wrong the torques
 of the robot that it finds are. Made by `python -m bench.faulty_logs faults clean ordinary laws pauses`, which writes
 `faulty_logs.json`, and `python -m bench.faulty_logs_table`, which writes this page."""
+_CAUSES = """Of all logs of the parts below, faulty and clean: those in which a cause was named first, and was right."""
 _FAULTS = """Verdicts of UR5, Panda, xArm 6 and TX40 in this order: O is OK, U UNSURE, L LOOK AGAIN. Torques wrong by: error of
 the torques of another motion, as a share of each joint's torque (rms), root mean square over the joints; least and largest of
 the four. Named first: the first doubt that says a cause; – where there is none. † No single log can tell it."""
