@@ -152,7 +152,7 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
     value, interval = cause.in_units
     level: Level = "refuse" if cause.effect > _REFUSES else "unsure" if cause.effect > _UNSURE else "note"
     row = doubt_table()[cause.kind]
-    own = level if row.level == "effect" else row.level
+    own = level if row.level == "effect" or (row.stage == 1 and level == "note") else row.level
     words = {
         "evidence": evidence,
         "value": "" if value is None else number(abs(value) if cause.kind == "late" else value, 3),
@@ -190,9 +190,10 @@ def gain_of_all(seen: FittedLog) -> list[Doubt]:
     drives = seen.W[:, :, base.drives]
     least = []
     for columns in (np.concatenate([file[..., None], drives], axis=2), drives):
-        A = (columns / sigma[:, None])[:, ~seen.dead].reshape(-1, columns.shape[2])
-        x, *_ = np.linalg.lstsq(A, (seen.tau / sigma)[:, ~seen.dead].ravel(), rcond=None)
-        least.append((x, float((((seen.tau / sigma)[:, ~seen.dead].ravel() - A @ x) ** 2).sum())))
+        y = (seen.tau / sigma)[:, ~seen.dead].ravel()
+        A = (columns / sigma[:, None])[:, ~seen.dead].reshape(len(y), columns.shape[2])
+        x = np.linalg.lstsq(A, y, rcond=None)[0] if columns.size else np.zeros(0)
+        least.append((x, float(((y - A @ x) ** 2).sum())))
     (x, left), (_, without) = least
     gain = float(x[0])
     if left > _TOLD * without or _OF_FILE[0] <= gain <= _OF_FILE[1]:

@@ -220,7 +220,7 @@ def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
     return before, [*after, *(cause.sentence.rstrip(".") for cause in named), *_against(report, doubted)]
 
 
-_CONCERNS = 0.05
+_CONCERNS = 0.02
 """Share of a joint's limit from which the difference of measured and computed torques concerns the verdict."""
 _OF_TORQUES, _LITTLE = ("torque-sign", "exchanged-torques", "gain"), ("late", "low-pass")
 """Causes that change measured torques of their joints only, and those that change them little."""

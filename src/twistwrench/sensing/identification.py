@@ -44,6 +44,7 @@ from .reading_doubts import (
     misfit,
     orthonormal,
     seems_moving,
+    turns_may_help,
     unexplained_turns,
     unit_doubt,
 )
@@ -341,7 +342,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
     rows = problem.log
     share, doubts, better = misfit(rows, found.fit, found.kept), [], []
     unexplained = share > _UNEXPLAINED
-    if unexplained:
+    if unexplained and turns_may_help(rows, found.fit, found.kept):
         better = [e for e in others(found.sign, problem) if e.improves(found.fit)]
     if unexplained or free_bias(found, problem) is not None:
         if slip := _slip(found, problem, better[0] if better else found):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .sensor import ForceTorqueSensor
 
 _SURE_POSES = 1e-4  # chance to blame the poses by luck
+_MAYBE = 1e-2  # chance to try other explanations in vain
 _OFF_PLANE = 10.0  # times the noise, from which the wrong one of two signs is seen without a test
 _ROUND = 0.1  # of the ball's radius: noise below which forces of one size lie on a ball
 _SMOOTH = (1e-4, 0.2)  # rad from one reading to the next, of a log in motion
@@ -83,6 +84,29 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
     if own > _ROUND * radius * size or (found.noise[1] / own) ** 2 < special.fdtri(2 * n, n - 4, 1 - _SURE_POSES):
         return None
     return own
+
+
+def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
+    """True if some sign and mounting may explain a log surely better: at rest, if any readings linear in gravity do.
+
+    Bias and weight of a load are that, in whatever axes and with whatever sign; so where the best of all linear
+    maps is not better, nothing else need be tried.
+    """
+    from scipy import special
+
+    if log.V is not None:
+        return True
+    g, readings = log.gravity[kept], log.readings[kept]
+    A = np.column_stack([np.ones(len(g)), g - g.mean(axis=0)])
+    x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=1e-6)
+    scale = np.repeat(found.spread(kept), 3)
+    free, known = 6.0 * (len(g) - rank), 6.0 * len(g) - len(found.unknowns.names)
+    if free <= 0 or known <= free:
+        return True
+    least = float((((readings - A @ x) / scale) ** 2).sum())
+    more = float(((found.residuals[kept] / scale) ** 2).sum()) - least
+    gain = more / (known - free) - least / free * float(special.fdtri(known - free, free, 1 - _MAYBE))
+    return gain > 0
 
 
 # ── Drift of the bias, gain and cross-talk in what is left
