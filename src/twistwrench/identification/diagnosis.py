@@ -45,7 +45,7 @@ _DISCRETE = 0.03, 0.06
 _SUSPECTS = 8
 """Joints with the largest residuals, of which discrete causes are tried."""
 _SECONDS, _LENGTHS = (1.0, 2.5), 5.0
-"""Least and longest blocks of time [s], in multiples of the correlation of residuals, which another cause makes long."""
+"""Shortest and longest blocks of time [s], and lengths of the residuals' correlation in a block: other causes make it long."""
 _STEPS, _WORTH = 5, 0.005
 _REFINED, _STARTED = 5, 3
 _UNTOLD = 1e-7

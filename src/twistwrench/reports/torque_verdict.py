@@ -209,15 +209,20 @@ def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
         after.append("samples were flattened that are no noise, and could be a torque beyond a limit")
     after += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
     after += [m.cut_words for m in report.measured if m.cut and m.matters]
+    different = _different(report)
+    named = [c for c in report.causes if _alarms(c) and not any(explains(c, m.joint) for m in different)]
+    doubted = [m for m in different if not m.contradicts]
+    return before, [*after, *(cause.sentence.rstrip(".") for cause in named), *_against(report, doubted)]
+
+
+def _different(report: TorqueReport) -> list[MeasuredTorque]:
+    """Measured torques whose difference from those computed concerns the verdict."""
     limits = {j.joint: j.limit for j in report.joints if math.isfinite(j.limit)}
-    doubted = [
+    return [
         m
         for m in report.measured
-        if m.disagrees and not m.contradicts and m.residual > _CONCERNS * limits.get(m.joint, 0.0)
+        if m.contradicts or (m.disagrees and m.residual > _CONCERNS * limits.get(m.joint, 0.0))
     ]
-    told = [m for m in report.measured if m.contradicts or m in doubted]
-    named = [c for c in report.causes if _alarms(c) and not any(explains(c, m.joint) for m in told)]
-    return before, [*after, *(cause.sentence.rstrip(".") for cause in named), *_against(report, doubted)]
 
 
 _CONCERNS = 0.02
@@ -495,9 +500,8 @@ def _friction_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _measured_notes(report: TorqueReport) -> Iterator[str]:
-    in_verdict = {m.joint for m in report.measured if m.disagrees}
     for cause in report.causes:
-        if not _alarms(cause) and not any(explains(cause, joint) for joint in in_verdict):
+        if cause.sentence.rstrip(".") not in report.verdict.reasons:
             yield f"{cause.sentence[0].upper()}{cause.sentence[1:]}"
     if differ := [
         m.joint for m in report.measured if m.disagrees and not any(explains(c, m.joint) for c in report.causes)
