@@ -150,10 +150,13 @@ def case_rows(parts: dict[str, list[Row]]) -> Iterable[list[str]]:
 
 
 def precision_rows(parts: dict[str, Any]) -> Iterable[list[str]]:
-    """A row for each cause: of all logs of some parts, those that named it first, and those of them in which it was right."""
+    """A row for each cause: of all logs of some parts, those that named it first, and those of them in which it was right.
+
+    Joints that did not move are true of ordinary work, and left out.
+    """
     counts: dict[str, list[int]] = {}
     for row in (row for part in parts.values() for row in part["logs"]):
-        if name := named(row):
+        if (name := named(row)) and name != _STILL:
             count = counts.setdefault(name, [0, 0])
             count[0] += 1
             count[1] += right(row)

@@ -195,7 +195,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
 def contradictions(report: TorqueReport) -> list[str]:
     """Reasons to look again at the input, whatever is carried and however fast the motion is."""
     refused = [str(doubt) for doubt in report.doubts if doubt.refuses]
-    contradicted = [m for m in report.measured if m.contradicts]
+    contradicted = [m for m in _different(report) if m.contradicts]
     return [*report.load.contradictions, *refused, *_against(report, contradicted)]
 
 
@@ -218,11 +218,7 @@ def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
 def _different(report: TorqueReport) -> list[MeasuredTorque]:
     """Measured torques whose difference from those computed concerns the verdict."""
     limits = {j.joint: j.limit for j in report.joints if math.isfinite(j.limit)}
-    return [
-        m
-        for m in report.measured
-        if m.contradicts or (m.disagrees and m.residual > _CONCERNS * limits.get(m.joint, 0.0))
-    ]
+    return [m for m in report.measured if m.disagrees and m.residual > _CONCERNS * limits.get(m.joint, 0.0)]
 
 
 _CONCERNS = 0.02
