@@ -279,6 +279,7 @@ GAIN = option(
     multiple=True,
 )
 RATE = option("--rate HZ", "Rows a second, where the log has no column of time.", type=float)
+TOPIC = option("--topic NAME[:reference]", "Topic of a ROS recording, or the reference of a controller's state there.")
 LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the log has no column for.")
 
 
@@ -292,6 +293,7 @@ def motion_options(*, required: bool) -> Decorator:
         COLUMNS,
         GAIN,
         RATE,
+        TOPIC,
         LOCK_MISSING,
         option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
     )
@@ -307,7 +309,8 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
     from ..motion.motion_log import MotionLog
 
-    columns, file = parse_columns(given.columns, getattr(given, "logs", [str(path)])), open_motion_file(path)
+    columns = parse_columns(given.columns, getattr(given, "logs", [str(path)]))
+    file = open_motion_file(path, getattr(given, "topic", None))
     missing: list[str] = []
 
     def without_column(model: Model) -> list[str]:
@@ -396,7 +399,7 @@ worker_options = option_group(
 
 def expand_paths(path: Path, text: str) -> list[str]:
     """Expand a folder or a pattern to its files, sorted by name; other paths are returned unchanged."""
-    from ..motion.motion_file import is_recording
+    from ..motion.ros_recordings import is_recording
 
     if any(c in text for c in "*?[") and not path.exists():
         matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root

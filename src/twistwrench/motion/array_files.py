@@ -52,9 +52,11 @@ class ArrayFile:
     """Remedy of numbers that are not finite."""
 
     @classmethod
-    def from_table(cls, path: Path, header: Sequence[str], table: Array, size: int) -> ArrayFile:
+    def from_table(
+        cls, path: Path, header: Sequence[str], table: Array, size: int, notes: Sequence[str] = ()
+    ) -> ArrayFile:
         """File whose columns (n, k) are in memory."""
-        return cls(path, tuple(header), size, lambda used: iter([table[:, list(used)]]))
+        return cls(path, tuple(header), size, lambda used: iter([table[:, list(used)]]), tuple(notes))
 
     def table(self, used: Sequence[int]) -> Array:
         """Table (n, len(used)) of those columns; raises TrajectoryError for numbers that are not finite."""

@@ -203,6 +203,8 @@ _SECONDS = {
     **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
     "min": 60.0,
 }
+_LAST_DATE = 2e11
+"""Year 8307 [s]."""
 _DATE_NS, _STEP_NS = 1e17, 1e4
 """1973 in ns, and 10 us: no log is as fast, and none in whole seconds or milliseconds has steps as long."""
 _FACTORS: dict[tuple[str, bool], dict[str, float]] = {
@@ -267,6 +269,21 @@ def time_factor(unit: str) -> float | None:
     (0.001, None)
     """
     return _SECONDS.get(_plain(unit))
+
+
+SINCE_1970 = 1e8
+"""Times from which they count from 1970 [s]: 1973; a log of three years is none."""
+
+
+def date_note(begin: float) -> tuple[str, ...]:
+    """A sentence on the date from which time counts; none for times that do not count from 1970.
+
+    >>> date_note(1.7e9), date_note(12.5)
+    (('Time counts from 2023-11-14 22:13:20 UTC.',), ())
+    """
+    if not SINCE_1970 < begin < _LAST_DATE:
+        return ()
+    return (f"Time counts from {np.datetime64(int(begin), 's').item():%Y-%m-%d %H:%M:%S} UTC.",)
 
 
 def ros_nanoseconds(stamps: Array) -> bool:

@@ -142,8 +142,9 @@ class Motion:
         rate: float | None = None,
         degrees: bool = False,
         gain: Mapping[str, float] | None = None,
+        topic: str | None = None,
     ) -> Motion:
-        """Read a CSV file, or an archive of ``simulate --npz``, as the command ``torques`` reads it.
+        """Read a log, a plan or an archive of ``simulate --npz``, as the command ``torques`` reads it.
 
         Parameters
         ----------
@@ -151,6 +152,7 @@ class Motion:
             Where names do not say it; ``{"log.csv:joint": column}`` holds for that file only.
         rate : float, optional, samples a second of a file without a column of time [Hz]
         gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
+        topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the plan of a controller's state
 
         Raises
         ------
@@ -167,9 +169,8 @@ class Motion:
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
-        return cls._of_log(
-            MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain), robot
-        )
+        reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "topic": topic}
+        return cls._of_log(MotionLog.open(path, robot.model, **reading), robot)
 
     @classmethod
     def from_dataframe(

@@ -12,13 +12,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..core.files import as_path
-from ..core.third_party import third_party_errors
-from ..errors import MissingExtraError, NotFoundError, TrajectoryError, TwistWrenchError
+from ..errors import TrajectoryError, TwistWrenchError
 from ..model.model import Model
 from ..typing import Array
 from .array_files import ArrayFile, array_file, is_archive, simulation_file
@@ -27,6 +25,7 @@ from .columns import absent_joints
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of
+from .ros_recordings import is_recording, ros_file
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
@@ -168,103 +167,23 @@ def _distinct(cell: str, path: Path) -> str:
     return f"{name}{said.pop()}" + (f" [{unit}]" if unit else "")
 
 
-# ── ROS recordings without ROS: MCAP files, rosbag2 folders, bags of ROS 1
-
-_TYPE = "JointState"
-_PARTS = (("position", "q"), ("velocity", "dq"), ("effort", "tau"))
-
-
-def is_recording(path: Path) -> bool:
-    """True if it is named like recordings of ROS: .mcap, .bag, or a folder with a metadata.yaml."""
-    metadata = path / "metadata.yaml"
-    return path.suffix.lower() in (".mcap", ".bag") or os.path.isfile(metadata)  # noqa: PTH113  it may be no path at all
-
-
-def ros_file(path: Path) -> ArrayFile:
-    """Joint states of the topic with most messages; raises NotFoundError, MissingExtraError and TrajectoryError."""
-    if not path.exists():
-        raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, a .bag, or a rosbag2 folder.")
-    messages: dict[str, list[Any]] = {}
-    with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
-        for topic, message in _mcap(path) if path.suffix.lower() == ".mcap" else _bag(path):
-            messages.setdefault(topic, []).append(message)
-        if not messages:
-            raise TrajectoryError(f"{path}: has no messages of the type sensor_msgs/{_TYPE}. Record /joint_states.")
-        topic = max(messages, key=lambda name: len(messages[name]))
-        header, table = _table(messages[topic], f"{path}, topic {topic}")  # a file may define the messages' fields
-    size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
-    return ArrayFile.from_table(path, header, table, size)
-
-
-def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
-    """Header and table of the messages that name the same joints as the first; others are ignored."""
-    names = list(messages[0].name)
-    mine = [m for m in messages if set(m.name) >= set(names)]
-    begin = mine[0].header.stamp
-    time = [_ros_seconds(m.header.stamp, begin) for m in mine]
-    order = [[list(m.name).index(n) for n in names] for m in mine]
-    header, columns = ["time [s]"], [np.array(time)[:, None]]
-    for field, part in _PARTS:
-        values = [np.asarray(getattr(m, field), float) for m in mine]
-        if all(len(v) == len(m.name) for v, m in zip(values, mine, strict=True)):
-            columns.append(np.array([v[o] for v, o in zip(values, order, strict=True)]))
-            header += [f"{n}{SUFFIX[part]}" for n in names]
-    if len(columns) == 1:
-        raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
-    return header, np.concatenate(columns, axis=1)
-
-
-def _ros_seconds(stamp: Any, begin: Any) -> float:
-    """Since the first stamp: whole nanoseconds since 1970 do not fit into a float."""
-    nano = "nanosec" if hasattr(stamp, "nanosec") else "nsecs" if hasattr(stamp, "nsecs") else "nanosec"
-    sec = "sec" if hasattr(stamp, "sec") else "secs"
-    return (getattr(stamp, sec) - getattr(begin, sec)) + 1e-9 * (getattr(stamp, nano) - getattr(begin, nano))
-
-
-def _mcap(path: Path) -> Iterator[tuple[str, Any]]:
-    try:
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError:
-        raise MissingExtraError.from_extra("mcap", "logs", "Reading MCAP") from None
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        summary = reader.get_summary()
-        topics = None
-        if summary is not None:
-            mine = {k for k, schema in summary.schemas.items() if schema.name.endswith(_TYPE)}
-            topics = [c.topic for c in summary.channels.values() if c.schema_id in mine]
-            if not topics:
-                return
-        for schema, channel, _, message in reader.iter_decoded_messages(topics=topics):
-            if schema is not None and schema.name.endswith(_TYPE):
-                yield channel.topic, message
-
-
-def _bag(path: Path) -> Iterator[tuple[str, Any]]:
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise MissingExtraError.from_extra("rosbags", "logs", "Reading bags of ROS") from None
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        mine = [c for c in reader.connections if c.msgtype.endswith(_TYPE)]
-        for connection, _, raw in reader.messages(connections=mine) if mine else ():
-            yield connection.topic, reader.deserialize(raw, connection.msgtype)
-
-
 # ── Opening a file by its name and first bytes
 
 MotionFile = CsvFile | ArrayFile | JoinedFile
 
 
-def open_motion_file(path: str | Path) -> MotionFile:
-    """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
+def open_motion_file(path: str | Path, topic: str | None = None) -> MotionFile:
+    """The motion file at that path, of any robot: CSV, arrays, tables, ROS recordings, or several, ``a.csv+b.csv``.
+
+    ``topic`` chooses one of a ROS recording. Raises TrajectoryError, NotFoundError and MissingExtraError.
+    """
     place = as_path(path)
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is no path at all
         return JoinedFile.open(path, open_motion_file)
     if is_recording(place):
-        return ros_file(place)
+        return ros_file(place, topic)
+    if topic is not None:
+        raise TrajectoryError(f"{path}: --topic is for recordings of ROS, and this is none. Leave it out.")
     if (arrays := array_file(place)) is not None:
         return arrays
     return simulation_file(place) if is_archive(place) else CsvFile.open(place)

@@ -208,6 +208,7 @@ class MotionLog:
         rate: float | None = None,
         gain: Mapping[str, float] | None = None,
         held: Sequence[str] = (),
+        topic: str | None = None,
     ) -> MotionLog:
         r"""Read and check the header of a motion file, and see which column is which.
 
@@ -225,6 +226,7 @@ class MotionLog:
         gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
             Of ``joint.current``: only for columns that are currents by name or unit.
         held : sequence of str, those of ``locked`` that the file has no column for
+        topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the plan of a controller's state
 
         Returns
         -------
@@ -254,7 +256,7 @@ class MotionLog:
             )
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
-        file = open_motion_file(path) if isinstance(path, str | Path) else path
+        file = open_motion_file(path, topic) if isinstance(path, str | Path) else path
         coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
         reading = Reading(file.path, columns, rate, degrees, gain, locked)
