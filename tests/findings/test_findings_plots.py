@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 
 import numpy as np
@@ -11,6 +10,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.plotting import style
 
 TREE = '<robot name="many"><link name="base"/>{}</robot>'
 JOINT = (
@@ -25,11 +25,20 @@ def test_finding_65_the_plot_of_a_simulation_shows_all_joints(tmp_path):
     swing = robot.simulate(np.linspace(0.1, 1, 32), np.zeros(32), duration=0.05)
     swing.plot(tmp_path / "swing.svg")
     text = (tmp_path / "swing.svg").read_text()
-    assert "the first" not in text
-    panels = re.findall(r"(\d+) to (\d+) of 32", text)
-    assert panels[0][0] == "1"
-    assert panels[-1][1] == "32"
-    assert all(int(b[0]) == int(a[1]) + 1 for a, b in itertools.pairwise(panels))
+    assert "the 8 of 32 that move most" in text
+    assert "24 others" in text
+    assert set(re.findall(r"<!-- (joint_\d+) -->", text)) == {f"joint_{k}" for k in range(24, 32)}
+
+
+def test_energies_of_a_simulation_begin_at_zero(drawn):
+    """The potential energy of a robot far above the origin would hide what is exchanged."""
+    swing = tw.load(TREE.format(JOINT.format(1))).simulate([0.5], [0.0], duration=0.1)
+    swing.plot("swing.png")
+    (energies,) = [axes for axes in drawn[0].axes if "Energies" in axes.get_title(loc="left")]
+    for line in energies.lines[:3]:
+        assert line.get_ydata()[0] == 0.0
+    both = energies.lines[2].get_ydata()
+    np.testing.assert_allclose(both, swing.energy - swing.energy[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("width", [60, 80])
@@ -81,19 +90,78 @@ def test_finding_65_the_plot_of_an_identification_shows_what_was_measured(drawn)
     tau = tau + 1e-3 * tau.std(axis=0) * np.random.default_rng(0).normal(size=tau.shape)
     tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm)).plot("found.png")
     panels = [axes for axes in drawn[0].axes if "joint" in axes.get_title(loc="left")]
-    for axes, colour in zip(panels, ("#0072B2", "#E69F00"), strict=True):
+    for axes, colour in zip(panels, style.SERIES, strict=False):
         lines = {line.get_label(): line for line in axes.lines}
         order = [line.get_label() for line in axes.lines]
         assert lines["predicted"].get_color() == colour
         assert (lines["measured"].get_marker(), lines["measured"].get_color()) == (".", "#222222")
         assert order.index("measured") > order.index("predicted")
+        below = drawn[0].axes[drawn[0].axes.index(axes) + 1]
+        (left,) = [line for line in below.lines if line.get_label() == "residual"]
+        shown = {name: lines[name].get_ydata() for name in ("measured", "predicted")}
+        np.testing.assert_array_equal(left.get_ydata(), shown["measured"] - shown["predicted"])
 
 
 def test_finding_65_small_torques_look_small(drawn, tmp_path):
-    """The third wrist joint of the demo bears 0.002 of 28 N m; its axis spans a fifth of the limit at least."""
+    """The third wrist joint of the demo bears 0.002 of 28 N m; its axis spans a tenth of the limit on either side at least."""
     picture = str(tmp_path / "torques.png")
     result = CliRunner().invoke(main, ["torques", "ur5", "--trajectory", "demo", "--plot", picture])
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     spans = {axes.get_title(loc="left"): np.ptp(axes.get_ylim()) for axes in drawn[0].axes}
     assert spans["wrist_3_joint"] == pytest.approx(0.2 * 28)
     assert spans["shoulder_pan_joint"] > 0.2 * 150
+
+
+# ── One palette
+
+
+def luminance(colour):
+    parts = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(one, other):
+    """Ratio of WCAG 2."""
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_curves_of_joints_are_seen_on_white_and_on_dark_paper_and_remarks_are_read():
+    """3 : 1 for marks, 4.5 : 1 for text; the dark paper is that of the viewer's panel."""
+    for colour in style.SERIES:
+        assert contrast(colour, "#ffffff") >= 3
+        assert contrast(colour, "#1b222a") >= 3
+    for colour in (style.QUIET, style.OVER, style.AXIS, style.INK):
+        assert contrast(colour, "#ffffff") >= 4.5
+
+
+def test_the_viewer_has_the_colours_of_the_plots():
+    from twistwrench.viz.colours import COLOURS
+
+    assert COLOURS["lines"] is style.SERIES
+    assert len(set(style.SERIES)) == style.MOST
+
+
+def test_curves_of_many_joints_differ_in_colour_or_dashes_and_the_rest_is_grey(drawn):
+    t, sizes = np.linspace(0, 1, 5), np.arange(30.0)
+    with style.figure(4, 3, "") as figure:
+        axis = figure.subplots()
+        names = [f"j{k}" for k in range(30)]
+        chosen = style.draw_joints(axis, t, t[:, None] * sizes, names, sizes)
+    assert chosen == list(range(22, 30))
+    looks = {line.get_label(): (line.get_color(), line.get_linestyle()) for line in axis.lines}
+    coloured = [look for name, look in looks.items() if name in names]
+    assert len(set(coloured)) == len(coloured) == 8
+    assert sum(line.get_color() == style.PALE for line in axis.lines) == 22
+    assert "22 others" in looks
+
+
+def test_minus_signs_of_plots_are_one_character(tmp_path):
+    """Names keep their hyphen, and so do exponents."""
+    with style.figure(4, 3, "arm-2: peak -3.5 N m, drift 1e-05") as figure:
+        figure.subplots().plot([-2, 2], [-1, 1])
+        style.save(figure, tmp_path / "minus.svg")
+    text = (tmp_path / "minus.svg").read_text("utf-8")
+    assert "arm-2: peak −3.5 N m, drift 1e-05" in text
+    assert "<!-- −2.0 -->" in text or "<!-- −2 -->" in text

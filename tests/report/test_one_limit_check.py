@@ -90,6 +90,6 @@ def test_a_motion(robot, held, share, over):
 def test_a_motor(share, over):
     motor = tw.robots.ur5().with_actuators(tw.robots.path_of("ur5").with_name("ur5_demo.yaml")).model.actuators
     demand = Demand("peak current", 7.0 * share, 7.0, "A", 0.5)
-    use = MotorUse("elbow", next(iter(motor.values())).motor, (demand,), 1.0, math.pi, np.zeros(1), np.zeros(1))
+    use = MotorUse("elbow", next(iter(motor.values())).motor, (demand,), 1.0, math.pi, *np.zeros((3, 1)))
     assert use.too_small is over
     assert bool(red(motors_table([use]))) is over

@@ -104,7 +104,9 @@ def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path, 
     code, output = run("ur5", *POSE, "--com", "0,0,0.1", "--payload", "1.2", "--plot", tmp_path / "out.svg")
     assert code == 0
     mass = output.partition(" kg: the largest payload")[0].split()[-1]
-    assert titles == [f"ur5 · largest payload {mass} kg at tool0 + [0, 0, 0.1] m, beside 1.2 kg at tool0"]
+    assert titles == [
+        f"ur5 · largest payload {mass} kg at tool0 + [0, 0, 0.1] m, by torque limits only, beside 1.2 kg at tool0"
+    ]
 
 
 @pytest.mark.parametrize(

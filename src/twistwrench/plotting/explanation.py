@@ -19,7 +19,7 @@ from ..typing import Array
 from . import style
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
-_APART = {"friction": style.GREY, "springs": style.YELLOW}
+_APART = {"friction": style.GREY, "springs": style.OLIVE}
 """Terms that do not belong to a body; wrenches are the remaining ones."""
 _MOST = 8
 """Causes drawn by themselves; the smallest of more are drawn as one."""

@@ -202,11 +202,11 @@ _PURPOSE = "Drawing the identification"
 def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
     """Draw measured and predicted torques of rows held out, the groups with their intervals, and the pull to the file."""
     names = found.held_out.names
-    height = 1.5 * len(names) + 4.6
+    height = 2.1 * len(names) + 4.6
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
     with style.figure(11.0, height, title, _PURPOSE) as drawn:
-        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
-        _torques(_rows(upper, names), found)
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[2.1 * len(names), 4.4]))
+        _torques(upper, found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _groups(left, found)
         _pull(right, found)
@@ -239,7 +239,7 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     )
     yield "<h2>Torques of rows held out</h2>"
     names = found.held_out.names
-    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(_rows(drawn, names), found))
+    yield _svg(10.0, 2.1 * len(names) + 0.6, lambda drawn: _torques(drawn, found))
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
     yield "<h3>In time</h3>"
@@ -290,32 +290,37 @@ def _svg(width: float, height: float, draw: Any) -> str:
     return text[text.index("<svg") :]
 
 
-def _torques(grid: Any, found: IdentifiedRobot) -> None:
-    """Measured, and predicted with a band of 95 % of the residuals; logs behind each other."""
+def _torques(drawn: Any, found: IdentifiedRobot) -> None:
+    """Draw measured and predicted torques of each joint, and below them what is left, with the band of 95 % of it."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
-    turning = Coordinates.from_model(found.original.model).angular_velocity
-    units = units_of("tau", turning)
+    units = units_of("tau", Coordinates.from_model(found.original.model).angular_velocity)
     ends = dict[float, float]()
     for rows in parts:
         for log in np.unique(rows.log):
             ends[float(log)] = max(ends.get(float(log), 0.0), float(rows.time[rows.log == log].max()))
     logs = sorted(ends)
     offsets = dict(zip(logs, itertools.accumulate((ends[log] for log in logs[:-1]), initial=0.0), strict=True))
-    for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
-        colour = style.SERIES[j % len(style.SERIES)]
+    names = found.held_out.names
+    grid = drawn.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=[3, 1.3] * len(names))[:, 0]
+    for j, (name, above, below) in enumerate(zip(names, grid[::2], grid[1::2], strict=True)):
+        colour, band = style.SERIES[j % len(style.SERIES)], _BAND * found.sigma[j]
+        below.axhspan(-band, band, color=style.PALE, linewidth=0, label="95 % of residuals")
         for k, rows in enumerate(parts):
             t = rows.time + np.array([offsets[float(log)] for log in rows.log])
-            x, half = rows.predicted[:, j], _BAND * found.sigma[j]
-            band, predicted, measured = ("95 %", "predicted", "measured") if k == 0 else (None, None, None)
-            axes.fill_between(t, x - half, x + half, color=style.PALE, linewidth=0, label=band)
-            axes.plot(t, x, color=colour, linewidth=1.6, label=predicted)
-            axes.plot(t, rows.measured[:, j], ".", color=style.INK, markersize=3.2, markeredgewidth=0, label=measured)
+            predicted, measured, left = ("predicted", "measured", "residual") if k == 0 else (None, None, None)
+            dot: dict[str, Any] = {"color": style.INK, "markersize": 3.2, "markeredgewidth": 0}
+            above.plot(t, rows.predicted[:, j], color=colour, linewidth=1.6, label=predicted)
+            above.plot(t, rows.measured[:, j], ".", label=measured, **dot)
+            below.plot(t, rows.measured[:, j] - rows.predicted[:, j], ".", label=left, **dot | {"markersize": 2.2})
+        below.axhline(0.0, color=style.AXIS, linewidth=0.7)
         share = found.held_out.joints[name]
-        left = f"{percent(share, 3)} left" if math.isfinite(share) else "no torque"
-        axes.set_title(f"{name}: {left}", loc="left")
-        axes.set_ylabel(units[j])
-    above = (1.0, 0.97)  # of the curves
-    grid[0].legend(ncols=3, loc="lower right", bbox_to_anchor=above)
+        above.set_title(
+            f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
+        )
+        for axes in (above, below):
+            axes.set_ylabel(units[j])
+    above, below = (axes.get_legend_handles_labels() for axes in grid[:2])
+    grid[0].legend(above[0] + below[0], above[1] + below[1], ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     grid[-1].set_xlabel("time [s]")
 
 
@@ -325,7 +330,7 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
     k = np.arange(min(len(size), _MOST_GROUPS))
     vague = (found.standard_deviations > 0.3 * np.abs(found.values))[k]
-    for which, colour, name in ((~vague, style.GREEN, "sure"), (vague, style.ORANGE, "vague")):
+    for which, colour, name in ((~vague, style.GREEN, "sure"), (vague, style.AMBER, "vague")):
         if which.any():
             at = k[which]
             y, bars = found.values[at] / size[at], np.clip(half[at] / size[at], 0, 2)

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core.glossary import complete
-from ..core.numbers import number, percent, percent_of_limit, quantity
+from ..core.numbers import number, percent_of_limit, quantity
 from ..errors import UnknownNameError
 from ..joints.units import torque_word, unit_of
 from ..model.limits import Limits, over_limit
 from ..motion.bounds import bounds_or_own
 from ..motion.coordinates import Coordinates
 from ..typing import Array
-from ..viz.colours import share_colours
 from ..viz.drawn_motion import DrawnMotion
 from . import style
 
@@ -24,15 +23,14 @@ if TYPE_CHECKING:
     from ..motion.motion import Motion
 
 _TERMS = {
-    "inertia": ("inertia, M ddq", style.BLUE),
-    "coriolis": ("Coriolis and centrifugal", style.SKY),
-    "gravity": ("gravity", style.ORANGE),
-    "spring": ("springs", style.GREEN),
-    "payload": ("payload", style.VERMILION),
-    "wrench": ("wrenches on it", style.PURPLE),
-    "friction": ("friction", style.GREY),
+    "inertia": "inertia, M ddq",
+    "coriolis": "Coriolis and centrifugal",
+    "gravity": "gravity",
+    "spring": "springs",
+    "payload": "payload",
+    "wrench": "wrenches on it",
+    "friction": "friction",
 }
-_LINES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE, style.GREY)
 _ZERO = 1e-9
 
 
@@ -107,7 +105,9 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     seen: dict[str, Any] = {}
 
     def draw(axis: style.Axes, k: int) -> None:
-        areas, _, _ = style.stack(axis, motion.time, ((*_TERMS[name], x[:, k]) for name, x in large.items()))
+        areas, _, _ = style.stack(
+            axis, motion.time, ((_TERMS[name], style.CAUSES[name], x[:, k]) for name, x in large.items())
+        )
         seen.update(areas)
         (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
         axis.axhline(0, color=style.AXIS, linewidth=0.7)
@@ -137,16 +137,14 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     power = e.power
     with style.figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
         upper, lower = drawn.subplots(2, 1, sharex=True)
-        most = np.argsort(-np.abs(power).max(axis=0), kind="stable")[: len(_LINES)]
-        for k, colour in zip(np.sort(most), _LINES, strict=False):
-            upper.plot(t, power[:, k], color=colour, linewidth=1.0, label=robot.model.velocity_names[k])
+        style.draw_joints(upper, t, power, robot.model.velocity_names, np.abs(power).max(axis=0))
         upper.plot(t, power.sum(axis=1), color=style.INK, linewidth=1.5, label="all joints")
         upper.axhline(0, color=style.AXIS, linewidth=0.7)
         upper.set_ylabel("power [W]")
         highest = float(power.sum(axis=1).max(initial=0.0))
         style.titles(upper, "Power of the joints, τ dq", f"most together {quantity(highest, 'W')}")
         lower.fill_between(t, e.kinetic, color=style.SKY, alpha=0.5, linewidth=0, label="kinetic energy")
-        lower.plot(t, e.potential - e.potential[0], color=style.ORANGE, label="potential energy gained")
+        lower.plot(t, e.potential - e.potential[0], color=style.AMBER, label="potential energy gained")
         gained = e.kinetic + e.potential - e.kinetic[0] - e.potential[0]
         lower.plot(t, gained, color=style.INK, linewidth=1.6, label="both gained")
         lower.plot(t, e.work, color=style.VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
@@ -170,8 +168,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
 def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
     """Phase plot: velocity over position of each joint.
 
-    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near
-    them.
+    Coloured by time; limits of position and velocity are dashed where the motion comes near them.
 
     Examples
     --------
@@ -185,26 +182,24 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     """
     style.require_matplotlib("Drawing (plot)")
     from matplotlib.collections import LineCollection
-    from matplotlib.lines import Line2D
+    from matplotlib.colors import Normalize
 
     robot, coordinates = motion.load.with_load, Coordinates.from_model(motion.load.with_load.model)
     limits = robot.limits
     effort = np.where(limits.effort > 0, limits.effort, np.inf)
     some = np.isfinite(effort)
-    shares = np.where(some, motion.torques / np.where(some, effort, 1.0), np.nan)
-    seen: dict[str, Any] = {
-        f"torque at {percent(share)} of its limit": Line2D([], [], color=tuple(share_colours(share)))
-        for share in (0.1, 0.5, 0.8, 1.0)
-    }
+    seen: dict[str, Any] = {}
+    shades = Normalize(float(motion.time[0]), float(motion.time[-1]))
 
     def draw(axis: style.Axes, k: int) -> None:
         place = int(coordinates.position_of[k])
         # Velocities of ball, planar and floating joints are not rates of coordinates: their integrals are drawn.
         x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
         points = np.stack([x, motion.dq[:, k]], axis=1)
-        colours = share_colours(np.maximum(np.abs(shares[1:, k]), np.abs(shares[:-1, k])))
         steps = list(np.stack([points[:-1], points[1:]], axis=1))
-        axis.add_collection(LineCollection(steps, colors=colours, linewidths=1.3))
+        axis.add_collection(
+            LineCollection(steps, array=motion.time[1:], cmap=style.time_colours(), norm=shades, linewidths=1.3)
+        )
         end: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
         (seen["beginning"],) = axis.plot(*points[0], "o", **end)
         (seen["end"],) = axis.plot(*points[-1], "s", markerfacecolor="white", **end)
@@ -225,10 +220,10 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
         used = f"torque {percent_of_limit(most)}" if some[k] else "no torque limit"
         style.titles(axis, robot.model.velocity_names[k], used, style.OVER if over_limit(most) else style.QUIET)
-        axis.set_ylabel(unit_of("dq", angular), fontsize=style.SMALL)
-        axis.set_xlabel(unit_of("q", angular), fontsize=style.SMALL)
+        axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL)
+        axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL)
 
-    return _panels(motion, path, joints, "velocity over position", draw, seen, "")
+    return _panels(motion, path, joints, "velocity over position", draw, seen, "", shades)
 
 
 PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_power, "phase": plot_phase}
@@ -243,17 +238,25 @@ def _panels(
     draw: Callable[[style.Axes, int], None],
     seen: dict[str, Any],
     below: str,
+    shades: Any = None,
 ) -> Path:
-    """A panel for each joint, and one legend of what was ``seen`` in any."""
+    """A panel for each joint, and one legend of what was ``seen`` in any; a bar for colours of time if they are ``shades``."""
     chosen = _chosen(motion, joints)
     rows, columns = style.panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
     with style.figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
-        for k, axis in enumerate(style.panels(drawn, len(chosen), sharex=bool(below))):
+        axes = style.panels(drawn, len(chosen), sharex=bool(below))
+        for k, axis in enumerate(axes):
             draw(axis, chosen[k])
             if below and len(chosen) <= k + columns:
                 axis.tick_params(labelbottom=True)
                 axis.set_xlabel(below, fontsize=style.SMALL)
+        if shades is not None:
+            from matplotlib.cm import ScalarMappable
+
+            drawn.colorbar(
+                ScalarMappable(shades, style.time_colours()), ax=axes, label="time [s]", shrink=0.8, aspect=35
+            )
         abreast = min(int(size[0] // 2), len(seen))  # inches: the longest label takes two
         drawn.legend(list(seen.values()), list(seen), loc="outside lower left", ncols=abreast)
         return style.save(drawn, path)
@@ -283,8 +286,6 @@ def _work(t: Array, power: Array) -> Array:
 
 
 # ── Velocities and torques as shares of their limits
-
-_JOINTS = 24
 
 
 def plot_motion(motion: Motion, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
@@ -331,7 +332,7 @@ def legend(axis: style.Axes) -> None:
     >>> len(axis.get_legend().get_texts())
     1
     """
-    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3, fontsize=style.SMALL - 0.5, borderpad=0)
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.08), ncols=3, borderpad=0)
 
 
 def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tuple[str, ...], what: str) -> None:
@@ -357,13 +358,12 @@ def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tupl
     """
     known = np.isfinite(limits)
     shares = bool(known.all())
-    for k, name in enumerate(names[:_JOINTS]):
-        y = values[:, k] / limits[k] if shares else values[:, k]
-        axis.plot(t, y, color=style.SERIES[k % len(style.SERIES)], linewidth=1.2, label=name)
+    drawn = values / limits if shares else values
+    style.draw_joints(axis, t, drawn, names, np.abs(drawn).max(axis=0))
     if shares:
         for side in (-1, 1):
             axis.axhline(side, **style.LIMIT)
-        most = max(1.12, 1.05 * float(np.abs(values / limits).max()))
+        most = max(1.12, 1.05 * float(np.abs(drawn).max()))
         axis.set_ylim(-most, most)
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
     axis.set_ylabel(f"{what} / limit" if shares else what)

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["plot_payload"]
 
 
-def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
-    """The largest payload of the best and of the worst posture at each place, side by side."""
+def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
+    """Draw the largest payload of the best and of the worst posture at each place, side by side; colours span ``answer``."""
     from matplotlib.colors import LogNorm
 
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -39,6 +39,8 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
     finite = chart.best[np.isfinite(chart.best)]
     high = max(float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3)  # a few hold a hundred times more
     low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
+    if 0 < answer < np.inf:
+        low, high = min(low, answer / 3), max(high, 3 * answer)
     shades = LogNorm(low, max(high, 1.01 * low))
     titles = ("Payload map, best posture", "Payload map, worst posture")
     for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
@@ -108,14 +110,16 @@ def plot_payload(
     ...     plot_payload(ur5, q, tw.statics.largest_payload(ur5, q), f"{folder}/payload.svg")
     """
     mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
-    title = f"{robot.name} · {mass if found.holds else 'no payload'} at {where or frame or robot.tip}"
+    place = f"at {where or frame or robot.tip}, by torque limits only"
+    title = f"{robot.name} · {mass if found.holds else 'no payload'} {place}"
     with style.figure(10.5, 4.6 if chart is None else 9.2, title + (f", beside {carried}" if carried else "")) as drawn:
         parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
         _draw_forces(left, robot, q, frame, limits)
         _draw_shares(right.subplots(), found, carried)
         if chart is not None:
-            draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
+            tip = np.asarray(robot.forward_kinematics(q, frame))[:3, 3]
+            draw_map(parts[1], chart, tip, found.mass if found.holds else 0.0)
         style.save(drawn, path)
 
 
@@ -178,7 +182,7 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
     ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
     axis.plot_wireframe(
-        shell[..., 0], shell[..., 1], shell[..., 2], color=style.ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
+        shell[..., 0], shell[..., 1], shell[..., 2], color=style.AMBER, linewidth=0.6, rstride=2, cstride=2, zorder=2,
         label=_ELLIPSOID,
     )  # fmt: skip
     points = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
@@ -212,7 +216,7 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
     turn = np.linspace(0, 2 * np.pi, 181)
     round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     reach = ellipsoid.reach(round_)
-    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=style.ORANGE, label=_ELLIPSOID)
+    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=style.AMBER, label=_ELLIPSOID)
     axis.set_aspect("equal", "datalim")
     axis.margins(0.12)
     axis.set_xlabel(f"force along {_words(first)} [N]")

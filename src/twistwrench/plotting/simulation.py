@@ -20,10 +20,9 @@ if TYPE_CHECKING:
     from ..trajectories.trajectory import Trajectory
 
 _WORKS = {"torques": style.GREEN, "friction": style.GREY, "wrenches": style.PURPLE, "contacts": style.VERMILION}
-_MOST = 14
-"""Curves of a panel, beyond which names no longer fit."""
 _PANELS = {"rad": "Angles [rad]", "m": "Positions [m]", "": "Orientations: quaternions", None: "Coordinates [rad, m]"}
 """Axis label for each unit; None for files without units."""
+_QUATERNION = 4
 
 
 def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
@@ -61,43 +60,33 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
 def _panels(result: SimulationResult) -> dict[str, list[int]]:
     """Titles of the panels of coordinates, and the coordinates that each shows."""
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
-    found = {}
-    for unit, said in _PANELS.items():
-        places = [k for k, u in enumerate(units) if u == unit]
-        count = -(-len(places) // _MOST)  # panels, all about as full
-        for n in range(count):
-            first, last = (len(places) * k // count for k in (n, n + 1))
-            found[said if count == 1 else f"{said}, {first + 1} to {last} of {len(places)}"] = places[first:last]
-    return found
+    found = {said: [k for k, u in enumerate(units) if u == unit] for unit, said in _PANELS.items()}
+    return {said: places for said, places in found.items() if places}
 
 
 def _draw_coordinates(axis: style.Axes, result: SimulationResult, said: str, places: list[int]) -> None:
-    for n, (k, colour) in enumerate(zip(places, _colours(places), strict=True)):
-        dashes = "--" if n % 2 and len(places) > len(style.SERIES) else "-"
-        axis.plot(result.times, result.q[:, k], dashes, color=colour, label=result.coordinate_names[k])
-    axis.set_title(said, loc="left")
+    """Draw the coordinates of one unit; those that move most in colour."""
+    q, names = result.q[:, places], [result.coordinate_names[k] for k in places]
+    turned = [result.coordinate_units[:k].count("") // _QUATERNION for k in places]  # a quaternion has three velocities
+    colours = [k - n for k, n in zip(places, turned, strict=True)]
+    shown = style.draw_joints(axis, result.times, q, names, np.ptp(q, axis=0), colours)
+    most = f": the {len(shown)} of {len(places)} that move most" if len(shown) < len(places) else ""
+    axis.set_title(f"{said}{most}", loc="left")
     _legend(axis)
 
 
-def _colours(places: list[int]) -> list[Any]:
-    """Colours of the coordinates: their joints' where these differ, otherwise a rainbow."""
-    own = [style.SERIES[k % len(style.SERIES)] for k in places]
-    if len(set(own)) == len(own):
-        return own
-    from matplotlib import colormaps
-
-    return [colormaps["turbo"](0.03 + 0.94 * k / (len(own) - 1)) for k in range(len(own))]
-
-
 def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
-    axis.plot(result.times, result.kinetic_energy, color=style.BLUE, label="kinetic")
-    axis.plot(result.times, result.potential_energy, color=style.ORANGE, label="potential")
-    axis.plot(result.times, result.energy, color=style.LINE, linewidth=2, label="both")
+    for energy, label, look in (
+        (result.kinetic_energy, "kinetic", {"color": style.BLUE}),
+        (result.potential_energy, "potential", {"color": style.AMBER}),
+        (result.energy, "both", {"color": style.LINE, "linewidth": 2}),
+    ):
+        axis.plot(result.times, energy - energy[0], label=label, **cast("Any", look))
     for name, work in result.work.items():
         if np.any(work):
             axis.plot(result.times, work, "--", color=_WORKS[name], label=f"work of {name}")
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
-    axis.set_title("Energies [J]", loc="left")
+    axis.set_title("Energies, gained since the start [J]", loc="left")
     _legend(axis)
 
 
@@ -162,12 +151,23 @@ def plot_trajectory(
         return style.save(drawn, path)
 
 
+_NAMED = 0.013
+"""Share of the time per letter from which a name fits on its part of the strip."""
+
+
 def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     for touch in fast.limit_contacts:
         k = names.index(touch.joint)
         look: dict[str, Any] = {"color": style.SERIES[k % len(style.SERIES)], "edgecolor": "white", "linewidth": 0}
         hatch = "///" if touch.kind == "velocity" else None
         axis.barh(0, touch.end - touch.begin, left=touch.begin, height=0.8, hatch=hatch, **look)
+        name = touch.joint.removesuffix("_joint")
+        longest = (touch.end - touch.begin) / fast.duration / _NAMED
+        name = name if len(name) <= longest else name.replace("_", "\n", 1)
+        if max(map(len, name.split("\n"))) <= longest:
+            box = {"facecolor": look["color"], "edgecolor": "none", "pad": 1.5}
+            place = (touch.begin + touch.end) / 2, 0
+            axis.text(*place, name, color="white", ha="center", va="center", fontsize=style.SMALL, bbox=box)
     axis.set_yticks([])
     axis.grid(visible=False)
     caption = "what is at its limit: torques plain, velocities hatched (dotted beside)"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
@@ -22,13 +23,28 @@ if TYPE_CHECKING:
 
 __all__ = ["figure", "require_matplotlib", "save"]
 
-LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#8a8f98", "#555b63", "#222222", "#d5d9df"
+LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#6b7079", "#555b63", "#222222", "#d5d9df"
 """A curve, what is over a limit or in doubt, remarks, axes and zero lines, what is drawn over colours, and behind curves."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
-"""Okabe and Ito's colours, which colour-blind readers can distinguish; the rest of them follow."""
-VERMILION, PURPLE, GREY, YELLOW = "#D55E00", "#CC79A7", "#999999", "#F0E442"
-SERIES = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, GREY, YELLOW)
-"""Colours of joints, in their order, in every picture; they repeat after the last."""
+VERMILION, GREY = "#D55E00", "#8C8C8C"
+"""Okabe and Ito's colours, which colour-blind readers can distinguish; sky and orange for areas alone."""
+AMBER, PURPLE, AZURE, OLIVE, VIOLET = "#C98500", "#C76FA0", "#3B9AD9", "#8A8B1E", "#7A63D0"
+"""Colours of curves with a contrast of 3 : 1 on white and on dark paper."""
+SERIES = (BLUE, AMBER, GREEN, VERMILION, PURPLE, AZURE, OLIVE, VIOLET)
+"""Colours of joints, in their order, in every plot and in the viewer; after the last they repeat with other dashes."""
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+CAUSES: Mapping[str, str] = MappingProxyType(
+    {
+        "inertia": BLUE,
+        "coriolis": SKY,
+        "gravity": ORANGE,
+        "spring": GREEN,
+        "payload": VERMILION,
+        "friction": GREY,
+        "wrench": PURPLE,
+    }
+)
+"""Colours of the causes of a torque."""
 LIMIT: Mapping[str, Any] = MappingProxyType({"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))})
 """A line at a limit."""
 SMALL = 8
@@ -115,8 +131,20 @@ def save(drawn: Figure, path: str | Path) -> Path:
     target = Path(picture_path(path))
     # Ticks and their labels are made only now, so the style has to be on once more.
     with replacing(target) as scratch, mpl.rc_context(cast("Any", dict(STYLE))):
+        _write_minus(drawn)
         drawn.savefig(scratch, format=target.suffix[1:].lower())
     return target
+
+
+_MINUS = re.compile(r"(?<![\w.-])-(?=[\d.])")
+
+
+def _write_minus(drawn: Figure) -> None:
+    """Write the minus of numbers as U+2212 in all texts, as Matplotlib does at ticks."""
+    from matplotlib.text import Text
+
+    for text in drawn.findobj(Text):
+        text.set_text(_MINUS.sub("−", text.get_text()))
 
 
 def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
@@ -167,6 +195,39 @@ def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tupl
         axis.fill_between(x, below, below + down, **look)
         below, above = below + down, above + up
     return areas, below, above
+
+
+# ── Curves of joints
+
+MOST = 8
+"""Curves in colour; of more joints, the rest is grey."""
+
+
+def draw_joints(
+    axis: Axes, t: Array, values: Array, names: Sequence[str], sizes: Array, places: Sequence[int] | None = None
+) -> list[int]:
+    """Draw a curve for each joint in its colour and dashes; those beyond the eight of largest ``sizes`` in grey behind.
+
+    ``values`` (n, k) belong to ``names``; ``places`` are the numbers of their colours, if other than 0 to k - 1. Returns the
+    columns that are in colour.
+    """
+    order = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
+    chosen, rest = sorted(order[:MOST]), order[MOST:]
+    for k in chosen:
+        n = k if places is None else places[k]
+        look = {"color": SERIES[n % len(SERIES)], "linestyle": DASHES[n // len(SERIES) % len(DASHES)]}
+        axis.plot(t, values[:, k], linewidth=1.2, label=names[k], **look)
+    for n, k in enumerate(rest):
+        label = None if n else f"{len(rest)} others"
+        axis.plot(t, values[:, k], color=PALE, linewidth=0.8, label=label, zorder=1.5)
+    return chosen
+
+
+def time_colours() -> Any:
+    """Colormap of time, from light to dark, legible on white."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("time", (AMBER, PURPLE, LINE))
 
 
 # ── Grids of panels

@@ -18,19 +18,10 @@ from ..reports.torque_report import ZERO, JointTorque, TorqueReport
 from ..typing import Array
 from . import style
 
-_COLOURS = {
-    "inertia": style.BLUE,
-    "coriolis": style.SKY,
-    "gravity": style.ORANGE,
-    "spring": style.GREEN,
-    "payload": style.VERMILION,
-    "friction": style.GREY,
-    "wrench": style.PURPLE,
-}
 _SEEN = 0.02
 """Share of the curve's range from which an interval shows."""
-_LEAST = 0.2
-"""Share of a joint's limit that its axis spans at least, so that small torques look small."""
+_LEAST = 0.1
+"""Share of a joint's limit that its axis spans on either side at least, so that small torques look small."""
 _SHOWN_FROM = 0.3  # limits are drawn to scale from this share on; below, they would flatten the curve
 
 
@@ -100,7 +91,7 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
     if half > _SEEN * float(np.nanmax(greatest) - np.nanmin(least)):
         axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
     bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
-    _frame_limits(axis, joint, bottom, top, most=2 * report.scale)
+    _frame_limits(axis, joint, bottom, top, most=report.scale)
     peak = 0.0 if report.is_zero(joint.peak) else joint.peak
     axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor="white", zorder=5)
     late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
@@ -154,7 +145,7 @@ def _draw_band(
 def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float, *, most: float) -> None:
     """Choose the range of torques shown: the curve with room for its label, and the limit on sides that near it.
 
-    A range below a fifth of the limit is widened to it, or to ``most`` if that is less.
+    A range of less than a tenth of the limit on either side is widened to it, or to ``most`` if that is less.
     """
     span = max(high, 0.0) - min(low, 0.0) or 1.0
     bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
@@ -164,9 +155,9 @@ def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float,
         bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
         axis.axhline(side * joint.limit, **style.LIMIT)
         axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=style.OVER, alpha=0.08, linewidth=0)
-    lack = min(_LEAST * joint.limit, most) - (top - bottom)
-    if math.isfinite(joint.limit) and lack > 0:
-        bottom, top = bottom - lack / 2, top + lack / 2
+    if math.isfinite(joint.limit):
+        least = min(_LEAST * joint.limit, most)
+        bottom, top = min(bottom, -least), max(top, least)
     axis.set_ylim(bottom, top)
 
 
@@ -177,11 +168,11 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
     large = {
         name: x for name, x in zip(terms, parts, strict=True) if np.nanmax(np.abs(x), initial=0.0) > ZERO * report.scale
     }
-    _, below, above = style.stack(axis, time, ((cause_label(name), _COLOURS[name], x) for name, x in large.items()))
+    _, below, above = style.stack(axis, time, ((cause_label(name), style.CAUSES[name], x) for name, x in large.items()))
     axis.plot(time, np.sum(parts, axis=0), color="black", linewidth=1.3, label="total")
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
-    _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=2 * report.scale)
+    _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=report.scale)
     whole = len(states) == report.rows
     part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
     what = "no torque to give" if report.is_zero(joint.largest) else "what its torque is made of"
@@ -217,30 +208,39 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     rows, columns = style.panel_grid(len(motors), _ABREAST)
     with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--motor-plot)") as drawn:
         axes = style.panels(drawn, len(motors), _ABREAST)
-        for axis, motor in zip(axes, motors, strict=True):
-            _draw(axis, motor)
-        handles, labels = axes[0].get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside lower left", ncols=4)
-        drawn.supxlabel("speed [rad/s]", fontsize=style.SMALL)
-        drawn.supylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+        keys: dict[str, Any] = {}
+        for k, (axis, motor) in enumerate(zip(axes, motors, strict=True)):
+            points = _draw(axis, motor, (report.begin, report.end))
+            keys |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+            if k + columns >= len(motors):
+                axis.set_xlabel("speed [rad/s]", fontsize=style.SMALL)
+            if k % columns == 0:
+                axis.set_ylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+        drawn.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
+        drawn.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
         return style.save(drawn, path)
 
 
-def _draw(axis: style.Axes, use: MotorUse) -> None:
+def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
+    """Draw what a motor can give, and the motion as points in the colours of time; the points."""
     motor, speed, torque = use.motor, use.speed, use.torque
     edge, seen = min(motor.voltage / motor.torque_constant, motor.speed), float(np.abs(speed).max(initial=0.0))
     top = 1.05 * max(seen, edge if math.isfinite(edge) else 1.5 * seen) or 1.0
     w = np.linspace(-top, top, 401)
     bounds = [motor.torque_constant * x for x in (motor.current_continuous, motor.current_peak) if math.isfinite(x)]
     reach = 1.1 * max([*bounds, float(np.abs(torque).max(initial=0.0))]) or 1.0
-    spells = ((motor.current_peak, _SHORT, "for a while"), (motor.current_continuous, _LONG, "for ever"))
+    spells = ((motor.current_peak, _SHORT, "intermittent"), (motor.current_continuous, _LONG, "continuous"))
     for current, colour, name in spells:
         high = np.clip(motor.greatest_torque(w, current), -reach, reach)
         low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
-        axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0, label=name)
+        axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0)
+        axis.text(
+            0.97 * w[np.argmax(high > low)], 0.96 * high.max(), name, va="top", fontsize=style.SMALL, color=style.AXIS
+        )
     most, least = motor.greatest_torque(speed), motor.greatest_torque(-speed)
     within = np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))
-    axis.plot(speed, torque, color=style.LINE, linewidth=0.7, alpha=0.8, label="this motion")
+    time: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": span[0], "vmax": span[1]}
+    points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, **time)
     if not within.all():
         axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
@@ -255,3 +255,4 @@ def _draw(axis: style.Axes, use: MotorUse) -> None:
     d = use.tightest
     used = f"{d.what} {percent_of_limit(d.share)}" if d.share else ""
     style.titles(axis, use.joint, used, style.OVER if use.too_small else style.QUIET)
+    return points

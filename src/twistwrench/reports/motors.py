@@ -52,10 +52,12 @@ class MotorUse:
     """W, the largest electrical power."""
     heat: float
     """W, lost in the windings on average."""
+    time: Array
+    """(n,) s, of some of the states, evenly spread."""
     speed: Array
-    """(n,) rad/s, of some of the states, evenly spread."""
+    """(n,) rad/s, in these states."""
     torque: Array
-    """(n,) N m, at the rotor, in the same states."""
+    """(n,) N m, at the rotor, in these states."""
 
     @property
     def tightest(self) -> Demand:
@@ -96,10 +98,11 @@ class MotorTally:
         for name, peak in self._peaks.items():
             peak.add(time, np.abs(picked[name]))
         self._current.add(time, picked["current"])
-        self._keep(np.stack([picked["speed"], picked["torque"]], axis=-1))
+        speed, torque = picked["speed"], picked["torque"]
+        self._keep(np.stack([np.broadcast_to(time[:, None], speed.shape), speed, torque], axis=-1))
 
     def _keep(self, points: Array) -> None:
-        """Keep every n-th state (n, motors, 2), doubling n when there are too many."""
+        """Keep every n-th state (n, motors, 3), doubling n when there are too many."""
         self._points.append(points[self._phase :: self._stride])
         self._phase = (self._phase - len(points)) % self._stride
         while sum(map(len, self._points)) > _MOST_POINTS:
@@ -126,9 +129,7 @@ class MotorTally:
                 Demand("speed", peak["speed"][0], motor.speed, "rad/s", peak["speed"][1]),
             )
             heat = motor.resistance * float(rms[k]) ** 2
-            uses.append(
-                MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, points[:, k, 0], points[:, k, 1])
-            )
+            uses.append(MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, *points[:, k].T))
         return tuple(uses)
 
 
