@@ -119,7 +119,7 @@ def plot_payload(
         _draw_shares(right.subplots(), found, carried)
         if chart is not None:
             tip = np.asarray(robot.forward_kinematics(q, frame))[:3, 3]
-            draw_map(parts[1], chart, tip, found.mass if found.holds else 0.0)
+            draw_map(parts[1], chart, tip, float(found.mass) if found.holds else 0.0)
         style.save(drawn, path)
 
 
