@@ -8,23 +8,20 @@ from typing import Any
 import click
 
 from ..core.verdict import ExitCode
+from ..errors import ValueRangeError
 from ..model.description import grouped
 from ..reports.robot_summary import assignments
 from ..robot.load import save
 from .main import Given, option
-from .shared import RobotOptions, robot_command, show_written
+from .shared import PAYLOADS, RobotOptions, load_case, robot_command, show_written
 
 _LISTS = ("by", "parameters", "rows", "wrenches")
 
 
 @robot_command(
     "export",
-    option(
-        "--c FOLDER|OUT.c",
-        "Write C99: a header, a source and its test, into a folder or beside each other.",
-        "path",
-        required=True,
-    ),
+    option("--c FOLDER|OUT.c", "Write C99: a header, a source and its test, into a folder or beside each other.", "path"),
+    option("--st FOLDER|OUT.st", "Write Structured Text (IEC 61131-3) for PLCs, with its test; not run on a PLC."),
     option(
         "--quantity NAME[:OPTION=VALUE,…]",
         "A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
@@ -33,29 +30,50 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
         multiple=True,
         default=("inverse_dynamics",),
     ),
+    PAYLOADS,
+    option("--gravity-input", "Make gravity an input of every function."),
     option("--float", "Single precision.", "precision", flag_value="float", default="double", show_default=False),
     option("--prefix NAME", "What the functions' names begin with; the robot's name otherwise."),
-    option("--no-test", "Leave out the program that checks the functions."),
-    examples=("export panda --c . --quantity inverse_dynamics --quantity mass_matrix",),
+    option(
+        "--style",
+        "Structured Text alone: 'codesys' adds a block for its interface, to be completed by hand.",
+        choices=("function_block", "codesys"),
+        default="function_block",
+    ),
+    option(
+        "--torque",
+        "Structured Text alone: torques at the joints, or at the shafts of the motors of --actuators.",
+        choices=("joint", "motor"),
+        default="joint",
+    ),
+    option("--test/--no-test", "Write the program that checks the functions, too.", "test", default=True),
+    examples=(
+        "export panda --c . --quantity inverse_dynamics --quantity mass_matrix",
+        "export ur5 --st ur5.st --payload 3 --actuators demo --torque motor",
+    ),
 )
 def export_command(options: RobotOptions, given: Given) -> None:
-    """The robot's quantities as C99 source that allocates nothing and needs math.h only, with a program that checks it."""
+    """The robot's quantities as C99 or Structured Text that allocates nothing, with a program that checks it."""
     from ..export.c99 import export_c
+    from ..export.structured_text import export_st
 
-    written = export_c(
-        options.load(),
-        [_quantity(text) for text in given.quantities],
-        given.path,
-        precision=given.precision,
-        prefix=given.prefix,
-        test=not given.no_test,
-        label="--c",
-        inputs=options.files,
-    )
-    show_written(*written)
-    if not given.no_test:
-        _, source, test = written
-        click.echo(f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out")
+    if given.path is None and given.st is None:
+        raise ValueRangeError("nothing is to be written. Add --c OUT.c or --st OUT.st.")
+    if given.st is None and (given.style, given.torque) != ("function_block", "joint"):
+        raise ValueRangeError("--style and --torque apply to Structured Text. Add --st OUT.st, or leave them out.")
+    robot = load_case(options.load(), options, given).with_load
+    wanted = [_quantity(text) for text in given.quantities]
+    if given.gravity_input:
+        wanted = [(name, {**own, "gravity": "input"}) for name, own in wanted]
+    common = given.pick("precision", "prefix", "test") | {"inputs": options.files}
+    if given.st is not None:
+        show_written(export_st(robot, wanted, given.st, label="--st", **given.pick("style", "torque"), **common))
+    if given.path is not None:
+        written = export_c(robot, wanted, given.path, label="--c", **common)
+        show_written(*written)
+        if given.test:
+            _, source, test = written
+            click.echo(f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out")
 
 
 def _quantity(text: str) -> tuple[str, dict[str, Any]]:

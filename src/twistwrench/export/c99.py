@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
         *_CONVENTIONS.split("\n"),
         f"Gravity is ({gx}, {gy}, {gz}) m/s^2 in the base frame.",
         "",
-        *_entries(robot),
+        *entries(robot),
     ]
     guard = f"{identifier(stem) or prefix}_H".upper()
     guard = guard if guard[0].isalpha() else f"H_{guard}"
@@ -68,7 +68,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
         '#ifdef __cplusplus\nextern "C" {\n#endif',
         f"/* Entries of q, and of dq, ddq and tau. */\n"
         f"#define {prefix.upper()}_NQ {robot.nq}\n#define {prefix.upper()}_NV {robot.nv}",
-        *(f"{comment(_about(robot, request))}\n{request.function.prototype};" for request in requests),
+        *(f"{comment(about_request(robot, request))}\n{request.function.prototype};" for request in requests),
         f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard} */",
     ]
     return "\n\n".join(parts) + "\n"
@@ -99,7 +99,7 @@ def comment(lines: Sequence[str]) -> str:
     return f"/*\n{body}\n */"
 
 
-def _entries(robot: Robot) -> Iterator[str]:
+def entries(robot: Robot) -> Iterator[str]:
     """The entries of q and of dq, with their units."""
     yield "Entries of q:"
     names = robot.coordinate_names
@@ -118,7 +118,7 @@ def _entries(robot: Robot) -> Iterator[str]:
         yield "A quaternion (qw, qx, qy, qz) may have any length but zero."
 
 
-def _about(robot: Robot, request: Request) -> list[str]:
+def about_request(robot: Robot, request: Request) -> list[str]:
     """Comment of one function."""
     function, full = request.function, request.full
     program = function.program
@@ -195,7 +195,7 @@ def export_c(
     if test:
         paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
     written = {label: plain, **{f"{label} (its {end})": p for end, p in paths.items() if p is not plain}}
-    check_outputs(written, {"the robot": _file_of(robot), **(inputs or {})})
+    check_outputs(written, {"the robot": file_of(robot), **(inputs or {})})
     wanted = requests(robot, quantities, precision, prefix)
     texts = {".h": header(robot, wanted, plain.stem, prefix), ".c": source(robot, wanted, plain.stem)}
     if test:
@@ -234,7 +234,7 @@ def export_cuda(
             "Make the folder first: each kernel is a file of its own."
         )
     files = [given / f"{request.function.name}.cu" if given.is_dir() else given for request in wanted]
-    check_outputs({f"path ({file.name})": file for file in files}, {"the robot": _file_of(robot)})
+    check_outputs({f"path ({file.name})": file for file in files}, {"the robot": file_of(robot)})
     texts = [_cuda_source(robot, request) for request in wanted]
     with replacing_together(files) as scratch:
         for file, text in zip(scratch, texts, strict=True):
@@ -278,7 +278,7 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
     return given
 
 
-def _file_of(robot: Robot) -> str | None:
+def file_of(robot: Robot) -> str | None:
     """The file that the robot was read from, if there is one."""
     source = robot.model.source
     try:
@@ -348,8 +348,8 @@ def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
     program, precision = function.program, function.precision
     dtype = np.float32 if precision == "float" else np.float64
     made = len(program.inputs)
-    inputs = _inputs(robot, request, dtype)
-    wanted, allowed = _results(robot, request, inputs)
+    inputs = inputs_at_states(robot, request, dtype)
+    wanted, allowed = results_at_states(robot, request, inputs, robot.kernel(request.quantity, **request.options))
     ports = (*program.inputs, *program.outputs)
     names = [f"{function.name}_{name}" for name in function.parameters]
     numbers = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *wanted), strict=True)]
@@ -362,7 +362,7 @@ def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
     arguments = ", ".join([*(f"{name}[k]" for name in names[:made]), *results])
     lines += [f"    for (int k = 0; k < {STATES}; k++) {{", f"        {function.name}({arguments});"]
     for name, its, values in zip(results, names[made:], numbers[made:], strict=True):
-        size = _hex(_size(values), precision)
+        size = _hex(largest_entry(values), precision)
         lines += [
             "        {",
             f"            const {precision} apart = gap({name}, {its}[k], {values.shape[1]}, {size});",
@@ -376,25 +376,26 @@ def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
     return data, "\n".join([*lines, "    return passed;", "}"])
 
 
-def _inputs(robot: Robot, request: Request, dtype: type) -> list[Array]:
+def inputs_at_states(robot: Robot, request: Request, dtype: type, count: int = STATES) -> list[Array]:
     """Configurations inside the limits, everything else of order 1; reproducible."""
     rng = np.random.default_rng(0)
 
     def values(port: TensorSpec) -> Array:
         if port.name == "q":
-            return robot.random_configuration(rng, STATES)
-        return rng.standard_normal((STATES, *port.shape)) * (STRENGTH if port.name == "gravity" else 1.0)
+            return robot.random_configuration(rng, count)
+        return rng.standard_normal((count, *port.shape)) * (STRENGTH if port.name == "gravity" else 1.0)
 
     return [values(port).astype(dtype) for port in request.function.program.inputs]
 
 
-def _results(robot: Robot, request: Request, inputs: list[Array]) -> tuple[list[Array], list[float]]:
+def results_at_states(
+    robot: Robot, request: Request, inputs: list[Array], kernel: Callable[..., Any]
+) -> tuple[list[Array], list[float]]:
     """Results of the kernel, and the deviation of another order of rounding from the largest entry; one for each output.
 
     The kernel in single precision differs from the one in double by its rounding, which grows with the condition of the state;
     the deviation in double precision is smaller by the ratio of the precisions.
     """
-    kernel = robot.kernel(request.quantity, **request.options)
     several = len(request.function.program.outputs) > 1
     rounded = [a.astype(np.float32) for a in inputs]
     with np.errstate(all="ignore"):
@@ -409,14 +410,15 @@ def _results(robot: Robot, request: Request, inputs: list[Array]) -> tuple[list[
                 f"{request.quantity}: {name.name} is not finite at every configuration of robot {robot.name!r}, so no "
                 "number can be checked. Ask for a quantity that is, or pass test=False."
             )
-        size = _size(np.asarray(port_double))
+        size = largest_entry(np.asarray(port_double))
         rounding = float(np.abs(port_single - port_double).max()) / size
         precision = request.function.precision
         allowed.append(_MARGIN * max(rounding, _EPS["float"]) * _EPS[precision] / _EPS["float"])
     return wanted, allowed
 
 
-def _size(values: Array) -> float:
+def largest_entry(values: Array) -> float:
+    """The largest size of an entry, 1 where all are zero."""
     return float(np.abs(values).max()) or 1.0
 
 

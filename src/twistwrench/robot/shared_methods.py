@@ -243,6 +243,60 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
 
         return export_c(self._open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
 
+    def export_st(
+        self,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: Literal["double", "float"] = "double",
+        prefix: str | None = None,
+        test: bool = True,
+        style: Literal["function_block", "codesys"] = "function_block",
+        torque: Literal["joint", "motor"] = "joint",
+    ) -> Path:
+        """Structured Text export: quantities as function blocks (IEC 61131-3) for PLCs. Not run on a PLC.
+
+        docs/export.md shows the file. The tests execute it by an interpreter over an independent parser's tree.
+
+        Parameters
+        ----------
+        path : str or Path, a folder, or the file; a name that ends in .st, .scl, .exp or .txt
+        precision : "double" or "float", numbers of type LREAL or REAL
+        test : bool, write a program that compares the blocks with stored results, too
+        style : "function_block" or "codesys"
+            "codesys" adds a block for the interface ISMDynamics, to be completed by hand; it exports ``inverse_dynamics``
+            alone, with gravity as an input.
+        torque : "joint" or "motor"
+            "motor" takes the torques of ``inverse_dynamics`` to the shafts of the motors, as :meth:`motor_loads` does.
+
+        Returns
+        -------
+        file : Path
+
+        Raises
+        ------
+        KernelError
+            An option does not apply, or no program without branches computes the quantity.
+        ModelError
+            Torques of motors are wanted of a robot that has no actuator at some joint.
+        ValueRangeError
+            ``path`` cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = tw.robots.ur5().export_st(["inverse_dynamics", "gravity_forces"], folder)
+        ...     print("FUNCTION_BLOCK ur5_inverse_dynamics" in file.read_text())
+        True
+        """
+        from ..export.structured_text import export_st
+
+        wanted: Any = self._requests(quantities)
+        return export_st(
+            self._open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
+        )
+
     def export_cuda(
         self,
         quantities: Quantities,
