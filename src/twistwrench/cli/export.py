@@ -20,7 +20,9 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
 
 @robot_command(
     "export",
-    option("--c FOLDER|OUT.c", "Write C99: a header, a source and its test, into a folder or beside each other.", "path"),
+    option(
+        "--c FOLDER|OUT.c", "Write C99: a header, a source and its test, into a folder or beside each other.", "path"
+    ),
     option("--st FOLDER|OUT.st", "Write Structured Text (IEC 61131-3) for PLCs, with its test; not run on a PLC."),
     option(
         "--quantity NAME[:OPTION=VALUE,…]",
