@@ -152,10 +152,13 @@ def _book() -> dict[str, str]:
 
     robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
     robots |= dict.fromkeys(("5.3", "5.4", "8.9"), tw.robots.ur5())
-    found, rows = {}, []
-    for number, section in SECTIONS.items():
+    found, rows, numbers = {}, [], list(SECTIONS)
+    for k, (number, section) in enumerate(SECTIONS.items()):
         robot = robots.get(number, tw.robots.panda())
-        found[f"book/{number}.html"] = page_text(robot, section=number)
+        before, after = numbers[:k][-1:], numbers[k + 1 :][:1]
+        neighbours = {f"← {n}": f"{n}.html" for n in before} | {"All pages": "../book-pages.html"}
+        neighbours |= {f"{n} →": f"{n}.html" for n in after}
+        found[f"book/{number}.html"] = page_text(robot, section=number, neighbours=neighbours)
         rows.append(f"| {number} | [{section.title}](book/{number}.html) | {robot.name} |")
     found["book-pages.md"] = (
         "# Pages to drag\n\nSections of *Modern Robotics*, each a page of its own that computes while its reader drags the tip "

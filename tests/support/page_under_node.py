@@ -27,6 +27,7 @@ _SCRIPTS = (
     "scales.js",
     "readouts.js",
     "tip_readouts.js",
+    "exercises.js",
 )
 _MAIN = """
 import { readFileSync } from "node:fs";

@@ -48,9 +48,9 @@ _TRIANGLES = 300_000
 _SCRIPTS = (
     "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
     "fall.js", "motion.js", "verdict.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
-    "strip.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js", "readouts.js", "tip_readouts.js",
-    "book.js", "page.js",
+    "strip.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js", "page.js",
 )  # fmt: skip
+_SECTION_SCRIPTS = ("readouts.js", "tip_readouts.js", "exercises.js", "book.js")
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 )
@@ -117,8 +117,19 @@ def page_text(
     section: str | None = None,
     embed: bool = False,
     control: str | None = None,
+    neighbours: Mapping[str, str] | None = None,
 ) -> str:
-    """The page as text; see :func:`write_page`."""
+    """Return the page as text.
+
+    Parameters
+    ----------
+    neighbours : {label: address}, optional, links above the heading, to other pages of a site
+        The others are those of :func:`write_page`.
+
+    Returns
+    -------
+    text : str
+    """
     require_robot(robot, "page")
     book = None if section is None else section_panel(section)
     if book is not None:
@@ -145,6 +156,7 @@ def page_text(
     data["book"] = None if book is None else section_data(book, robot, start)
     data["python"] = python_source(robot, motion)
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
+    data["neighbours"] = dict(neighbours or {})
     data["embed"], data["control"] = embed, _checked_control(control, data)
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
@@ -152,7 +164,8 @@ def page_text(
     data["subtitle"] = _subtitle(robot, motion, payload)
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
-    scripts = programs.script(), "\n".join(_without_comments((parts / name).read_text("utf-8")) for name in _SCRIPTS)
+    names = _SCRIPTS if book is None else (*_SECTION_SCRIPTS, *_SCRIPTS)
+    scripts = programs.script(), "\n".join(_without_comments((parts / name).read_text("utf-8")) for name in names)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
         policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",

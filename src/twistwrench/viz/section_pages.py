@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -142,6 +145,7 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
             {"key": key, "letter": formula_html(_NAMES[key][0]), "meaning": _NAMES[key][1], "rows": sliders[key]}
             for key in section.inputs
         ],
+        "exercises": exercises(robot, section.number),
         "chooses": section.chooses,
         "load": section.load,
         "gravity": model.gravity.tolist(),
@@ -152,6 +156,28 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
             for body in model.bodies
         ],
     }
+
+
+@cache
+def _exercise_table() -> Mapping[str, list[dict[str, str]]]:
+    import tomllib
+
+    return tomllib.loads(Path(__file__).with_name("exercises.toml").read_text(encoding="utf-8"))
+
+
+def exercises(robot: Robot, number: str) -> list[dict[str, str]]:
+    """Exercises of a section: question, unit of the answer for this robot, and formula as HTML."""
+    turns = bool(Coordinates.from_model(robot.model).angular_velocity[0])
+    length = "rad" if turns else "m"
+    units = {"tau": unit_of("tau", turns), "dq": f"{length}/s", "ddq": f"{length}/s²"}
+    return [
+        {
+            "question": Template(row["question"]).substitute(units),
+            "unit": Template(row["unit"]).substitute(units),
+            "formula": formula_html(row["formula"]),
+        }
+        for row in _exercise_table()[number]
+    ]
 
 
 def _ranks(robot: Robot) -> dict[str, int]:

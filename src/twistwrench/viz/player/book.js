@@ -9,6 +9,7 @@ class Book {
     const place_ = document.getElementById("book");
     place_.hidden = false;
     document.querySelector("h1").textContent = `${book.number} ${book.title}`;
+    this.link(robot.neighbours);
     document.getElementById("subtitle").textContent = `${robot.name}, squares of ${squareOf(robot.size)} m`;
     place_.querySelector("p").innerHTML = book.idea; // words of ours
     for (const [formula, number] of book.formulas) {
@@ -17,6 +18,13 @@ class Book {
     }
     this.choose();
     this.tabs();
+    this.exercises = new Exercises(this);
+  }
+
+  link(neighbours) { // to other pages of the site
+    const place_ = document.getElementById("neighbours"), entries = Object.entries(neighbours);
+    place_.hidden = !entries.length;
+    place_.append(...entries.map(([textContent, href]) => Object.assign(document.createElement("a"), { textContent, href })));
   }
 
   choose() { // a joint or a link from a list
@@ -76,6 +84,7 @@ class Book {
 
   update() { // everything at the pose there is
     const { viewer, state } = this;
+    this.exercises.clear();
     this.found = this.readout(viewer.mechanics, { ...state, q: viewer.q });
     for (const [key, rows] of Object.entries(this.sliders)) rows.forEach(({ tell }, k) => tell(state[key][k]));
     const words = this.found.tables.map(({ caption, rows }) => `${caption} ${rows.length}`).join();
@@ -151,8 +160,6 @@ class Book {
   }
 }
 
-const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
-
 function shownNumber(x, digits) {
   if (x === null) return "";
   if (x === 0) return "0";
@@ -170,14 +177,28 @@ class NumberTable {
     this.place = document.createElement("div");
     add_(this.place, "p", caption).className = "caption";
     const scroll = this.place.appendChild(document.createElement("div")); // wide numbers scroll, whatever the font
-    scroll.className = "scroll";
+    scroll.className = heat ? "scroll heat" : "scroll";
     scroll.appendChild(table);
+    if (heat) this.tell(table, rows, columns);
     add_(head, "th");
     columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
     this.cells = rows.map(([name, xs]) => {
       const row = body.insertRow();
       add_(row, "th", name);
       return xs.map(() => add_(row, "td"));
+    });
+  }
+
+  tell(table, rows, columns) { // on a narrow screen, cells are colours, and the number of the touched one stands below
+    const touched = Object.assign(this.place.appendChild(document.createElement("p")), { className: "touched", innerHTML: "Touch a cell to read its number." });
+    let cell_ = null, name = "";
+    this.read = () => { if (cell_) touched.innerHTML = `${name}: <b>${cell_.textContent}</b>`; };
+    table.addEventListener("click", ({ target }) => {
+      const i = this.cells.findIndex((row) => row.includes(target));
+      if (i < 0) return;
+      cell_ = target;
+      name = `row ${rows[i][0]}, column ${columns[this.cells[i].indexOf(target)][0]}`;
+      this.read();
     });
   }
 
@@ -193,6 +214,7 @@ class NumberTable {
       cell.textContent = shownNumber(x, cell.digits);
       if (this.heat) cell.style.background = `rgba(${x > 0 ? "230, 120, 0" : "0, 110, 190"}, ${(0.5 * Math.min(1, Math.abs(x) / most)).toFixed(3)})`;
     }));
+    this.read?.();
   }
 }
 

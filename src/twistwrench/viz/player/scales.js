@@ -15,3 +15,5 @@ function saidScales(size, scales) { // of pairs [amount of a square, unit]
   const said = [...new Set(scales.map(([amount, unit_]) => `${amount} ${unit_}`))];
   return said.length ? `a square of the floor, ${squareOf(size)} m, is ${said.join(", ")}` : "";
 }
+
+const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
