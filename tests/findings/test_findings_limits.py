@@ -266,8 +266,8 @@ def test_what_was_assumed_is_counted_in_the_first_line(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(text)
     command = ("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload")
     for load, flags, words in (
-        ("0.5", (), "; 1 assumption: the payload is at probe, one of 2 tips."),
-        ("0.5", ("--no-friction",), "; 2 assumptions, first: the payload is at probe, one of 2 tips."),
+        ("0.5", (), "; 1 assumption: 0.5 kg at probe (one of 2 tips; --tip)."),
+        ("0.5", ("--no-friction",), "; 2 assumptions, first: 0.5 kg at probe (one of 2 tips; --tip)."),
         ("0.5@tool", ("--no-friction",), "; 1 assumption: joint friction is left out."),
         ("0.5@tool", (), ""),
         ("0.5", ("--tip", "tool"), ""),

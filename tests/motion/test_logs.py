@@ -19,7 +19,7 @@ from twistwrench.cli.shared import RobotOptions
 from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_reader as csv_module
-from twistwrench.motion.column_names import NamedJoints
+from twistwrench.motion.matching import NamedJoints
 from twistwrench.motion.motion_file import joints_without_column, open_motion_file
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.load_case import joints_beside
@@ -246,7 +246,7 @@ def test_numbers_that_do_not_count_the_joints_are_not_taken(model, write, names)
     with pytest.raises(TrajectoryError, match="no column for shoulder_joint, elbow_joint") as caught:
         read(write(text), model)
     assert f"found: time, {', '.join(names)}." in str(caught.value)
-    assert "--columns 'shoulder_joint=COLUMN'" in str(caught.value)
+    assert "--columns 'shoulder_joint=COLUMN,elbow_joint=COLUMN'" in str(caught.value)
 
 
 def test_one_joint_needs_no_number(write):

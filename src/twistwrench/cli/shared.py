@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import glob
+import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -268,9 +269,9 @@ AT = option(
     multiple=True,
 )
 COLUMNS = option(
-    "--columns JOINT=COLUMN",
-    "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; may be "
-    "repeated.",
+    "--columns JOINT=COLUMN,…",
+    "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; or a "
+    "column for each joint in turn, pos1,pos2,…; or @MAP.csv with the columns name,column; may be repeated.",
     multiple=True,
 )
 GAIN = option(
@@ -345,17 +346,67 @@ def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None
 
 
 def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
-    """Read ``JOINT=COLUMN`` or ``LOG:JOINT=COLUMN`` each, of these logs; raises ValueRangeError, which shows the form.
+    """Read lists of ``JOINT=COLUMN`` or ``LOG:JOINT=COLUMN``, lists of columns alone, and ``@MAP.csv``, of these logs.
 
-    >>> parse_columns(["elbow=pos3", "b.csv:time=Time [ms]"], ["logs/a.csv", "logs/b.csv"])
-    {'elbow': 'pos3', 'b.csv:time': 'Time [ms]'}
+    Names with a comma or an equals sign are in quotes. Columns alone get the keys ``#1``, ``#2`` …, in the order of the joints.
+    Raises ValueRangeError, which shows the form.
+
+    >>> parse_columns(["elbow=pos3,time=Time [ms]", 'b.csv:elbow="a, b"'], ["logs/a.csv", "logs/b.csv"])
+    {'elbow': 'pos3', 'time': 'Time [ms]', 'b.csv:elbow': 'a, b'}
+    >>> parse_columns(["pos1,pos2"], [])
+    {'#1': 'pos1', '#2': 'pos2'}
     """
-    found = assignments(texts, "--columns", "JOINT=COLUMN, for example elbow=pos3 or elbow.vel=w3")
-    for key in found:
+    form = "JOINT=COLUMN, for example elbow=pos3 or elbow.vel=w3, or a list of these, or of columns in the order of the joints"
+    pairs: list[tuple[str, str]] = []
+    for text in texts:
+        if text.startswith("@"):
+            pairs += _column_map(text[1:])
+            continue
+        entries = [found[0] for found in _ENTRY.finditer(text)] if text.strip() else [""]
+        sides = [_SIDES.fullmatch(entry) for entry in entries]
+        bare = [k for k, found in enumerate(sides) if found is None]
+        if bare and (len(bare) < len(entries) or "" in entries or (len(entries) == 1 and not _quoted(text))):
+            raise ValueRangeError(f"--columns {text!r} is not {form}.")
+        if bare:
+            pairs += [(f"#{k + 1}", _unquoted(entry)) for k, entry in enumerate(entries)]
+        pairs += [(_unquoted(found[1]), _unquoted(found[2])) for found in sides if found]
+    found: dict[str, str] = {}
+    for key, column in pairs:
         log = key.rpartition(":")[0]
+        if not (key and column):
+            raise ValueRangeError(f"--columns '{key}={column}' is not {form}.")
+        if key in found:
+            raise ValueRangeError(f"--columns {key} is given twice. Keep one of them.")
         if "." in log and not key.startswith(tuple(f"{one}:" for name in logs for one in (name, Path(name).name))):
-            raise ValueRangeError(f"--columns {key}={found[key]}: there is no log {log!r}. Logs: {listed(logs)}.")
+            raise ValueRangeError(f"--columns {key}={column}: there is no log {log!r}. Logs: {listed(logs)}.")
+        found[key] = column
     return found
+
+
+_TEXT = r'(?:[^",]|"(?:[^"]|"")*")'
+_ENTRY = re.compile(rf"(?:(?<=,)|^){_TEXT}*")
+_SIDES = re.compile(r'((?:[^"=]|"(?:[^"]|"")*")*)=(.*)', re.DOTALL)
+
+
+def _quoted(text: str) -> bool:
+    return text.strip().startswith('"')
+
+
+def _unquoted(text: str) -> str:
+    text = text.strip()
+    return text[1:-1].replace('""', '"') if len(text) > 1 and text[0] == text[-1] == '"' else text
+
+
+def _column_map(path: str) -> list[tuple[str, str]]:
+    """Entries of a CSV file with the columns ``name`` and ``column``."""
+    from ..motion.csv_reader import CsvFile, table_errors
+
+    with table_errors(path, "map of columns", "name,column, then a line for each, such as elbow,pos3"):
+        file = CsvFile.open(path)
+        rows = list(file.rows())
+    if [cell.casefold() for cell in file.header] != ["name", "column"]:
+        raise ValueRangeError(f"--columns @{path}: the header is {','.join(file.header)!r}, and not 'name,column'.")
+    return [(name, column) for _, (name, column) in rows]
 
 
 _SAME_GAIN = 0.01

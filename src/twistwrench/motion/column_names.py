@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,93 +44,30 @@ PARTS = ("q", "dq", "ddq", "tau")
 CURRENT = "current"
 """Word for a motor's current, which a gain takes to a torque."""
 _WORDS = {
-    "q": ("q", "pos", "position", "positions", "angle", "angles", "jointposition"),
-    "dq": ("dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "jointvelocity"),
+    "q": ("q", "qpos", "pos", "position", "positions", "angle", "angles", "jointposition"),
+    "dq": ("dq", "qd", "qdot", "qvel", "vel", "velocity", "velocities", "speed", "jointvelocity"),
     "ddq": ("ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "jointacceleration"),
     "tau": ("tau", "torque", "torques", "effort", "efforts", "force", "jointtorque"),
     CURRENT: (CURRENT, "currents", "curr"),
 }
 PART_OF = {word: part for part, words in _WORDS.items() for word in words}
 """Part of a motion that a word means."""
-_NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
-_NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
-_JOINT = frozenset(("joint", "joints", "axis", "j"))
-_UNITS = frozenset(("rad", "deg"))
+NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
+NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
+NEUTRAL |= frozenset(("observation", "observations"))
+"""Words beside a quantity that change nothing."""
+JOINT = frozenset(("joint", "joints", "axis", "j", "rax"))
+"""Words for any joint; ``rax`` is ABB's."""
+UNITS = frozenset(("rad", "deg"))
 ROS_TIME = "%time"
 """Name of the time column of ``rostopic echo -p``, in whole nanoseconds; other programs write seconds under it."""
 _TIMES = ("time", "t")
-_STAMPS = ("timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", "seconds", "secs", "clock")
-
-
-@dataclass(frozen=True)
-class Meaning:
-    """Meaning of a column: joint, quantity and unit."""
-
-    name: int
-    """Number of the joint's name."""
-    part: str
-    """One of :data:`PARTS`, or :data:`CURRENT`."""
-    unit: str | None = None
-    """Unit at the end of the name, as in ``elbow_pos_deg``."""
-
-
-class NamedJoints:
-    """The names that columns may contain, each once; capitals count only where two names differ in nothing else."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        folded = [name.casefold() for name in names]
-        self._fold = len(set(folded)) == len(folded)
-        known = {self._key(name): k for k, name in enumerate(names)}
-        for k, name in enumerate(names):  # elbow for elbow_joint, where that is no other joint
-            short = re.sub(r"(_joint$|^joint_)", "", name, flags=re.IGNORECASE)
-            others = [
-                n for n in names if n != name and re.sub(r"(_joint$|^joint_)", "", n, flags=re.IGNORECASE) == short
-            ]
-            if len(short) > 2 and not short.isdigit() and not others:
-                known.setdefault(self._key(short), k)
-        self._known = sorted(known.items(), key=lambda item: -len(item[0]))
-
-    def meaning(self, text: str) -> Meaning | None:
-        """Meaning of a column's name without its unit in brackets; None if it is not certain.
-
-        >>> joints = NamedJoints(["arm_1_joint", "arm_10_joint"])
-        >>> joints.meaning("- arm_1_joint_position")
-        Meaning(name=0, part='q', unit=None)
-        >>> joints.meaning("/joint_states/effort/arm_10_joint").part
-        'tau'
-        >>> joints.meaning("arm_1_joint_temperature") is None
-        True
-        """
-        key = self._key(text)
-        for name, k in self._known:
-            at = _place(name, key)
-            if at is None:
-                continue
-            rest = key[:at] + " " + key[at + len(name) :]
-            found = _part_of(_words(rest))
-            if found is not None:
-                return Meaning(k, *found)
-        return None
-
-    def _key(self, text: str) -> str:
-        return text.casefold() if self._fold else text
-
-
-def numbered(text: str) -> tuple[str, int | None, str | None] | None:
-    """Part, number and unit of a column such as ``pos1``, ``actual_q_0`` or ``Joint_3``; the number None in ``position``.
-
-    >>> numbered("vel2"), numbered("actual_q_0"), numbered("Joint_3"), numbered("torque"), numbered("target_q_0")
-    (('dq', 2, None), ('q', 0, None), ('q', 3, None), ('tau', None, None), None)
-    """
-    words = _words(text)
-    numbers = [w for w in words if w.isdigit()]
-    others = [w for w in words if not w.isdigit()]
-    if len(numbers) > 1 or (numbers and len(numbers[0]) > 3) or not others:
-        return None
-    if numbers and all(w in _JOINT for w in others):
-        return "q", int(numbers[0]), None
-    found = _part_of([w for w in others if w not in _JOINT])
-    return None if found is None else (found[0], int(numbers[0]) if numbers else None, found[1])
+_STAMPS = (
+    "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", "seconds", "secs", "clock",
+    "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
+)  # fmt: skip
+_DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
+"""Positions as KUKA and ABB name them, who write degrees."""
 
 
 def time_meaning(text: str) -> tuple[int, str | None] | None:
@@ -149,6 +85,15 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
     return (1, unit) if unit in ("s", "sec", "ms", "us", "ns") and name in (*_TIMES, *_STAMPS) else None
 
 
+def are_in_degrees(names: Sequence[str]) -> bool:
+    """True if positions are named as by makers who write degrees, without a unit.
+
+    >>> are_in_degrees(["A1", "A2"]), are_in_degrees(["joint1", "joint2"])
+    (True, False)
+    """
+    return bool(names) and all(_DEGREES.fullmatch(name) for name in names)
+
+
 def time_column(names: Sequence[str]) -> str:
     """Name of the time column in files written here, beside columns of these names.
 
@@ -156,35 +101,6 @@ def time_column(names: Sequence[str]) -> str:
     ('time', 'time [s]')
     """
     return next(name for name in ("time", "time [s]", "timestamp [s]", "seconds [s]") if name not in names)
-
-
-def _place(name: str, text: str) -> int | None:
-    """Position of the name in the text as a word of its own; None if it is not there."""
-    at = text.find(name)
-    while at >= 0:
-        before, after = text[at - 1 : at] if at else "", text[at + len(name) : at + len(name) + 1]
-        if not (before.isalnum() or after.isalnum()):
-            return at
-        at = text.find(name, at + 1)
-    return None
-
-
-def _words(text: str) -> list[str]:
-    return re.findall(r"[^\W\d_]+|\d+", text.casefold())
-
-
-def _part_of(words: list[str]) -> tuple[str, str | None] | None:
-    """Quantity and unit of the words beside a joint's name; a position without any words."""
-    units = [w for w in words if w in _UNITS]
-    kinds = [w for w in words if w not in _UNITS and w not in _NEUTRAL]
-    if units and kinds[-1:] == ["s"]:  # deg_s
-        kinds = kinds[:-1]
-        units = [f"{units[0]}/s"]
-    if not words:
-        return "q", None
-    if len(kinds) != 1 or kinds[0] not in PART_OF or len(units) > 1:
-        return None
-    return PART_OF[kinds[0]], units[0] if units else None
 
 
 # ── Units in brackets, as in ``elbow [deg]``, and their factors to SI

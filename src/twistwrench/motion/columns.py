@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
+import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,10 +21,9 @@ from .column_names import (
     READ,
     ROS_TIME,
     SUFFIX,
-    NamedJoints,
+    are_in_degrees,
     current_factor,
     is_result,
-    numbered,
     ros_nanoseconds,
     split_unit,
     time_factor,
@@ -33,52 +32,30 @@ from .column_names import (
 )
 from .coordinates import Coordinates, MimicJoint
 from .csv_reader import is_number
+from .matching import RULES, NamedJoints, alike, candidates, most_by_prefix, rising_columns, series, varying_columns
 
 _FEW = 4
-_LIKE = 0.6
-"""Similarity of two names from which one may be meant by the other."""
-_STILL = 1e-6
-"""Share of its size that a column varies by where a joint moves."""
-_ANGLES_AND_LENGTHS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
-_OTHER = re.compile(
-    r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
-    r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|target|desired|reference|setpoint"
-)
-"""Words in names of columns that are not positions of joints, or are commanded ones."""
+ORDER = "#"
+"""Begins the keys of columns that are listed in the order of the coordinates: ``#1``, ``#2`` …"""
 
 
-def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
-    """Columns of ``extra`` that may be positions of joints: numbers that vary, by name and unit of no other quantity."""
-    found = []
-    for k, cell in enumerate(cells):
-        name, unit = split_unit(cell)
-        if cell not in extra or _OTHER.search(name.lower()) or (unit is not None and unit not in _ANGLES_AND_LENGTHS):
-            continue
-        try:
-            numbers = look(k)
-        except TrajectoryError:  # words
-            continue
-        if numbers.size and np.isfinite(numbers).all() and np.ptp(numbers) > _STILL * (1 + np.abs(numbers).max()):
-            found.append(cell)
-    return found
+def quoted(name: str) -> str:
+    """A column's name as ``--columns`` reads it: in quotes, as in CSV, if it has a comma, an equals sign or a quote.
 
-
-def _alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
-    """For names that are missing the columns most like them, each column once; in the order of the names.
-
-    >>> _alike(["shoulder", "elbow"], ["schoulder", "temperature"])
-    {'shoulder': 'schoulder'}
+    >>> quoted("a"), quoted("a, b")
+    ('a', '"a, b"')
     """
-    pairs = [
-        (difflib.SequenceMatcher(None, cell, name).ratio(), name, cell)
-        for name in missing
-        for cell in difflib.get_close_matches(name, columns, n=_FEW, cutoff=_LIKE)
-    ]
-    found: dict[str, str] = {}
-    for _, name, cell in sorted(pairs, key=lambda pair: -pair[0]):
-        if name not in found and cell not in found.values():
-            found[name] = cell
-    return {name: found[name] for name in missing if name in found}
+    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',="') or name.startswith("@") else name
+
+
+def columns_option(columns: Mapping[str, str]) -> str:
+    """The option ``--columns`` for the shell.
+
+    >>> columns_option({"time": "Zeit", "joint_1": "A1"})
+    "--columns 'time=Zeit,joint_1=A1'"
+    """
+    text = ",".join(f"{quoted(name)}={quoted(column)}" for name, column in columns.items())
+    return f"--columns {shlex.quote(text)}" if "'" in text else f"--columns '{text}'"
 
 
 def _joint(coordinate: str) -> str:
@@ -133,6 +110,7 @@ class Assignment:
         self.given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
         """Columns of each part of the motion, by the number of the coordinate."""
         self.notes: list[str] = []
+        self.degrees = reading.degrees
         self.time: Choice | None = None
         self.mimic_joints: list[tuple[MimicJoint, Choice]] = []
         self.of_locked: list[str] = []
@@ -164,8 +142,9 @@ class Assignment:
             found.assign(part, k, choice)
         found.assign_by_exact_name()
         found.assign_by_words()
-        found.assign_by_number()
+        found.assign_by_rules([*reading.locked, *(follower.name for follower in coordinates.mimic_joints)])
         found.take_currents()
+        found.time = found.time or found.rising_time(look)
         for follower in coordinates.mimic_joints:
             own = [c for c in found.free if found.split[c][0] == follower.name]
             found.mimic_joints += [(follower, Choice(c, found.split[c][1])) for c in own[:1]]
@@ -189,7 +168,7 @@ class Assignment:
             return choice.gain
         if choice.unit is not None:
             return unit_factor(choice.unit, part, angular, f"{self.where}, column {self.cells[choice.column]!r}")
-        return math.radians(1.0) if self.reading.degrees and angular and part != "tau" else 1.0
+        return math.radians(1.0) if self.degrees and angular and part != "tau" else 1.0
 
     def found(self) -> str:
         """The names, as they end an error."""
@@ -227,7 +206,7 @@ class Assignment:
         known = {f"{n}{suffix}": (part, k) for suffix, part in suffixes.items() for k, n in enumerate(self.names[part])}
         known["time"] = ("time", 0)
         found: dict[tuple[str, int], Choice] = {}
-        for key, name in self.of_this_log(columns, known).items():
+        for key, name in self.in_order(self.of_this_log(columns, known)).items():
             if key not in known:
                 raise UnknownNameError.from_choices("coordinate (of --columns)", key, ["time", *self.names["q"]])
             if known[key] in found:
@@ -235,6 +214,16 @@ class Assignment:
             choice = self.column(name, f"--columns {key}={name}")
             found[known[key]] = replace(choice, unit=choice.unit or "A") if key.endswith(f".{CURRENT}") else choice
         return found
+
+    def in_order(self, columns: Mapping[str, str]) -> dict[str, str]:
+        """Entries of ``columns`` with the joints' names in place of ``#1``, ``#2`` …, by which a list numbers them."""
+        names, listing = self.names["q"], [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
+        if listing and len(listing) != len(names):
+            raise TrajectoryError(
+                f"{self.where}: --columns lists {len(listing)} columns, and the robot has {len(names)} coordinates: "
+                f"{listed(names)}. List one for each, or write JOINT=COLUMN."
+            )
+        return {names[int(key[1:]) - 1] if key in listing else key: column for key, column in columns.items()}
 
     def of_this_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
         """Entries of ``columns`` for this log: those of all logs, and over them those that begin with its path or name."""
@@ -266,7 +255,7 @@ class Assignment:
                 self.given["tau"][k] = replace(choice, gain=gain * ampere)
 
     def assign_time(self, requested: Choice | None, rate: float | None, look: Callable[[int], Array]) -> Choice | None:
-        """The column of time, None where there is a ``rate``."""
+        """The column of time by its name or unit, None without one and where there is a ``rate``."""
         ranked = sorted((rank[0], k) for k in self.free if (rank := time_meaning(self.split[k][0])) is not None)
         if others := [(rank, k) for rank, k in ranked if self.cells[k] not in self.names["q"]]:
             ranked = others  # a joint may be called t
@@ -279,10 +268,11 @@ class Assignment:
                 )
             return None
         if requested is None and not first:
-            raise TrajectoryError(
-                f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; a command can be told which it is, "
-                f"--columns 'time=COLUMN', or how many rows a second has, --rate HZ; {self.found()}"
-            )
+            timed = [k for k in self.free if time_factor(self.split[k][1] or "") is not None]
+            timed = rising_columns({k: self.cells[k] for k in timed}, look)
+            if len(timed) != 1:
+                return None
+            requested = Choice(timed[0], self.split[timed[0]][1])
         if requested is None and len(first) > 1:
             raise TrajectoryError(
                 f"{self.where}: two time columns, {listed([self.cells[k] for k in first])}. Keep one of them, or say which: "
@@ -353,57 +343,93 @@ class Assignment:
             others = f", and {len(assigned) - 1} more likewise" if len(assigned) > 1 else ""
             self.notes.append(f"Column {assigned[0][0]!r} is taken to be {assigned[0][1]}{others}.")
 
-    def assign_by_number(self) -> None:
-        """Give columns that count joints, where there are as many as joints."""
-        found: dict[str, list[tuple[int, int]]] = {part: [] for part in (*PARTS, CURRENT)}
-        units = {k: unit for k, (_, unit) in enumerate(self.split)}
-        for k in self.free:
-            meant = numbered(self.split[k][0])
-            if meant is not None:
-                found[meant[0]].append((-1 if meant[1] is None else meant[1], k))
-                units[k] = units[k] or meant[2] or ("A" if meant[0] == CURRENT else None)
-        if not self.reading.gain:
-            found.pop(CURRENT)
-        for meant_part, columns in found.items():
-            part = "tau" if meant_part == CURRENT else meant_part
-            numbers, names = sorted(columns), self.names[part]
-            first = numbers[0][0] if numbers else 0
-            in_turn = [n for n, _ in numbers] == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
-            if self.given[part] or len(numbers) != len(names) or not in_turn or (first == -1 and len(numbers) > 1):
+    def assign_by_rules(self, others: Sequence[str]) -> None:
+        """Give columns by the first rule that has one for every joint; ``others`` are joints without a coordinate."""
+        texts = {k: self.split[k][0] for k in self.free}
+        for meant, found in candidates(texts).items():
+            part, names = ("tau", self.names["tau"]) if meant == CURRENT else (meant, self.names[meant])
+            if self.given[part] or (meant == CURRENT and not self.reading.gain):
                 continue
-            for k, (_, column) in enumerate(numbers):
-                self.assign(part, k, Choice(column, units[column]))
-            cells = [self.cells[column] for _, column in numbers]
+            chosen = ((rule, columns) for rule, of in RULES.items() if (columns := of(found, names, others)))
+            rule, columns = next(chosen, ("", []))
+            for k, (column, _, unit) in enumerate(columns):
+                self.assign(
+                    part, k, Choice(column, self.split[column][1] or unit or ("A" if meant == CURRENT else None))
+                )
+            cells = [self.cells[c.column] for c in columns]
             if len(cells) > 1:
                 pairs = listed([f"{cell} is {name}" for cell, name in zip(cells, names, strict=True)])
-                self.notes.append(f"Columns {cells[0]} … {cells[-1]} are taken in their order: {pairs}.")
+                self.notes.append(f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}.")
             elif cells:
                 self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
+            if meant == "q" and not self.degrees and are_in_degrees(cells):
+                self.degrees = True
+                self.notes.append(f"Columns named {cells[0]} … {cells[-1]} are in degrees, as their maker writes them.")
+
+    def rising_time(self, look: Callable[[int], Array]) -> Choice | None:
+        """The only column of no other meaning that rises in every row; None where there is a rate, none or several."""
+        if self.reading.rate is not None:
+            return None
+        rising = rising_columns({k: self.cells[k] for k in self.free}, look)
+        if len(rising) != 1:
+            return None
+        self.free.remove(rising[0])
+        self.notes.append(
+            f"Column {self.cells[rising[0]]!r} is taken to be the time, the only one that rises in every row."
+        )
+        return Choice(rising[0], self.split[rising[0]][1])
+
+    def usual_rate(self) -> str:
+        """Rate of recordings that are known to have no time, after what asks for it."""
+        return " (ALOHA records 50: --rate 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
+
+    def without_columns(self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool) -> str:
+        """The error of coordinates without a column, with the options to copy that say which they are."""
+        all_missing = len(missing) == len(self.names["q"])
+        may_be = [cell for cell in self.extra if cell in varying_columns(self.cells, self.extra, look)]
+        in_order = series(may_be, len(missing)) if all_missing else []
+        near = dict(zip(missing, in_order, strict=True)) if in_order else alike(missing, self.extra)
+        hint = ""
+        if in_order:
+            hint = f" Columns {in_order[0]} … {in_order[-1]} match no joint by name. If they are the joints in order:"
+        elif all_missing and 2 * len(near) < len(missing) and len(self.extra) > len(near):
+            hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
+            near = {}
+        elif near:
+            name, cell = next(iter(near.items()))
+            hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
+        told = {"time": "COLUMN"} if timeless else {}
+        option = columns_option(told | {name: near.get(name, "COLUMN") for name in missing})
+        if in_order:
+            spans = [np.abs(look(self.cells.index(cell))).max() for cell in in_order]
+            degrees = " --degrees" if max(spans) > math.tau and not self.degrees else ""
+            rate = (
+                f", and --rate HZ{self.usual_rate()} in place of time=COLUMN if no column is the time"
+                if timeless
+                else ""
+            )
+            return f"{self.where}: no column for {listed(missing)}.{hint} {option}{degrees}{rate}; {self.found()}"
+        joints = list(dict.fromkeys(_joint(name) for name in missing))
+        held = f", or {' '.join(f'--lock {name}=0' for name in joints)}" if len(joints) <= _FEW else ""
+        held = f"--lock-missing{held}" if not all_missing else "--lock 'PATTERN*=0'"
+        held = f"; or hold joints still that never move: {held}"
+        if not all_missing and may_be:
+            held = f" (columns that vary and are not used: {listed(may_be)})"
+        return (
+            f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found()} "
+            f"Say which they are: {option}{held}."
+        )
 
     def check_complete(self, look: Callable[[int], Array]) -> None:
-        """Raise TrajectoryError where coordinates have no column or rates only some; ``look`` gives a column's numbers."""
+        """Raise TrajectoryError for a lack of time, of coordinates, or of some rates; ``look`` gives a column's numbers."""
         missing = [name for k, name in enumerate(self.names["q"]) if k not in self.given["q"]]
+        timeless = self.time is None and self.reading.rate is None
         if missing:
-            near = _alike(missing, self.extra)
-            hint = ""
-            if len(missing) == len(self.names["q"]) and 2 * len(near) < len(missing) and len(self.extra) > len(near):
-                hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
-                near = {}
-            elif near:
-                name, cell = next(iter(near.items()))
-                hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
-            first = (list(near) or missing[:2])[:_FEW]
-            choices = " ".join(f"--columns '{name}={near.get(name, 'COLUMN')}'" for name in first)
-            more = " …" if len(missing) > len(first) else ""
-            joints = list(dict.fromkeys(_joint(name) for name in missing))
-            held = f", or {' '.join(f'--lock {name}=0' for name in joints)}" if len(joints) <= _FEW else ""
-            held = f"--lock-missing{held}" if len(missing) < len(self.names["q"]) else "--lock 'PATTERN*=0'"
-            held = f"; or hold joints still that never move: {held}"
-            if len(missing) < len(self.names["q"]) and (unused := varying_columns(self.cells, self.extra, look)):
-                held = f" (columns that vary and are not used: {listed(unused)})"
+            raise TrajectoryError(self.without_columns(missing, look, timeless=timeless))
+        if timeless:
             raise TrajectoryError(
-                f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found()} "
-                f"Say which they are: {choices}{more}{held}."
+                f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; a command can be told which it is, "
+                f"--columns 'time=COLUMN', or how many rows a second has, --rate HZ{self.usual_rate()}; {self.found()}"
             )
         for part in ("dq", "ddq"):
             absent = [f"{name}{SUFFIX[part]}" for k, name in enumerate(self.names[part]) if k not in self.given[part]]
@@ -437,6 +463,10 @@ def absent_joints(
     found.assign_by_exact_name()
     found.assign_by_words()
     present = {names[k] for k in found.given["q"]}
+    if not present:
+        texts = {k: found.split[k][0] for k in found.free}
+        by_prefix = most_by_prefix(candidates(texts).get("q", []), names)
+        present = {name for name, column in zip(names, by_prefix, strict=True) if column is not None}
     return tuple(j for j in joints if not any(n == j or n.startswith(f"{j}.") for n in present))
 
 

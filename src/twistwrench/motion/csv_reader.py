@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,6 +19,7 @@ from ..core.files import as_path
 from ..core.tables import unescape_cell
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..typing import Array
+from .column_names import PART_OF, SUFFIX
 from .log_table import TextSource, table_of
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
@@ -330,7 +332,7 @@ class CsvFile:
         source = TextSource.from_path(as_path(path))
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
-            row = _first_row(file)
+            row = next(_rows(file), None)
             dialect = Dialect.from_header(text, row)
             cut = _seems_cut(file, source.size, offset, dialect)
         cells = dialect.cells(text)
@@ -338,6 +340,12 @@ class CsvFile:
             names = dialect.cells(comment[0])
             if len(names) == len(cells) and not any(map(_numeric, names)):
                 cells, line, offset = names, *comment[1:]
+        if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in cells):
+            with source.open() as file:
+                file.seek(offset)
+                cells = _ros_header(
+                    cells, [dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)], source.path
+                )
         return cls(source, tuple(cells), line, offset, dialect, cut)
 
     @property
@@ -433,12 +441,32 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
     )
 
 
-def _first_row(file: BinaryIO) -> str | None:
+def _rows(file: BinaryIO) -> Iterator[str]:
+    """Lines that are neither blank nor comments."""
     while raw := file.readline(_LONGEST_LINE):
         text = raw.decode("utf-8", "replace").strip(" \r\n")
         if text.strip() and not text.lstrip().startswith("#"):
-            return text
-    return None
+            yield text
+
+
+_ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
+_LOOKED_AT = 1000
+"""Rows in which the joints' names must be those of the first."""
+
+
+def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:
+    """Header of ``rostopic echo -p`` with the joints' names, which stand in the cells of ``field.nameN``."""
+    at = {found[1]: k for k, cell in enumerate(cells) if (found := _ROS_NAME.fullmatch(cell))}
+    whole = [row for row in rows if len(row) == len(cells)]
+    names = {number: whole[0][k] for number, k in at.items()} if whole else {}
+    for row, of in enumerate(whole):
+        if other := next((of[k] for number, k in at.items() if of[k] != names[number]), None):
+            raise TrajectoryError(
+                f"{path}: row {row + 1} names a joint {other!r} where the first row names another, so that several programs "
+                "wrote joint states here. Record one of them: rostopic echo -p --filter."
+            )
+    meant = [(_ROS_CELL.fullmatch(cell), cell) for cell in cells]
+    return [f"{names[m[2]]}{SUFFIX[PART_OF[m[1]]]}" if m and names.get(m[2]) else cell for m, cell in meant]
 
 
 def _seems_cut(file: BinaryIO, size: int, offset: int, dialect: Dialect) -> bool:

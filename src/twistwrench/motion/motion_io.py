@@ -67,7 +67,7 @@ def _units(name: str, kinds: Coordinates) -> str:
 # ── Motions from pandas DataFrames
 
 _NAME = "the DataFrame"
-_COLUMN = re.compile(r"--columns '([^'=]+)=([^']*)'( …)?")
+_OPTION = re.compile(r"--columns '([^']+)'")
 _HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
@@ -125,10 +125,12 @@ def in_python_words(text: str) -> str:
     >>> in_python_words("Say which they are: --columns 'a=COLUMN'; or hold joints still: --lock-missing, or --lock a=0.")
     "Say which they are: columns={'a': 'COLUMN'}; or hold joints still: tw.load(…, lock={joint: 0})."
     """
-    given = [(found[1], found[2]) for found in _COLUMN.finditer(text)]
-    said = ", ".join(f"{key!r}: {column!r}" for key, column in given)
-    text = _COLUMN.sub("\0", text, count=1)
-    text = re.sub(r" ?" + _COLUMN.pattern, "", text).replace("\0", f"columns={{{said}}}")
+
+    def as_argument(found: re.Match[str]) -> str:
+        told = (entry.partition("=")[::2] for entry in found[1].split(","))
+        return f"columns={{{', '.join(f'{key!r}: {column!r}' for key, column in told)}}}"
+
+    text = _OPTION.sub(as_argument, text)
     text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
     return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")
 

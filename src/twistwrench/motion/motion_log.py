@@ -24,10 +24,12 @@ from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
 from . import log_table
-from .columns import Columns, MimicJointColumn, Reading, varying_columns
+from .column_names import date_note
+from .columns import Columns, MimicJointColumn, Reading
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of, without_times
+from .matching import varying_columns
 from .motion_file import MotionFile, open_motion_file
 
 _MOST = 10_000
@@ -171,6 +173,8 @@ class _Decoded:
     contradictions: Contradictions
     mimic_joints: list[Doubt]
     """Doubts about the columns of mimic joints."""
+    date: tuple[str, ...]
+    """A sentence on the date from which time counts, where the file's counts from 1970."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,6 +298,9 @@ class MotionLog:
             table = table_of(timed, table.shape[1] + 1, self.path)
         elif self.columns.seconds != 1.0:
             table[:, 0] *= self.columns.seconds
+        date = date_note(float(table[0, 0]))
+        if date:
+            table[:, 0] -= float(table[0, 0])
         clock = None if self.columns.counted else self._steady_clock(table)
         self._check_rows(table)
         turning, duplicates = np.flatnonzero(self.coordinates.angular), DuplicateTimestamps()
@@ -308,7 +315,8 @@ class MotionLog:
             found = self._contradictions(table)
         found.runs = [self.motion(run) for run in log_table.excerpts(table, *_RUNS)]
         portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
-        return _Decoded(table, duplicates, clock, stamps, found, mimic_doubts(self.columns.mimic_joints, portions))
+        mimic = mimic_doubts(self.columns.mimic_joints, portions)
+        return _Decoded(table, duplicates, clock, stamps, found, mimic, date)
 
     def _contradictions(self, table: Array) -> Contradictions:
         columns = self.columns
@@ -341,7 +349,7 @@ class MotionLog:
     def notes(self) -> tuple[str, ...]:
         """A sentence for each thing that was taken to be meant: of the header, and of the rows once they were read."""
         columns, last = self.columns, self._decoded
-        said = list(columns.notes)
+        said = [*columns.notes, *last.date]
         if columns.of_locked:
             said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
         if columns.extra:

@@ -122,7 +122,8 @@ def assumptions(
         ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
         apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
         if apart:
-            clauses.append(f"the payload is at {model.tip}, one of {len(ends)} tips")
+            mass = number(sum(p.mass for p in payloads if p.frame is None))
+            clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; --tip)")
     weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
     if weightless:
         have = "have a shape" if len(weightless) > 1 else "has a shape"

@@ -1,0 +1,349 @@
+"""Matching of a log's columns to joints by their names: as loggers write them, by prefix, by ending, or in order.
+
+Every rule but that of the loggers takes all joints or none, and nothing where other columns are named alike.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import TrajectoryError
+from ..typing import Array
+from .column_names import JOINT, NEUTRAL, PART_OF, UNITS, split_unit
+
+_FEW = 4
+_LIKE = 0.6
+"""Similarity of two names from which one may be meant by the other."""
+_STILL = 1e-6
+"""Share of its size that a column varies by where a joint moves."""
+_ANGLES_AND_LENGTHS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
+_OTHER = re.compile(
+    r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
+    r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|target|desired|reference|setpoint"
+)
+"""Words in names of columns that are not positions of joints, or are commanded ones."""
+_COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|tick|batt|soc|charge")
+"""Words in names of columns that may rise in every row and are not the time."""
+
+
+def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
+    """Columns of ``extra`` that may be positions of joints: numbers that vary, by name and unit of no other quantity."""
+    found = []
+    for k, cell in enumerate(cells):
+        name, unit = split_unit(cell)
+        if cell not in extra or _OTHER.search(name.lower()) or (unit is not None and unit not in _ANGLES_AND_LENGTHS):
+            continue
+        try:
+            numbers = look(k)
+        except TrajectoryError:  # words
+            continue
+        if numbers.size and np.isfinite(numbers).all() and np.ptp(numbers) > _STILL * (1 + np.abs(numbers).max()):
+            found.append(cell)
+    return found
+
+
+def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
+    """For names that are missing the columns most like them, each column once; in the order of the names.
+
+    >>> alike(["shoulder", "elbow"], ["schoulder", "temperature"])
+    {'shoulder': 'schoulder'}
+    """
+    pairs = [
+        (difflib.SequenceMatcher(None, cell, name).ratio(), name, cell)
+        for name in missing
+        for cell in difflib.get_close_matches(name, columns, n=_FEW, cutoff=_LIKE)
+    ]
+    found: dict[str, str] = {}
+    for _, name, cell in sorted(pairs, key=lambda pair: -pair[0]):
+        if name not in found and cell not in found.values():
+            found[name] = cell
+    return {name: found[name] for name in missing if name in found}
+
+
+def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> list[int]:
+    """Columns whose numbers rise in every row and do not merely count the rows; ``look`` gives the first numbers of one."""
+    found = []
+    for k, cell in cells.items():
+        if _COUNTED.search(cell.lower()):
+            continue
+        try:
+            steps = np.diff(look(k))
+        except TrajectoryError:  # words
+            continue
+        if len(steps) and (steps > 0).all() and not (steps == 1).all():
+            found.append(k)
+    return found
+
+
+def series(cells: Sequence[str], count: int) -> list[str]:
+    """The only columns that differ by a number alone, as many as ``count``, in its order; none without them.
+
+    >>> series(["A2", "A1", "E1"], 2)
+    ['A1', 'A2']
+    """
+    groups: dict[tuple[str, ...], list[tuple[list[int], str]]] = {}
+    for cell in cells:
+        words = _words(split_unit(cell)[0])
+        groups.setdefault(_pattern(words), []).append(([int(w) for w in words if w.isdigit()], cell))
+    fitting = [sorted(group) for group in groups.values() if len(group) == count and group[0][0]]
+    return [cell for _, cell in fitting[0]] if len(fitting) == 1 else []
+
+
+# ── Names of joints beside words for quantities, as loggers write them
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """Meaning of a column: joint, quantity and unit."""
+
+    name: int
+    """Number of the joint's name."""
+    part: str
+    """One of :data:`PARTS`, or :data:`CURRENT`."""
+    unit: str | None = None
+    """Unit at the end of the name, as in ``elbow_pos_deg``."""
+
+
+class NamedJoints:
+    """The names that columns may contain, each once; capitals count only where two names differ in nothing else."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        folded = [name.casefold() for name in names]
+        self._fold = len(set(folded)) == len(folded)
+        known = {self._key(name): k for k, name in enumerate(names)}
+        for k, name in enumerate(names):  # elbow for elbow_joint, where that is no other joint
+            short = re.sub(r"(_joint$|^joint_)", "", name, flags=re.IGNORECASE)
+            others = [
+                n for n in names if n != name and re.sub(r"(_joint$|^joint_)", "", n, flags=re.IGNORECASE) == short
+            ]
+            if len(short) > 2 and not short.isdigit() and not others:
+                known.setdefault(self._key(short), k)
+        self._known = sorted(known.items(), key=lambda item: -len(item[0]))
+
+    def meaning(self, text: str) -> Meaning | None:
+        """Meaning of a column's name without its unit in brackets; None if it is not certain.
+
+        >>> joints = NamedJoints(["arm_1_joint", "arm_10_joint"])
+        >>> joints.meaning("- arm_1_joint_position")
+        Meaning(name=0, part='q', unit=None)
+        >>> joints.meaning("/joint_states/effort/arm_10_joint").part
+        'tau'
+        >>> joints.meaning("arm_1_joint_temperature") is None
+        True
+        """
+        key = self._key(text)
+        for name, k in self._known:
+            at = _place(name, key)
+            if at is None:
+                continue
+            rest = key[:at] + " " + key[at + len(name) :]
+            found = _part_of(_words(rest))
+            if found is not None:
+                return Meaning(k, *found)
+        return None
+
+    def _key(self, text: str) -> str:
+        return text.casefold() if self._fold else text
+
+
+def _place(name: str, text: str) -> int | None:
+    """Position of the name in the text as a word of its own; None if it is not there."""
+    at = text.find(name)
+    while at >= 0:
+        before, after = text[at - 1 : at] if at else "", text[at + len(name) : at + len(name) + 1]
+        if not (before.isalnum() or after.isalnum()):
+            return at
+        at = text.find(name, at + 1)
+    return None
+
+
+def _words(text: str) -> list[str]:
+    return re.findall(r"[^\W\d_]+|\d+", text.casefold())
+
+
+def _part_of(words: list[str]) -> tuple[str, str | None] | None:
+    """Quantity and unit of the words beside a joint's name; a position without any words."""
+    units = [w for w in words if w in UNITS]
+    kinds = [w for w in words if w not in UNITS and w not in NEUTRAL]
+    if units and kinds[-1:] == ["s"]:  # deg_s
+        kinds = kinds[:-1]
+        units = [f"{units[0]}/s"]
+    if not words:
+        return "q", None
+    if len(kinds) != 1 or kinds[0] not in PART_OF or len(units) > 1:
+        return None
+    return PART_OF[kinds[0]], units[0] if units else None
+
+
+# ── Columns of one quantity, without the words for it
+
+
+class Candidate(NamedTuple):
+    """Column that may be a joint's."""
+
+    column: int
+    words: tuple[str, ...]
+    """Words of its name without those for the quantity and the unit, digits apart: ``fer, joint, 1``."""
+    unit: str | None
+
+
+def candidates(texts: Mapping[int, str]) -> dict[str, list[Candidate]]:
+    """Columns by the quantity that their names, given without units in brackets, have words for.
+
+    >>> candidates({3: "fer_joint1_velocity", 4: "actual_q_0"})
+    {'dq': [Candidate(column=3, words=('fer', 'joint', '1'), unit=None)], 'q': [Candidate(column=4, words=('0',), unit=None)]}
+    """
+    found: dict[str, list[Candidate]] = {}
+    for column, text in texts.items():
+        words = _words(text)
+        said = [
+            w in PART_OF or w in UNITS or (w in NEUTRAL and w not in JOINT) or (w == "s" and words[k - 1] in UNITS)
+            for k, w in enumerate(words)
+        ]
+        meant = _part_of([w for w, one in zip(words, said, strict=True) if one])
+        if meant is not None:
+            rest = tuple(w for w, one in zip(words, said, strict=True) if not one)
+            found.setdefault(meant[0], []).append(Candidate(column, rest, meant[1]))
+    return found
+
+
+def _pattern(words: Iterable[str]) -> tuple[str, ...]:
+    return tuple("#" if w.isdigit() else w for w in words)
+
+
+def _left_over(
+    taken: Iterable[Sequence[str]], all_words: Iterable[Sequence[str]], known: Iterable[Sequence[str]]
+) -> bool:
+    """True if columns named as those taken, but for their numbers, belong to none of the ``known``."""
+    patterns, own = {_pattern(w) for w in taken}, {tuple(w) for w in [*taken, *known]}
+    return any(_pattern(w) in patterns and tuple(w) not in own for w in all_words)
+
+
+# ── Rules that take all joints or none
+
+Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]
+"""Columns of the joints, given candidates, the joints' names, and names of joints that have no coordinate of their own."""
+
+
+def by_prefix(found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()) -> list[Candidate] | None:
+    """Columns that have the joints' names, a prefix common to all aside: ``fer_joint1`` for ``panda_joint1``.
+
+    >>> fer = candidates(dict(enumerate(["fer_joint2", "fer_joint1", "fer_tool_temp"])))["q"]
+    >>> [c.column for c in by_prefix(fer, ["panda_joint1", "panda_joint2"])]
+    [1, 0]
+    """
+    ways = _prefix_ways(found, names, others)
+    whole = [way for way, alone in ways.items() if alone and None not in way]
+    if len(whole) != 1:
+        return None
+    columns = [c for c in whole[0] if c]
+    rivals = (way for way in ways if not set(way) <= {*columns, None} and 2 * way.count(None) <= len(names))
+    return None if any(rivals) else columns
+
+
+def most_by_prefix(found: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
+    """Columns by a common prefix, None for joints without one; none at all where several prefixes have as many."""
+    ways = sorted(_prefix_ways(found, names, ()), key=lambda way: way.count(None))
+    if (
+        not ways
+        or (len(ways) > 1 and ways[0].count(None) == ways[1].count(None))
+        or len(names) - ways[0].count(None) < 2
+    ):
+        return [None] * len(names)
+    return ways[0]
+
+
+def _prefix_ways(
+    found: Sequence[Candidate], names: Sequence[str], others: Sequence[str]
+) -> dict[tuple[Candidate | None, ...], bool]:
+    """Ways to replace one prefix of columns by one of the joints; None for joints without a column.
+
+    False for ways that leave columns of the same prefix and pattern over.
+    """
+    own, ways = [tuple(_words(name)) for name in names], dict[tuple[Candidate | None, ...], bool]()
+    words_of = [tuple(_words(name)) for name in others]
+    for cut in range(min(map(len, own), default=0)):
+        rests = [w[cut:] for w in own]
+        if len({w[:cut] for w in own}) > 1 or any(all(x.isdigit() for x in rest) for rest in rests):
+            break
+        known = [*(w[cut:] for w in words_of if w[:cut] == own[0][:cut]), *words_of]
+        for prefix in {c.words[: -len(r)] for r in set(rests) for c in found if c.words[-len(r) :] == r}:
+            inside: dict[tuple[str, ...], list[Candidate]] = {}
+            for c in found:
+                if c.words[: len(prefix)] == prefix:
+                    inside.setdefault(c.words[len(prefix) :], []).append(c)
+            way = tuple(inside[rest][0] if len(inside.get(rest, ())) == 1 else None for rest in rests)
+            if not _OTHER.search("_".join(prefix)):
+                ways.setdefault(way, not _left_over(rests, inside, known))
+    return ways
+
+
+def by_ending(found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()) -> list[Candidate] | None:
+    """Columns whose names end the joints', or the other way round, each of one joint alone: ``A1`` for ``joint_a1``.
+
+    >>> kuka = candidates(dict(enumerate(["A1", "A2", "E1"])))["q"]
+    >>> [c.column for c in by_ending(kuka, ["joint_a1", "joint_a2"])]
+    [0, 1]
+    """
+    taken = []
+    for name in names:
+        fitting = [c for c in found if _ends(c.words, tuple(_words(name)))]
+        if len(fitting) != 1:
+            return None
+        taken += fitting
+    known = [c.words for c in found if any(_ends(c.words, tuple(_words(name))) for name in others)]
+    if len({c.column for c in taken}) < len(taken) or _left_over(
+        [c.words for c in taken], [c.words for c in found], known
+    ):
+        return None
+    return taken
+
+
+def _ends(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
+    """True if one of two names ends the other, and is more than a letter, a number or the word for a joint."""
+    short, long = sorted((column, joint), key=len)
+    telling = [w for w in short if w not in JOINT and not w.isdigit()]
+    if long[-len(short) :] != short or not telling or (len(short) == 1 and len(short[0]) < 3):
+        return False
+    return len(column) <= len(joint) or not _OTHER.search("_".join(column[: -len(joint)]))
+
+
+def by_number(
+    found: Sequence[Candidate],
+    names: Sequence[str],
+    others: Sequence[str] = (),  # noqa: ARG001  as the other rules
+) -> list[Candidate] | None:
+    """Columns that count the joints from 0 or 1, as many as there are: ``pos1``, ``actual_q_0``, ``Joint_3``.
+
+    Without a number that of the only joint.
+
+    >>> ur = candidates(dict(enumerate(["actual_q_1", "actual_q_0", "target_q_0"])))["q"]
+    >>> [c.column for c in by_number(ur, ["shoulder", "elbow"])]
+    [1, 0]
+    """
+    counting = [
+        (int(digits[0]) if digits else -1, c)
+        for c in found
+        if len(digits := [w for w in c.words if w.isdigit()]) < 2
+        and all(w in JOINT or (w.isdigit() and len(w) < 4) for w in c.words)
+    ]
+    numbers = sorted(counting, key=lambda each: each[:1])
+    first = numbers[0][0] if numbers else 0
+    in_turn = [n for n, _ in numbers] == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
+    if len(numbers) != len(names) or not in_turn or (first == -1 and len(numbers) > 1):
+        return None
+    return [c for _, c in numbers]
+
+
+RULES: Mapping[str, Rule] = {
+    "by their names, a common prefix aside": by_prefix,
+    "by the ends of their names": by_ending,
+    "in their order": by_number,
+}
+"""Rules in the order in which they are tried, and how a note calls them."""
