@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
-from twistwrench.statics import Contact, body_equilibrium, robot_equilibrium
+from twistwrench.statics import Contact, body_equilibrium, least_norm_contact_forces, robot_equilibrium
 
 UR5 = tw.robots.ur5()
 FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
@@ -260,6 +260,25 @@ def test_every_answer_about_a_robot_proves_itself(dog, standing, seed):
     found = robot_equilibrium(dog, q, contacts, wrench_on_robot=on)
     assert found.holds is not None
     check_robot(dog, q, contacts, found, limits, on)
+    least = least_norm_contact_forces(dog, q, contacts, wrench_on_robot=on)
+    assert least.holds == found.holds
+    check_robot(dog, q, contacts, least, limits, on)
+    if least.holds:  # the nearest of a convex set to zero: every other of it lies on its far side
+        away = (least.forces * (found.forces - least.forces)).sum()
+        assert away >= -1e-6 * (found.forces**2).sum()
+
+
+def test_a_box_shares_its_weight_as_the_least_norm_does_in_closed_form():
+    """Four corners under a load off the middle, all within their cones: the pseudoinverse of six rows of balance."""
+    box = tw.robots.floating_box()
+    corners = [np.array([x, y, -0.1]) for x in (-0.2, 0.2) for y in (-0.1, 0.1)]
+    contacts = [Contact(p, friction=0.9, frame=box.link_names[0]) for p in corners]
+    on = {box.link_names[0]: np.array([0.3, -0.4, 0.0, 2.0, 1.0, -5.0])}
+    found = least_norm_contact_forces(box, box.neutral, contacts, wrench_on_robot=on)
+    G = np.hstack([np.vstack([tw.so3.hat(p), np.eye(3)]) for p in corners])
+    expected = np.linalg.pinv(G) @ box.holding_torques(box.neutral, wrench_on_robot=on)
+    assert_allclose(found.forces.ravel(), expected, atol=1e-9 * np.abs(expected).max())
+    assert found.share is None
 
 
 def test_it_cannot_stand_on_two_feet_of_one_side_nor_with_weak_motors_nor_on_ice_when_pushed(dog, standing):

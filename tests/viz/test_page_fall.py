@@ -66,6 +66,7 @@ def test_an_arm_let_go_falls_and_keeps_its_energy(show):
     page = show("panda_fall", robot)
     slide(page, "hand-1", 0.9)
     q = page.run("viewer.q")
+    page.run("document.getElementById('show-stops').click()")
     page.run("document.getElementById('let-go').click()")
     page.wait("viewer.fall.time > 0.05 && viewer.q[1] !== 0.9")
     assert page.run("document.getElementById('let-go').textContent") == "Stop"

@@ -35,18 +35,19 @@ def test_what_is_held_and_where_are_the_kernels(tmp_path, name):
     wrench = {robot.frame_names[-1]: np.array(WRENCH)}
     page = write_page(robot, tmp_path / "page.html", wrench_on_robot=wrench)
     Q = robot.random_configuration(5, 4)
-    has_tip = read_page(page)[0]["payload"] is not None
-    mass, push = (1.5, PUSH) if has_tip else (0.0, 0.0 * PUSH)
+    header = read_page(page)[0]
+    tip = header["frames"][header["tip"]]["name"] if header["payload"] is not None else None
+    mass, push = (1.5, PUSH) if tip else (0.0, 0.0 * PUSH)
     work = f"""(m, given) => {{ {LOAD} return given.q.map((q) => [
         m.holding(q), m.centre(q), m.poses(q).flat(), m.pushed < 0 ? [] : m.tipColumns(q).flat()]); }}"""
     found = under_node(page, work, given(Q, mass, push))
-    heavy = robot.with_payload(tw.SpatialInertia.from_com(mass)) if mass else robot
+    heavy = robot.with_payload(tw.SpatialInertia.from_com(mass), frame=tip) if mass else robot
     for q, (tau, centre, poses, columns) in zip(Q, found, strict=True):
         on = dict(wrench)
-        if has_tip:
-            R = robot.forward_kinematics(q)[:3, :3]
-            on[robot.tip] = on.get(robot.tip, np.zeros(6)) + np.concatenate([np.zeros(3), R.T @ push])
-            J = robot.jacobian(q, kind="world_aligned")[3:]
+        if tip:
+            R = robot.forward_kinematics(q, tip)[:3, :3]
+            on[tip] = on.get(tip, np.zeros(6)) + np.concatenate([np.zeros(3), R.T @ push])
+            J = robot.jacobian(q, tip, kind="world_aligned")[3:]
             np.testing.assert_allclose(np.reshape(columns, (robot.nv, 3)).T, J, atol=1e-12 * max(1.0, np.abs(J).max()))
         expected = heavy.holding_torques(q, wrench_on_robot=on)
         np.testing.assert_allclose(tau, expected, atol=1e-12 * max(1.0, np.abs(expected).max()))

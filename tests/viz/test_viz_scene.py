@@ -264,6 +264,25 @@ def test_thinned_surfaces_keep_their_shape():
     assert many.decimated(10_000) is many
 
 
+def edges_by_faces(surface):
+    """How many edges have one face, two, and more."""
+    sides = np.sort(
+        np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]]), axis=1
+    )
+    counts = np.unique(sides, axis=0, return_counts=True)[1]
+    return [(counts == 1).sum(), (counts == 2).sum(), (counts > 2).sum()]
+
+
+def test_thinning_makes_no_edge_of_more_than_two_faces():
+    """A thin wall, whose sides a grid would join: two ellipsoids, one just within the other, and three balls in a row."""
+    balls = [sphere(0.1).placed(tw.se3.pose(np.eye(3), [x, 0.0, 0.0])) for x in (2.0, 2.2, 2.4)]
+    shells = joined([ellipsoid((1.0, 0.5, 0.3)), ellipsoid((0.99, 0.49, 0.29)), *balls])
+    thin = shells.decimated(len(shells.faces) // 3)
+    assert len(thin.faces) <= len(shells.faces) // 3
+    assert edges_by_faces(thin)[::2] == edges_by_faces(shells)[::2] == [0, 0]
+    assert tw.SpatialInertia.mesh((thin.vertices, thin.faces), density=1.0).mass > 0
+
+
 def test_turned_z_is_a_rotation_onto_the_direction():
     for d in np.random.default_rng(0).normal(size=(20, 3)):
         R = turned_z(d)
@@ -310,5 +329,7 @@ def test_real_robots_are_dressed_and_thin_down(path):
     assert (origins > bounds[0] - 0.05).all()
     assert (origins < bounds[1] + 0.05).all()
     thin = scene.decimated(20_000)
-    assert sum(len(s.surface.faces) for s in thin.shapes if s.layer == "looks") <= 24_000
+    assert sum(len(s.surface.faces) for s in thin.shapes if s.layer == "looks") <= 30_000
+    tangled = [sum(edges_by_faces(s.surface)[2] for s in each.shapes if s.layer == "looks") for each in (scene, thin)]
+    assert tangled[1] <= tangled[0]
     np.testing.assert_allclose(thin.bounds(robot.neutral), bounds, atol=0.03)

@@ -43,6 +43,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     from ..viz.movie import film, movie_path
     from ..viz.page import open_browser, write_page
+    from ..viz.page_loops import closed_by_file
     from ..viz.page_motion import robot_of_motion
     from ..viz.scene import scene_of
 
@@ -60,9 +61,10 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
     shown = robot if motion is None else robot_of_motion(motion)[0]
     about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches}
     about["scene"] = scene_of(shown, meshes=not given.no_meshes)
+    closed = closed_by_file(robot) if motion is None and given.section is None else None
     if given.html is not None:
         about |= {"section": given.section, "embed": given.embed, "control": given.control}
-        click.echo(f"wrote {write_page(robot, given.html, **about)}")
+        click.echo(f"wrote {write_page(closed or robot, given.html, **about)}")
     if given.movie is not None and motion is not None:
         from .terminal import frame_progress
 
@@ -72,7 +74,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
         click.echo(f"wrote {given.movie}")
     if given.html is None and given.movie is None:
         path_of_page = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
-        write_page(robot, path_of_page, **about)
+        write_page(closed or robot, path_of_page, **about)
         click.echo(f"wrote {path_of_page}")
         if not given.no_browser and not open_browser(path_of_page.as_uri()):
             click.echo("note: no browser could be opened. Open the file in one.", err=True)

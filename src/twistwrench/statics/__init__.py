@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from .contacts import Contact
-from .equilibrium import Equilibrium, TorqueWrench, body_equilibrium, robot_equilibrium, wrench_from_torques
+from .equilibrium import (
+    Equilibrium,
+    TorqueWrench,
+    body_equilibrium,
+    least_norm_contact_forces,
+    robot_equilibrium,
+    wrench_from_torques,
+)
 from .force_capability import (
     LargestWrench,
     WrenchEllipsoid,
@@ -36,6 +43,7 @@ __all__ = [
     "body_equilibrium",
     "largest_payload",
     "largest_wrench",
+    "least_norm_contact_forces",
     "payload_in_region",
     "payload_map",
     "robot_equilibrium",

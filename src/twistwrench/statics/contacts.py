@@ -181,6 +181,54 @@ def _balanced(E: Array, x: Array, load: Array, limits: Array, turning: Array) ->
     return x if (left <= allowed + _ROUNDING * (np.abs(E) @ x + np.abs(load))).all() else None
 
 
+def least_norm_forces(
+    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
+) -> Array | None:
+    """Forces (contacts, 3) of least norm that balance the load within pyramids and limits; None where none do.
+
+    Least distance programming: of min |x|, G x ≥ h the answer is x = -r[:-1] / r[-1], with r = E u - e the remainder of the
+    non-negative least squares E = (G, h)', e = (0, …, 0, 1). Source: Lawson and Hanson, Solving Least Squares Problems,
+    chapter 23.4. What has to be met exactly, entries with limits of zero, is taken out first: x = x₀ + N z.
+    """
+    from scipy.optimize import nnls
+
+    if not contacts:
+        return np.zeros((0, 3))
+    B = np.column_stack(maps)  # τ = -load - B f
+    fixed, driven = limits == 0, (limits > 0) & np.isfinite(limits)
+    size = _size(load)
+    U, sigma, Vt = np.linalg.svd(B[fixed]) if fixed.any() else (np.eye(0), np.zeros(0), np.eye(B.shape[1]))
+    rank = int((sigma > 1e-10 * sigma.max(initial=0.0)).sum())
+    x0 = Vt[:rank].T @ (U[:, :rank].T @ (-load[fixed] / size) / sigma[:rank])
+    N = Vt[rank:].T
+    sides = _block_diagonal([pyramid_facets(c, edges) for c in contacts])
+    C = np.vstack([sides, B[driven], -B[driven]])
+    h = np.concatenate([np.zeros(len(sides)), -(load + limits)[driven] / size, (load - limits)[driven] / size])
+    G, h = C @ N, h - C @ x0
+    u, left = nnls(np.vstack([G.T, h]), np.append(np.zeros(N.shape[1]), 1.0), maxiter=50 * len(h) + 100)
+    if left <= 1e-9:
+        return None
+    r = np.vstack([G.T, h]) @ u
+    return size * (x0 + N @ (r[:-1] / (1.0 - r[-1]))).reshape(-1, 3)
+
+
+def pyramid_facets(contact: Contact, edges: int) -> Array:
+    """Inward normals of a pyramid's sides, n · f ≥ 0; of a contact without friction, of the half line along its normal."""
+    if contact.friction == 0:
+        across = _across(contact.normal)
+        sideways = np.stack([across, np.cross(contact.normal, across)])
+        return np.vstack([contact.normal, sideways, -sideways])
+    corners = contact.edges(edges)
+    normals = np.cross(corners, np.roll(corners, -1, axis=0))
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _block_diagonal(blocks: list[Array]) -> Array:
+    from scipy.linalg import block_diag
+
+    return np.asarray(block_diag(*blocks))
+
+
 def unresisted_motion(
     contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
 ) -> tuple[Array | None, float]:

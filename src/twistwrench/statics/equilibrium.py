@@ -16,7 +16,7 @@ from ..errors import FrameError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import TWIST, WRENCH
 from ..typing import Array
-from .contacts import Contact, force_balance, unresisted_motion
+from .contacts import Contact, force_balance, least_norm_forces, unresisted_motion
 from .torque_limits import effort_limits, one_configuration, resting_torques
 
 if TYPE_CHECKING:
@@ -162,6 +162,67 @@ def robot_equilibrium(
     True
     """
     contacts, edges = _clean(contacts, edges)
+    return _decide(
+        contacts, *_balance(robot, q, contacts, limits, wrench_on_robot), edges, robot.model.velocity_names, _OF_A_ROBOT
+    )
+
+
+def least_norm_contact_forces(
+    robot: Robot,
+    q: ArrayLike,
+    contacts: Sequence[Contact],
+    *,
+    limits: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    edges: int = 8,
+) -> Equilibrium:
+    """Contact forces of a robot at rest that share its weight: of all that balance, those of least norm.
+
+    The least Σ f_i² over forces within the friction pyramids, with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits and 0 on
+    a floating base; one answer, which changes continuously with the pose. It holds exactly where :func:`robot_equilibrium`
+    does, with pyramids of as many edges.
+
+    Parameters
+    ----------
+    contacts : sequence of Contact, each at a link of the robot
+
+    Returns
+    -------
+    found : Equilibrium
+        Of :func:`robot_equilibrium`, with the ``forces`` (contacts, 3) in the base frame, ``torques`` (nv,) and ``share`` of
+        least norm where it holds. [N, N m]
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> box = tw.robots.floating_box()
+    >>> corners = [Contact((x, y, -0.1), frame=box.link_names[0]) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    >>> found = least_norm_contact_forces(box, box.neutral, corners)
+    >>> bool(np.allclose(found.forces, found.forces.mean(axis=0)))  # each corner bears a quarter
+    True
+    """
+    contacts, edges = _clean(contacts, edges)
+    maps, load, most, turning = _balance(robot, q, contacts, limits, wrench_on_robot)
+    found = _decide(contacts, maps, load, most, turning, edges, robot.model.velocity_names, _OF_A_ROBOT)
+    if not found.holds:
+        return found
+    forces = least_norm_forces(contacts, maps, load, most, found.edges)
+    if forces is None:  # on the edge of what is possible: the forces of the other programme are the only ones
+        return found
+    torques = np.where(most == 0, 0.0, -load - sum(M @ f for M, f in zip(maps, forces, strict=True)))
+    limited = (most > 0) & np.isfinite(most)
+    share = float((np.abs(torques[limited]) / most[limited]).max()) if limited.any() else None
+    return replace(found, forces=forces, torques=torques, share=share)
+
+
+def _balance(
+    robot: Robot,
+    q: ArrayLike,
+    contacts: Sequence[Contact],
+    limits: ArrayLike | None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None,
+) -> tuple[list[Array], Array, Array, Array]:
+    """Maps of each contact's force to torques, f → J_point' f; the load, the limits, and which entries turn."""
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
     unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
@@ -172,10 +233,9 @@ def robot_equilibrium(
     for c in contacts:
         J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
         arm = np.asarray(robot.forward_kinematics(q, c.frame))[:3, :3] @ c.point
-        maps.append((J[3:] - so3.hat(arm) @ J[:3]).T)  # f → J_point' f
+        maps.append((J[3:] - so3.hat(arm) @ J[:3]).T)
     turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
-    torques = effort_limits(robot, limits)
-    return _decide(contacts, maps, -unloaded, torques, turning, edges, robot.model.velocity_names, _OF_A_ROBOT)
+    return maps, -unloaded, effort_limits(robot, limits), turning
 
 
 def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...], int]:

@@ -28,17 +28,20 @@ from ..core.numbers import number
 from ..core.text import listed
 from ..errors import ModelWarning, ValueRangeError
 from ..robot import Robot
+from ..robot.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .colours import force_scale, mass_scale
-from .page_data import PagePrograms, default_view_pose, robot_data, starting_pose, wrench_data
+from .page_data import PagePrograms, robot_data, wrench_data
+from .page_loops import loops_of, standing_of
 from .page_motion import motion_data, notes_of_motion, python_source, robot_of_motion
 from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
+from .starting_pose import starting_pose
 from .visuals import Colour
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from ..diagnosis import DoctorReport
     from ..reports.load_case import Payload
@@ -47,10 +50,17 @@ if TYPE_CHECKING:
 _TRIANGLES = 300_000
 _SCRIPTS = (
     "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
-    "fall.js", "motion.js", "verdict.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
-    "strip.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js", "page.js",
+    "fall.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js", "address.js", "share.js",
+    "compact.js", "panel.js", "load.js", "scales.js",
 )  # fmt: skip
-_SECTION_SCRIPTS = ("readouts.js", "tip_readouts.js", "exercises.js", "book.js")
+_SCRIPTS_OF = {
+    "motion": ("motion.js", "verdict.js", "strip.js"),
+    "book": ("readouts.js", "tip_readouts.js", "exercises.js", "book.js"),
+    "limbs": ("fold.js",),
+    "loops": ("loops.js",),
+    "standing": ("standing.js",),
+}
+"""Scripts that only pages have whose header has the entry."""
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 )
@@ -59,11 +69,12 @@ KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
 def write_page(
-    robot: Robot,
+    robot: Robot | ClosedRobot,
     path: str | Path,
     *,
     motion: DrawnMotion | None = None,
     q: ArrayLike | None = None,
+    actuated: Iterable[str] | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
     section: str | None = None,
@@ -72,12 +83,17 @@ def write_page(
 ) -> Path:
     """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
 
+    Of a closed robot the sliders of the independent joints keep the loops closed, and the torques are those of the joints with
+    motors. A robot with a floating base stands on its feet, which share its weight.
+
     Parameters
     ----------
     motion : DrawnMotion, optional, which plays
     q : (nq,) array_like, optional, where it starts
-        None: where the motion begins, for a section a pose far from singular ones, else neutral, with
-        joints that may not be there in the middle of their limits.
+        None: where the motion begins, else an arm at work: elbow up, clear of stops and singular poses; other robots
+        neutral.
+    actuated : names of joints, optional, those with a motor of a ClosedRobot
+        None: those with an actuator, else as many as there are degrees of freedom.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
         A motion brings its own. [N m, N]
     section : str, optional, a section of Modern Robotics that the page shows with this robot
@@ -100,7 +116,13 @@ def write_page(
     ...     "https:" in page.read_text("utf-8")
     False
     """
-    shown: dict[str, Any] = {"motion": motion, "q": q, "wrench_on_robot": wrench_on_robot, "scene": scene}
+    shown: dict[str, Any] = {
+        "motion": motion,
+        "q": q,
+        "actuated": actuated,
+        "wrench_on_robot": wrench_on_robot,
+        "scene": scene,
+    }
     text = page_text(robot, section=section, embed=embed, control=control, **shown)
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
@@ -108,10 +130,11 @@ def write_page(
 
 
 def page_text(
-    robot: Robot,
+    robot: Robot | ClosedRobot,
     *,
     motion: DrawnMotion | None = None,
     q: ArrayLike | None = None,
+    actuated: Iterable[str] | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
     section: str | None = None,
@@ -130,6 +153,12 @@ def page_text(
     -------
     text : str
     """
+    closed = robot if isinstance(robot, ClosedRobot) else None
+    if closed is not None and (motion is not None or section is not None):
+        raise ValueRangeError(
+            "a page of a closed robot is moved by hand. Leave motion and section out, or take closed.robot."
+        )
+    robot = robot.robot if isinstance(robot, ClosedRobot) else robot
     require_robot(robot, "page")
     book = None if section is None else section_panel(section)
     if book is not None:
@@ -143,16 +172,29 @@ def page_text(
         motion.require(robot)
         robot, payload = robot_of_motion(motion)
         wrench_on_robot = motion.load.wrenches
-    start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else default_view_pose(robot)
-    start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
     box = _Box()
     wrenches = wrench_on_robot or {}
+    at = None if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
+    loops = None
+    if closed is not None:
+        loops = loops_of(closed, at, actuated)
+    elif motion is None and book is None and at is None:
+        loops = standing_of(robot, scene)
+    programs = PagePrograms(robot, tuple(wrenches), book, payload=payload, motion=motion is not None, loops=loops)
+    if at is not None and closed is None:
+        start = at
+    elif loops is not None:
+        start = loops.start
+    else:
+        start = starting_pose(robot, programs.tip) if motion is None else motion.q[0]
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
-    data |= wrench_data(robot, wrenches) | {"forceScale": force_scale(robot, scene)}
-    programs = PagePrograms(robot, tuple(wrenches), book, payload=payload, motion=motion is not None)
+    data |= wrench_data(robot, wrenches)
     data |= programs.data()
-    data["massScale"], data["tipDirections"] = mass_scale(robot, scene) if "mass" in data["programs"] else (0.0, 0)
+    data |= {"loops": None, "standing": None} if loops is None else {"loops": loops.loops, "standing": loops.standing}
+    if loops is not None and loops.standing is not None:
+        data["floor"] = 0.0
+    data |= _tips_data(robot, scene, programs, weighed="mass" in data["programs"])
     data["book"] = None if book is None else section_data(book, robot, start)
     data["python"] = python_source(robot, motion)
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
@@ -160,11 +202,15 @@ def page_text(
     data["embed"], data["control"] = embed, _checked_control(control, data)
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
-    data["notes"] = [*_left_out(robot), *of_scene, *(notes_of_motion(motion) if motion is not None else ())]
+    data["notes"] = [
+        *_left_out(robot, closed=closed is not None, moves=motion is not None),
+        *of_scene,
+        *(notes_of_motion(motion) if motion is not None else ()),
+    ]
     data["subtitle"] = _subtitle(robot, motion, payload)
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
-    names = _SCRIPTS if book is None else (*_SECTION_SCRIPTS, *_SCRIPTS)
+    names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
     scripts = programs.script(), "\n".join(_without_comments((parts / name).read_text("utf-8")) for name in names)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
@@ -215,7 +261,7 @@ class ShownPage:
         return path
 
 
-def show(robot: Robot, **options: Any) -> ShownPage:
+def show(robot: Robot | ClosedRobot, **options: Any) -> ShownPage:
     """Show the page of a robot or a motion: in a notebook below the cell, elsewhere in the browser.
 
     Parameters
@@ -305,6 +351,18 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
     }
 
 
+def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: bool) -> dict[str, Any]:
+    """Entries of the tip that is chosen at first, and where there are several, those of each."""
+    every = programs.tips_data(list(robot.model.all_frames))
+    for entry, tip in zip(every, programs.tips, strict=True):
+        of_tip = Robot(replace(robot.model, tip=tip)) if len(every) > 1 else robot
+        mass, directions = mass_scale(of_tip, scene) if weighed else (0.0, 0)
+        entry |= {"forceScale": force_scale(of_tip, scene), "massScale": mass, "tipDirections": directions}
+    none = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
+    chosen = every[programs.chosen] if every else none
+    return {**chosen, "tips": every if len(every) > 1 else [], "chosenTip": programs.chosen}
+
+
 def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None:
     """The control, which the page has. Raises ValueRangeError."""
     tip, moves = data["payload"] is not None, data["motion"] is not None
@@ -317,15 +375,15 @@ def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None
     return control
 
 
-def _left_out(robot: Robot) -> list[str]:
-    """Notes on what the page leaves out: loops that the file closes, and everything at the tip where none is named."""
+def _left_out(robot: Robot, *, closed: bool, moves: bool) -> list[str]:
+    """Notes on what the page leaves out: loops that the file closes, and everything at the tip of a motion without one."""
     model, notes = robot.model, []
-    if model.closures:
+    if model.closures and not closed:
         loops = ", ".join(list(model.closures)[:4]) + (", …" if len(model.closures) > 4 else "")
         notes.append(
             f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."
         )
-    if model.tip is None and model.nv and model.leaves:
+    if moves and model.tip is None and model.nv and model.leaves:
         ends = ", ".join(model.leaves[:6]) + (", …" if len(model.leaves) > 6 else "")
         notes.append(
             f"No tip: the moving joints end in several places, so payload, push, dragging and the ellipsoids at the tip are "
@@ -348,21 +406,26 @@ def _switches(
     data: Mapping[str, Any], scene: Scene, book: SectionPanel | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """Initial switches, and the buttons: only those with an effect."""
-    has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0
+    tips = data["tips"] or [data]
+    has_tip = "jacobian0" in data["programs"] and any(tip["forceScale"] > 0 for tip in tips)
+    grasped = data["payload"] is not None and book is None and not (data["loops"] and data["loops"]["actuated"])
     layers = {shape.layer for shape in scene.shapes}
     known = (
         ("looks", "Robot", True, True),
         ("inertia", "Inertia ellipsoids", "inertia" in layers, not scene.dressed and not scene.doubtful),
         ("torques", "Torques", bool(data["marks"]) and (book is None or "torques" in book.shown), True),
         ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
-        ("com", "Centre of mass", "centre" in data["programs"], False),
+        ("com", "Centre of mass", "centre" in data["programs"], data["standing"] is not None),
         ("frames", "Frames", True, False),
         ("ellipsoid", "Force ellipsoid", has_tip, False),
         ("polytope", "Force polytope", has_tip, False),
-        ("mass", "Mass ellipsoid", data["massScale"] > 0, False),
+        ("mass", "Mass ellipsoid", any(tip["massScale"] > 0 for tip in tips), False),
+        ("keep", "Keep orientation", grasped, data["tips"] != [] or len(data["torques"]) >= 6),
+        ("stops", "Stops and friction", book is None and "mass" in data["programs"] and not data["fall"]["why"], True),
+        ("feet", "Feet on the floor", data["standing"] is not None, True),
         ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),
     )
-    shown = {key: on if book is None else key in book.shown for key, _, _, on in known}
+    shown = {key: bool(on and there) if book is None else key in book.shown for key, _, there, on in known}
     return shown, [(key, label) for key, label, there, _ in known if there]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.numbers import percent
 from ..errors import SingularMassMatrixError
 from ..export.javascript import javascript_module
 from ..export.request import BridgedQuantity
@@ -25,6 +27,7 @@ from .colours import COLOURS, SHARES, torque_marks
 from .scene import PAYLOAD, turned_z
 
 if TYPE_CHECKING:
+    from .page_loops import PageLoops
     from .section_pages import SectionPanel
 
 LARGEST = 10_000
@@ -36,6 +39,12 @@ STEP = 1 / 8000
 """Time step of a fall [s]. With the fourth-order method the bundled arms keep their energy to a microjoule over
 seconds."""
 
+COARSE = 1 / 1000
+"""The same with friction and stops, which keep no energy to account for."""
+DAMPING = 0.1
+"""Viscous friction where the file has no friction [N m s/rad, N s/m]."""
+DRY = 0.02
+"""Coulomb friction there, as a share of the torque limit."""
 
 _NARROWER = ((";\n  const ", ",\n"), ("\n  ", "\n"), (" * ", "*"), (" + ", "+"), (" - ", "-"), (" = ", "="))
 """Spellings of programs in the page, which are shorter."""
@@ -45,8 +54,8 @@ class PagePrograms:
     """The programs of one page.
 
     They are those of the robot with a frame for each body, so that the first of ``link_poses`` are the poses of the bodies,
-    and with one more without mass at the tip, whose mass is the payload. Wrenches on the robot, the tip's among them, and the
-    payload are inputs behind the state.
+    and with one more without mass at each tip, whose mass is the payload. Wrenches on the robot, those at the tips among
+    them, and the payloads are inputs behind the state.
     """
 
     def __init__(
@@ -57,19 +66,25 @@ class PagePrograms:
         *,
         payload: Payload | None = None,
         motion: bool = False,
+        loops: PageLoops | None = None,
     ) -> None:
-        self.section, self.moves = section, motion
+        self.section, self.moves, self.loops = section, motion, loops
         model = robot.model
-        self.carried_by, self.place = "tip", (0.0, 0.0, 0.0)
-        self.tip = model.tip if model.tip is not None and model.frame(model.tip).body != BASE else None
-        named = {name: model.frame(name) for name in (*wrenches, *([] if self.tip is None else [self.tip]))}
+        own = [] if model.tip is None or model.frame(model.tip).body == BASE else [model.tip]
+        self.tips = tuple(own if own or motion else tips_of(model))
+        self.chosen = 0 if own or not one_arm(model) else len(self.tips) - 1
+        named = {name: model.frame(name) for name in (*wrenches, *self.tips)}
         self.wrenches = tuple(named)
-        self.payload = _unused("payload", named)
-        if self.tip is not None:
-            at = Payload(0.0) if payload is None else payload
-            carrier = model.frame(at.frame or self.tip)
-            named[self.payload] = replace(carrier, pose=carrier.pose @ se3.pose(np.eye(3), at.place))
-            self.carried_by, self.place = at.frame or self.tip, at.place
+        at = Payload(0.0) if payload is None else payload
+        self.carriers = tuple(at.frame or tip for tip in self.tips)
+        self.place = at.place
+        self.payloads: list[str] = []
+        for carrier in map(model.frame, self.carriers):
+            self.payloads.append(_unused("payload", named))
+            named[self.payloads[-1]] = replace(carrier, pose=carrier.pose @ se3.pose(np.eye(3), at.place))
+        if loops is not None:
+            ends = {name for closure in loops.closures for name in (closure.frame_a, closure.frame_b)} - set(named)
+            named |= {name: model.frame(name) for name in ends & set(model.all_frames)} | dict(loops.frames)
         frames = {_unused(f"body {k}", named): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
         self.body_frames = tuple(frames)
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
@@ -83,15 +98,30 @@ class PagePrograms:
         return {
             "programs": list(self._functions),
             "wrenchFrames": self.wrenches,
-            "payloadName": "more at tip" if robot.model.payloads else f"payload at {self.carried_by}",
-            "payloadFrame": self.carried_by,
             "payloadPlace": list(self.place),
-            "payloadAt": None if self.tip is None else _place(robot.model.frame(self.payload)),
             "moving": mass,
-            "payload": None if self.tip is None else round_above(mass / 2 or 1.0),
-            "push": None if self.tip is None else round_above(weight or 10.0),
-            "fall": {"why": why, "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist()},
+            "payload": round_above(mass / 2 or 1.0) if self.tips else None,
+            "push": round_above(weight or 10.0) if self.tips else None,
+            "fall": {"why": why, "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist(), **resistance(robot)},
         }
+
+    def tips_data(self, names: Sequence[str]) -> list[dict[str, Any]]:
+        """For each tip what changes with it: its number among the frames, and what carries the payload there."""
+        more = bool(self.robot.model.payloads)
+        return [
+            {
+                "tip": names.index(tip),
+                "payloadName": "more at tip" if more else f"payload at {carrier}",
+                "payloadFrame": carrier,
+                "payloadAt": _place(self.robot.model.frame(payload)),
+            }
+            for tip, carrier, payload in zip(self.tips, self.carriers, self.payloads, strict=True)
+        ]
+
+    @property
+    def tip(self) -> str | None:
+        """The tip that is chosen at first."""
+        return self.tips[self.chosen] if self.tips else None
 
     def script(self) -> str:
         """The programs as plain script, which a page may run where making functions of strings is forbidden."""
@@ -117,9 +147,16 @@ class PagePrograms:
             asked["potential"] = "potential_energy", load
         if any(b.inertia.mass > 0 for b in model.bodies):
             asked["centre"] = "center_of_mass", load
-        if self.tip is not None and model.nv:
+        for k, tip in enumerate(self.tips if model.nv else ()):
             asked["rates"] = "coordinate_rates", {}
-            asked["jacobian"] = "jacobian", {"frame": self.tip, "kind": "world_aligned"}
+            asked[f"jacobian{k}"] = "jacobian", {"frame": tip, "kind": "world_aligned"}
+        if self.loops is not None:
+            closing = {"constraints": self.loops.closures}
+            asked["rates"] = "coordinate_rates", {}
+            asked["closing"], asked["closing_rows"] = ("closure_poses", closing), ("constraint_jacobian", closing)
+            for k, body in enumerate(self.loops.feet):
+                frame = {"frame": self.body_frames[body], "kind": "world_aligned"}
+                asked[f"foot{k}"] = "jacobian", frame
         if self.moves:
             asked["inverse"] = "inverse_dynamics", {**pushed, **load}
             if model.friction.any:
@@ -140,8 +177,8 @@ class PagePrograms:
 
     @property
     def load(self) -> dict[str, Any]:
-        """The option that makes the payload an input."""
-        return {} if self.tip is None else {"parameters": f"{self.payload}.mass"}
+        """The option that makes the payloads an input."""
+        return {"parameters": tuple(f"{name}.mass" for name in self.payloads)} if self.tips else {}
 
     @property
     def pushed(self) -> dict[str, Any]:
@@ -162,6 +199,8 @@ class PagePrograms:
         """Why it cannot be let go, a sentence, or None where it can."""
         if not self.robot.nv:
             return "Nothing of it moves."
+        if self.loops is not None and not self.loops.feet:
+            return "Its loops are kept closed, so it cannot be let go."
         if any(not b.joint.driven for b in self.robot.model.bodies):
             return "A base that floats has no floor to fall on here, so it cannot be let go."
         if not self._has_inverse:
@@ -171,9 +210,63 @@ class PagePrograms:
         return None
 
 
+def resistance(robot: Robot) -> dict[str, Any]:
+    """Viscous and Coulomb friction, and stops, of each velocity; :data:`DAMPING` and :data:`DRY` where the file has none."""
+    model, friction = robot.model, robot.model.friction
+    stops: list[dict[str, Any] | None] = [None] * model.nv
+    for body in model.leaders:
+        low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+        if body.joint.nv == 1 and np.isfinite([low, high]).all():
+            stops[body.v_index] = {"q": body.q_index, "least": low, "most": high}
+    assumed = not (friction.viscous.any() or friction.coulomb.any())
+    effort = model.limits.effort
+    viscous = np.full(model.nv, DAMPING) if assumed else friction.viscous
+    coulomb = np.where(np.isfinite(effort), DRY * effort, 0.0) if assumed else friction.coulomb
+    dry = f", dry friction {percent(DRY)} of the limits" if coulomb.any() else ""
+    return {
+        "coarse": COARSE,
+        "viscous": viscous.tolist(),
+        "coulomb": coulomb.tolist(),
+        "assumed": f"Friction is assumed: {DAMPING} N m s/rad{dry}." if assumed else "",
+        "stops": stops,
+    }
+
+
 def _place(frame: Frame) -> dict[str, Any]:
     """Body and pose of a frame, as the page has them."""
     return {"body": frame.body, "pose": frame.pose.ravel().tolist()}
+
+
+_TOOLS = re.compile(r"tool|tcp|(?<![a-z])eef?(?![a-z])|end_?effector|grasp|hand_?tip", re.IGNORECASE)
+"""Names of frames made to work with."""
+MOST_TIPS = 12
+MANY = 12
+"""Torques up to which all are listed; of more, the largest come first and the others are folded by limb."""
+
+
+def tips_of(model: Model) -> list[str]:
+    """Tips to choose from: a leaf frame of each last body, then frames named like a tool on bodies that move.
+
+    >>> import twistwrench as tw
+    >>> tips_of(tw.robots.quadruped().model)
+    ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot']
+    """
+    last = set(range(len(model.bodies))) - {body.parent for body in model.bodies}
+    ends = {model.frames[name].body: name for name in model.leaves if model.frames[name].body in last}
+    tools = [name for name, frame in model.all_frames.items() if frame.body != BASE and _TOOLS.search(name)]
+    return list(dict.fromkeys([*ends.values(), *tools]))[:MOST_TIPS]
+
+
+def one_arm(model: Model) -> bool:
+    """True if a joint with a motor carries all last bodies, as that of an arm with a gripper does."""
+    parents = {k: body.parent for k, body in enumerate(model.bodies)}
+    shared = set(parents)
+    for k in set(parents) - set(parents.values()):
+        chain = [k]
+        while chain[-1] != BASE:
+            chain.append(parents[chain[-1]])
+        shared &= set(chain)
+    return any(model.bodies[k].joint.driven for k in shared)
 
 
 def _unused(name: str, taken: Container[str]) -> str:
@@ -199,8 +292,8 @@ def round_above(x: float) -> float:
 def sliders_of(model: Model) -> list[dict[str, Any]]:
     """A slider for each coordinate.
 
-    Its ``name``, place ``q``, ``unit`` (° or m), range ``lower`` to ``upper``, and limits ``least``, ``most`` (None without);
-    three with ``turn`` 0, 1, 2 (roll, pitch, yaw) share a quaternion's ``q``.
+    Its ``name``, place ``q``, velocities ``v`` of the joint, ``unit`` (° or m), range ``lower`` to ``upper``, and limits
+    ``least``, ``most`` (None without); three with ``turn`` 0, 1, 2 (roll, pitch, yaw) share a quaternion's ``q``.
     """
     found: list[dict[str, Any]] = []
     for body in model.leaders:
@@ -211,6 +304,7 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
             entry = {
                 "name": f"{body.joint.name}{slider.label}",
                 "q": body.q_index + slider.coordinate,
+                "v": list(range(body.v_index, body.v_index + body.joint.nv)),
                 "unit": slider.unit,
                 "lower": least if np.isfinite(least) else min(-slider.reach, most - 2 * slider.reach),
                 "upper": most if np.isfinite(most) else max(slider.reach, least + 2 * slider.reach),
@@ -218,6 +312,31 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
                 "most": most if np.isfinite(most) else None,
             }
             found.append(entry if slider.turn is None else entry | {"turn": slider.turn})
+    return found
+
+
+def limbs_of(model: Model) -> list[dict[str, Any]]:
+    """Chains of joints from one branching of the tree to the next: their ``name``, ``torques`` and ``hands`` (sliders).
+
+    >>> import twistwrench as tw
+    >>> [(limb["name"], limb["torques"]) for limb in limbs_of(tw.robots.quadruped().model)][1]
+    ('FL_hip_joint … FL_calf_joint', [6, 7, 8])
+    """
+    parents = [body.parent for body in model.bodies if body.joint.moves_body]
+    chain: dict[int, int] = {}
+    for k, body in enumerate(model.bodies):
+        begins = body.parent == BASE or parents.count(body.parent) > 1 or not model.bodies[body.parent].joint.driven
+        chain[k] = k if begins or not body.joint.moves_body else chain[body.parent]
+    sliders = sliders_of(model)
+    found = []
+    for first in dict.fromkeys(chain.values()):
+        mine = [body for k, body in enumerate(model.bodies) if chain[k] == first and not body.follows]
+        torques = [k for body in mine for k in range(body.v_index, body.v_index + body.joint.nv)]
+        places = {k for body in mine for k in range(body.q_index, body.q_index + body.joint.nq)}
+        names = list(dict.fromkeys((mine[0].joint.name, mine[-1].joint.name))) if mine else []
+        hands = [k for k, slider in enumerate(sliders) if slider["q"] in places]
+        if torques:
+            found.append({"name": " … ".join(names), "torques": torques, "hands": hands})
     return found
 
 
@@ -232,6 +351,7 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
     """Names, limits, sliders and marks; what the page moves it by are its programs."""
     model, coordinates = robot.model, Coordinates.from_model(robot.model)
     limits = robot.limits.effort.tolist()
+    motors = [body.joint.driven for body in model.leaders for _ in range(body.joint.nv)]
     return {
         "name": robot.name,
         "start": np.asarray(start, float).tolist(),
@@ -243,11 +363,13 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
             for b in model.bodies
         ],
         "frames": [{"name": n, **_place(f)} for n, f in model.all_frames.items()],
-        "tip": None if model.tip is None else list(model.all_frames).index(model.tip),
         "torques": [
-            {"name": n, "unit": u, "limit": limit if 0 < limit < np.inf else None}
-            for n, u, limit in zip(coordinates.velocity_names, coordinates.torque_units, limits, strict=True)
+            {"name": n, "unit": u, "limit": limit if 0 < limit < np.inf else None, "driven": driven}
+            for n, u, limit, driven in zip(
+                coordinates.velocity_names, coordinates.torque_units, limits, motors, strict=True
+            )
         ],
+        "limbs": limbs_of(model) if model.nv > MANY else [],
         "hands": sliders_of(model),
         "colours": {**COLOURS, "shares": SHARES, "payload": PAYLOAD},
         "marks": [{**vars(m), "pose": m.pose.ravel().tolist(), "reversed": _REVERSED} for m in torque_marks(model)],
@@ -272,28 +394,3 @@ def wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, An
                 T = se3.pose(turned_z(part), np.zeros(3))
                 marks.append({"frame": frame, "pose": T.ravel().tolist(), "length": length, "turns": turns})
     return {"wrenches": data, "wrenchMarks": marks}
-
-
-# ── The pose at the start, without a motion
-
-
-def starting_pose(robot: Robot) -> Array:
-    """The neutral configuration, but for joints whose limits leave it out: those are in their middle; (nq,)."""
-    q = robot.neutral.copy()
-    for body in robot.model.leaders:
-        low, high = robot.limits.lower[body.v_index], robot.limits.upper[body.v_index]
-        if body.joint.nv == 1 and not low <= q[body.q_index] <= high:
-            q[body.q_index] = (low + high) / 2
-    return q
-
-
-def default_view_pose(robot: Robot) -> Array:
-    """A configuration above the floor of the base and far from singular ones; (nq,)."""
-    Q = robot.random_configuration(0, 256)
-    angular = Coordinates.from_model(robot.model).angular
-    turned = np.where(angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q)  # to half a turn
-    Q = np.where((robot.limits.lower <= turned) & (turned <= robot.limits.upper), turned, Q)
-    heights = np.asarray(robot.link_poses(Q))[..., 2, 3]
-    J = np.asarray(robot.jacobian(Q, kind="world_aligned"))
-    least = np.linalg.svd(J, compute_uv=False)[:, -1]
-    return np.asarray(Q[np.argmax(np.where(heights.min(axis=1) > -1e-9, least, least - 1e3))])

@@ -83,8 +83,13 @@ class Visual:
     colour: Colour
 
 
-def read_visuals(model: Model) -> tuple[list[Visual], list[str]]:
-    """The surfaces that the model's file gives its links, and remarks on what is missing; none for robots without a file."""
+def read_visuals(model: Model, tag: str = "visual") -> tuple[list[Visual], list[str]]:
+    """The surfaces that the model's file gives its links, and remarks on what is missing; none for robots without a file.
+
+    Parameters
+    ----------
+    tag : "visual" or "collision"
+    """
     path = Path(model.source) if model.source else None
     try:
         if path is None or not path.is_file():
@@ -97,7 +102,7 @@ def read_visuals(model: Model) -> tuple[list[Visual], list[str]]:
         return [], [
             f"{model.source} is xacro, so the robot is drawn from its inertia: {EXPAND} makes a file with its looks"
         ]
-    return _Reader(robot, path, model).read()
+    return _Reader(robot, path, model).read(tag)
 
 
 class _Reader:
@@ -110,12 +115,12 @@ class _Reader:
         self.problems: dict[str, str] = {}
         """Why, by the name of the mesh or by the element."""
 
-    def read(self) -> tuple[list[Visual], list[str]]:
+    def read(self, tag: str) -> tuple[list[Visual], list[str]]:
         found: list[Visual] = []
         for link in self.robot.all("link"):
             name = link.attributes.get("name", "").strip()
             if name in self.model.frames:
-                for visual in link.all("visual"):
+                for visual in link.all(tag):
                     found += self._visual(name, visual)
         return found, self._remarks()
 

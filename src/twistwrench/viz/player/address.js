@@ -17,6 +17,8 @@ function read(hash, robot, first) {
   one("load", (x) => x >= 0);
   one("speed", (x) => x >= 0.01 && x <= 100);
   one("t", Number.isFinite);
+  const tip = robot.tips.findIndex((entry) => robot.frames[entry.tip].name === keys.get("tip"));
+  if (tip >= 0) state.tip = [keys.get("tip")];
   state.push = (first.push && numbers("push", 3)) || first.push;
   state.q = numbers("q", robot.coordinates.length) || state.q;
   const camera = numbers("camera", 6);
@@ -42,7 +44,7 @@ class Address {
     return {
       q: posed || !motion ? q.slice() : null,
       load: robot.payload === null ? null : mechanics.mass, push: robot.payload === null ? null : mechanics.push.slice(),
-      speed: motion ? motion.pace : null, t: motion && !posed ? motion.shown(time) : motion ? motion.begin : null,
+      tip: robot.tips.length ? [robot.frames[robot.tip].name] : null, speed: motion ? motion.pace : null, t: motion && !posed ? motion.shown(time) : motion ? motion.begin : null,
       camera: [azimuth, elevation, distance, ...target], layers: robot.switches.map(([key]) => key).filter((key) => shown[key]),
     };
   }
@@ -57,13 +59,14 @@ class Address {
 
   open() { this.show(read(location.hash, this.viewer.robot, this.first)); }
 
-  show({ q, load, push, speed, t, camera, layers }) {
+  show({ q, load, push, tip, speed, t, camera, layers }) {
     const { viewer } = this, { mechanics, motion, stage, robot } = viewer;
     this.opening = true;
+    if (tip) mechanics.choose(robot.tips.findIndex((entry) => robot.frames[entry.tip].name === tip[0]));
     if (load !== null) Object.assign(mechanics, { mass: load, push: push.slice() });
     if (motion) motion.pace = speed;
     viewer.loaded();
-    if (q) viewer.setCoordinates(q.slice());
+    if (q) viewer.setCoordinates(viewer.closed(q.slice()));
     else if (motion) viewer.seek(motion.given(t));
     Object.assign(stage, { azimuth: camera[0], elevation: camera[1], distance: camera[2], target: camera.slice(3) });
     robot.switches.forEach(([key]) => viewer.panel.show(key, layers.includes(key)));

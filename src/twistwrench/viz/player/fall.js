@@ -1,18 +1,21 @@
-// A robot let go: its motion under gravity, springs, wrenches and constant torques, without friction, stops or contact.
+// A robot let go: its motion under gravity, springs, wrenches and constant torques, without contact; with stops and friction, or
+// without them and with an account of its energy.
 "use strict";
 
 const LONGEST_FRAME = 8; // ms of computing a frame; a robot that takes longer falls slower than the clock
 
 class Fall {
-  constructor(mechanics, q, dq = []) {
+  constructor(mechanics, q, dq = [], stops = false) {
     const { fall, coordinates, torques } = mechanics.robot;
-    Object.assign(this, { mechanics, h: fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
+    Object.assign(this, { mechanics, h: stops ? fall.coarse : fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
+    this.resistance = stops ? new Resistance(fall, torques.length) : null;
     this.y = new Float64Array(this.nq + this.nv + 1); // q, dq, and the work of wrenches and motors
     this.y.set(q);
     this.y.set(dq, this.nq);
     this.z = this.y.slice();
     this.k = fall.b.map(() => this.y.slice());
     this.time = 0;
+    this.calm = 0; // since when it stands still [s]
     this.behind = 0; // of the clock [s]
     this.spent = 0; // on computing the last frame [ms]
     this.reckon();
@@ -39,12 +42,18 @@ class Fall {
     a.forEach((row, j) => mechanics.motion(along(row), k[j]));
     y.set(along(b));
     this.time += h;
+    if (!this.resistance) return;
+    this.resistance.slow(y, this.nq, mechanics.massMatrix(y), h);
+    this.calm = this.dq.every((v) => Math.abs(v) < 2e-3) ? this.calm + h : 0; // rad/s, m/s
   }
+
+  get rests() { return this.calm > 0.2; }
 
   // On by so many seconds of the clock.
   advance(seconds) {
     const begun = performance.now();
     this.behind += seconds;
+    if (this.rests) this.behind = 0;
     for (let k = 0; this.behind >= this.h; k++) {
       this.step();
       this.behind -= this.h;
@@ -52,5 +61,36 @@ class Fall {
     }
     this.drift = Math.max(this.drift, Math.abs(this.kinetic + this.potential - this.work - this.begin));
     this.spent = performance.now() - begun;
+  }
+}
+
+// Friction and stops of joints, as impulses p of one time step: v = v* + M^-1 p, where v* is without them. Viscous friction is
+// -h b v, Coulomb friction up to h c against v, and at a stop p pushes back as far as v needs to be zero. By sweeps over the
+// joints from the impulses of the last step (projected Gauss-Seidel).
+class Resistance {
+  constructor({ viscous, coulomb, stops }, n) {
+    Object.assign(this, { viscous, coulomb, stops, n, p: new Float64Array(n), inverse: [] });
+    this.at = new Array(n).fill(0); // the stop that a joint is at: -1 the lower, 1 the upper
+  }
+
+  slow(y, nq, M, h) {
+    const { n, p, stops, viscous, coulomb } = this, v = y.subarray(nq, nq + n), L = cholesky(M, n);
+    const W = Array.from({ length: n }, (_, k) => raised(L, lowered(L, Array.from({ length: n }, (_, i) => Number(i === k)))));
+    stops.forEach((stop, k) => { this.at[k] = !stop ? 0 : y[stop.q] <= stop.least ? -1 : y[stop.q] >= stop.most ? 1 : 0; });
+    for (let k = 0; k < n; k++) for (let i = 0; i < n; i++) v[i] += W[k][i] * p[k];
+    for (let sweep = 0; sweep < 60; sweep++) {
+      let change = 0;
+      for (let k = 0; k < n; k++) {
+        const w = W[k][k], free = v[k] - w * p[k], dry = w * h * coulomb[k];
+        let after = Math.abs(free) <= dry ? 0 : (free - Math.sign(free) * dry) / (1 + w * h * viscous[k]);
+        if (this.at[k] && after * this.at[k] > 0) after = 0;
+        const more = (after - free) / w - p[k];
+        p[k] += more;
+        for (let i = 0; i < n; i++) v[i] += W[k][i] * more;
+        change = Math.max(change, Math.abs(w * more));
+      }
+      if (change < 1e-8) break;
+    }
+    stops.forEach((stop, k) => { if (this.at[k]) y[stop.q] = this.at[k] < 0 ? stop.least : stop.most; });
   }
 }

@@ -4,9 +4,8 @@
 class Grasp {
   constructor(viewer) {
     this.viewer = viewer;
-    const { robot, mechanics } = viewer;
-    this.can = mechanics.run.jacobian !== undefined && mechanics.run.rates !== undefined && mechanics.pushed >= 0
-      && robot.hands.every(({ turn: turns }) => turns === undefined); // a base that floats would come along
+    const { robot, loops } = viewer, { run } = viewer.mechanics;
+    this.can = run.jacobian0 !== undefined && run.rates !== undefined && robot.tip !== null && !loops?.actuated;
     if (!this.can) return;
     viewer.stage.grasp = (x, y, near) => this.hold(x, y, near);
     this.ends = new Map(robot.hands.map((hand) => [hand.q, [hand.least ?? -Infinity, hand.most ?? Infinity]]));
@@ -15,7 +14,7 @@ class Grasp {
   get tip() { return place(this.viewer.mechanics.tipPose(this.viewer.q)); }
 
   hold(x, y, near) { // null, or what moves the tip by pixels along the screen
-    const { stage } = this.viewer, [a, b] = stage.project(this.tip);
+    const { stage, mechanics, q } = this.viewer, [a, b] = stage.project(this.tip), held = mechanics.tipPose(q);
     if (Math.hypot(a - x, b - y) > near) return null;
     let wanted = this.tip;
     return (dx, dy) => {
@@ -23,17 +22,21 @@ class Grasp {
       const { right, up } = stage.camera(), p = this.tip, step = 1e-3 * stage.size, [u, v] = stage.project(p);
       const scale = step / Math.hypot(...stage.project(add(p, times(step, right))).map((z, k) => z - [u, v][k]));
       wanted = add(wanted, add(times(dx * scale, right), times(-dy * scale, up)));
-      this.reach(wanted);
+      this.reach(wanted, held);
     };
   }
 
-  reach(wanted) {
-    const { robot, mechanics } = this.viewer, longest = 0.1 * robot.size;
+  moves(k) { return this.viewer.robot.torques[k].driven && !this.viewer.loops?.legs[k]; } // a base stays, and feet on the floor
+
+  // Moves the tip to a point, and where its orientation is kept, turns it back to that of the pose `held`.
+  reach(wanted, held) {
+    const { robot, mechanics, shown } = this.viewer, { size } = robot;
     let q = this.viewer.q;
     for (let turn_ = 0; turn_ < 8; turn_++) {
-      const off = add(wanted, times(-1, place(mechanics.tipPose(q)))), far = norm(off);
-      if (far < 1e-6 * robot.size) break;
-      const v = dampedStep(mechanics.tipColumns(q), times(Math.min(1, longest / far), off), 1e-3 * robot.size ** 2);
+      const rows = tipError(mechanics.tipPose(q), wanted, shown.keep ? held : null, TURN * size), far = Math.hypot(...rows);
+      if (far < 1e-6 * size) break;
+      const columns = mechanics.tipColumns(q, shown.keep ? TURN * size : 0);
+      const v = dampedStep(columns.map((column, k) => (this.moves(k) ? column : times(0, column))), times(Math.min(1, (0.1 * size) / far), rows), damping(far, size));
       const rates = mechanics.run.rates(q, v);
       q = q.map((x, k) => { const [least, most] = this.ends.get(k) || [-Infinity, Infinity]; return Math.min(most, Math.max(least, x + rates[k])); });
     }
@@ -41,10 +44,23 @@ class Grasp {
   }
 }
 
-function dampedStep(columns, off, damping) { // v = J' (J J' + damping 1)^-1 off. MR section 6.2.2
-  const A = [damping, 0, 0, 0, damping, 0, 0, 0, damping];
-  columns.forEach((c) => { for (let k = 0; k < 9; k++) A[k] += c[Math.floor(k / 3)] * c[k % 3]; });
-  const rows = [A.slice(0, 3), A.slice(3, 6), A.slice(6)], det = dot(rows[0], cross(rows[1], rows[2]));
-  const y = [0, 1, 2].map((k) => dot(cross(rows[(k + 1) % 3], rows[(k + 2) % 3]), off) / det); // A is symmetric
-  return columns.map((c) => dot(c, y));
+const TURN = 0.5; // of the robot's size: the length at which a turn of the tip counts as a move
+
+// How far the tip is from a point (3), and before that, from the orientation of the pose `held`: half the sum of the crosses of
+// the axes, times a length; to first order the angle.
+function tipError(T, wanted, held, length) {
+  const off = add(wanted, times(-1, place(T)));
+  if (!held) return off;
+  const axis = (pose_, j) => [pose_[j], pose_[4 + j], pose_[8 + j]];
+  const turned = [0, 1, 2].map((j) => cross(axis(T, j), axis(held, j))).reduce(add);
+  return [...times(0.5 * length, turned), ...off];
+}
+
+const damping = (far, size) => size ** 2 * (1e-3 * Math.min(1, far / (0.05 * size)) + 1e-6); // less where the tip is near its goal
+
+function dampedStep(columns, off, extra) { // v = J' (J J' + extra 1)^-1 off. MR section 6.2.2
+  const n = off.length, A = new Float64Array(n * n);
+  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) A[n * i + j] = columns.reduce((sum, c) => sum + c[i] * c[j], i === j ? extra : 0);
+  const L = cholesky(A, n), y = raised(L, lowered(L, off));
+  return columns.map((c) => inner(c, y));
 }

@@ -8,10 +8,11 @@ class LoadPanel {
     this.kind = robot.book ? robot.book.load : "all"; // what may be put on it
     document.getElementById("load").hidden = !robot.torques.length || !this.kind;
     this.sliders = {};
+    this.tips = this.menu(document.getElementById("tips"));
     if (motion) document.querySelector("aside").insertBefore(document.getElementById("load"), document.getElementById("torques"));
     if (robot.payload !== null) {
       const most = motion ? this.mostPayload() : robot.payload;
-      this.slider("payload", robot.payloadName, 0, most, "kg", () => mechanics.mass, (x) => { mechanics.mass = Math.max(0, x); });
+      this.slider("payload", robot.tips.length ? "payload at tip" : robot.payloadName, 0, most, "kg", () => mechanics.mass, (x) => { mechanics.mass = Math.max(0, x); });
       if (this.kind === "all") ["x", "y", "z"].forEach((axis, k) => this.slider(`push-${axis}`, `push on tip, ${axis}`, -robot.push, robot.push, "N", () => mechanics.push[k], (x) => { mechanics.push[k] = x; }));
     }
     if (motion) this.slider("pace", "motion speed", 0.25, 2, "×", () => motion.pace, (x) => { if (x > 0) motion.pace = x; });
@@ -60,7 +61,18 @@ class LoadPanel {
     this.sliders[id] = { tell, set };
   }
 
-  tell() { Object.values(this.sliders).forEach(({ tell }) => tell()); }
+  menu(place_) { // of tips, where there are several
+    const { robot } = this.viewer, list = place_.querySelector("select");
+    place_.hidden = !robot.tips.length;
+    robot.tips.forEach(({ tip }, k) => list.appendChild(new Option(robot.frames[tip].name, k)));
+    list.addEventListener("change", () => { this.viewer.chooseTip(Number(list.value)); this.viewer.settled(); });
+    return list;
+  }
+
+  tell() {
+    this.tips.value = this.viewer.robot.chosenTip;
+    Object.values(this.sliders).forEach(({ tell }) => tell());
+  }
 
   feel() { // beside the mass ellipsoid: how heavy the tip is
     const { viewer, felt: said } = this;
@@ -72,14 +84,17 @@ class LoadPanel {
   }
 
   update() {
-    const { fall, robot, verdict, mechanics } = this.viewer, margin = verdict && !mechanics.mass && verdict.margin;
+    const { viewer } = this, { fall, robot, verdict, mechanics } = viewer, margin = verdict && !mechanics.mass && verdict.margin;
     this.feel();
     this.most.hidden = !margin;
     if (margin) this.most.textContent = `The joints' torque limits allow up to ${roundedDown(margin.mass)} kg on this motion.`;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
-    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : "From rest, without torques, friction and stops.";
-    else {
+    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : viewer.shown.stops ? `From rest, without torques; the floor is not solid. ${robot.fall.assumed}` : "From rest, without torques, friction and stops.";
+    else if (fall.resistance) {
+      const at = fall.resistance.at.flatMap((side, k) => (side ? [robot.torques[k].name.replace(/_joint$/, "")] : []));
+      this.said.textContent = `${fall.rests ? "At rest after" : ""} ${(fall.time - (fall.rests ? fall.calm : 0)).toFixed(2)} s: ${fall.rests ? "" : `kinetic energy ${energy(fall.kinetic)}, `}lost to friction and stops ${energy(fall.begin + fall.work - fall.kinetic - fall.potential)} J${at.length ? `; at its stop: ${at.join(", ")}` : ""}`;
+    } else {
       const worked = fall.work ? ` − work of the ${robot.book ? "torques and push" : mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
       this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
     }

@@ -10,7 +10,7 @@ class Mechanics {
     this.mass = 0; // at the tip [kg]
     this.push = [0, 0, 0]; // on the tip, in the base's axes [N]
     this.tau = robot.torques.map(() => 0); // of the motors, while it is let go
-    const [n, nv] = [16 * (robot.bodies.length + robot.frames.length + 1), robot.torques.length];
+    const [n, nv] = [16 * (robot.bodies.length + 2 * robot.frames.length + 1), robot.torques.length];
     this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv), lambda: [0], pivots: [0] };
     this.still = robot.wrenchFrames.map(() => NO_WRENCH);
     const names = robot.frames.map((frame) => frame.name);
@@ -19,11 +19,20 @@ class Mechanics {
       return mine ? [...mine.moment, ...mine.force] : NO_WRENCH;
     });
     this.any = this.given.some((F) => F.some((x) => x));
-    this.pushed = robot.payload === null ? -1 : robot.wrenchFrames.indexOf(names[robot.tip]);
   }
 
-  get load() { // the last input of the programs that have one
-    return this.robot.payload === null ? [] : [[this.mass]];
+  choose(k) { Object.assign(this.robot, this.robot.tips[k], { chosenTip: k }); }
+
+  get pushed() { // the tip among the frames of wrenches
+    const { payload, wrenchFrames, frames, tip } = this.robot;
+    return payload === null ? -1 : wrenchFrames.indexOf(frames[tip].name);
+  }
+
+  get load() { return this.carrying(this.mass); }
+
+  carrying(mass) { // the last input of the programs that have one: what each tip carries
+    const { payload, tips, chosenTip } = this.robot;
+    return payload === null ? [] : [tips.length ? tips.map((_, k) => (k === chosenTip ? mass : 0)) : [mass]];
   }
 
   // T_s,body of every body.
@@ -55,10 +64,12 @@ class Mechanics {
     return this.run.centre ? Array.from(this.run.centre(q, ...this.load)) : null;
   }
 
-  // What moves the tip, in the base's axes: a column (3) for each velocity. MR section 5.1.
-  tipColumns(q) {
-    const J = this.run.jacobian(q), n = this.robot.torques.length;
-    return this.robot.torques.map((_, k) => [J[3 * n + k], J[4 * n + k], J[5 * n + k]]);
+  jacobian(q) { return this.run[`jacobian${this.robot.tips.length ? this.robot.chosenTip : 0}`](q); }
+
+  // What moves the tip, in the base's axes: a column (3) for each velocity, (6) with turns times a length. MR section 5.1.
+  tipColumns(q, length = 0) {
+    const J = this.jacobian(q), n = this.robot.torques.length, rows = length ? [0, 1, 2, 3, 4, 5] : [3, 4, 5];
+    return this.robot.torques.map((_, k) => rows.map((i) => (i < 3 ? length : 1) * J[n * i + k]));
   }
 
   massMatrix(q) { // by rows, what is at the tip included. MR section 8.1

@@ -25,7 +25,7 @@ class Motion {
 
   // tau = M ddq + c + g - J'F of one state; `scale` multiplies dq, its square ddq.
   inverse(i, scales, wrenches, mass, out) {
-    const { mechanics, dq, ddq } = this, load = mechanics.robot.payload === null ? [] : [[mass]];
+    const { mechanics, dq, ddq } = this, load = mechanics.carrying(mass);
     return mechanics.run.inverse(this.q[i], scaled(dq[i], scales[0]), scaled(ddq[i], scales[1]), ...wrenches, ...load, out);
   }
 

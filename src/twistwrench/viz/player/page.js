@@ -16,9 +16,12 @@ class Viewer {
   constructor(robot, array) {
     this.robot = robot;
     this.q = robot.start.slice();
-    for (const scale of ["forceScale", "massScale"]) if (robot[scale]) robot[scale] = squareOf(robot.size) / perSquare(1, robot[scale], robot.size);
+    for (const owner of [robot, ...robot.tips])
+      for (const scale of ["forceScale", "massScale"]) if (owner[scale]) owner[scale] = squareOf(robot.size) / perSquare(1, owner[scale], robot.size);
     this.mechanics = new Mechanics(robot);
     this.fall = null; // while it is let go
+    this.loops = robot.loops && new Loops(this.mechanics);
+    this.stand = robot.standing && new Standing(this.mechanics);
     this.shown = { ...robot.shown };
     this.stage = stageOn(document.getElementById("stage"), robot.size);
     this.stage.target = robot.target.slice();
@@ -93,15 +96,35 @@ class Viewer {
     this.posed = true;
     this.playing = false;
     this.fall = null;
+    this.stopped = false;
     this.refresh();
+  }
+
+  get holds() { return this.loops && (!this.stand || this.shown.feet); } // loops are closed, or feet on the floor
+
+  closed(q) { return this.holds ? this.loops.closed(q, this.loops.following([])) ?? this.robot.start.slice() : q; }
+
+  slide(k, value) { // a slider; where loops are closed others follow, and it stops where they cannot
+    const { panel, loops } = this;
+    if (!this.holds) return this.setCoordinates(panel.grasp(k, value));
+    const from = panel.valueOf(k, this.q), found = loops.led(this.q, (q, share) => panel.grasp(k, from + share * (value - from), q), this.robot.hands[k].v);
+    this.setCoordinates(found.q);
+    this.stopped = found.stopped;
+    this.panel.update();
+  }
+
+  shows(k) { // torques without a motor are not listed while loops and feet hold the robot
+    return !this.posed || !this.holds || (this.stand ? this.robot.torques[k].driven : this.loops.actuated[k]);
   }
 
   letGo() {
     this.setCoordinates(this.q);
     if (this.book) this.mechanics.tau = this.book.state.tau.slice();
-    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.velocities : []);
+    this.drop(this.book ? this.book.velocities : []);
     this.refresh();
   }
+
+  drop(dq) { this.fall = new Fall(this.mechanics, this.q, dq, Boolean(this.shown.stops)); }
 
   fallOn(seconds) {
     this.fall.advance(seconds);
@@ -111,6 +134,12 @@ class Viewer {
   }
 
   stop() { this.setCoordinates(this.q); }
+
+  chooseTip(k) { // payload, push, dragging and ellipsoids go with it
+    this.mechanics.choose(k);
+    this.panel.load.tell();
+    this.loaded();
+  }
 
   loaded() { // payload, push or speed changed
     if (this.motion) {
@@ -145,10 +174,17 @@ class Viewer {
     this.changes += 1;
     this.poses = this.mechanics.poses(this.q);
     if (this.book) this.tau = this.book.update();
-    else if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
+    else if (this.posed) this.hold();
     this.forces = this.masses = null;
     if (this.shown.mass) this.weigh();
     this.panel.update();
+  }
+
+  hold() { // the torques that hold the pose, of motors alone where loops are closed or feet on the floor
+    const holding = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
+    this.support = this.holds && this.stand ? this.stand.held(this.q) : null;
+    this.borne = this.holds && !this.stand ? this.loops.torques(this.q, holding) : null;
+    this.tau = (this.support ?? this.borne)?.tau ?? holding;
   }
 
   // Of each torque: its share of the limit, else of the largest of the motion, else of the largest there is now.
@@ -188,6 +224,7 @@ class Viewer {
     if (shown.torques) this.torqueMarks(items);
     if (shown.frames) this.frameMarks(items);
     if (shown.com) this.comMarks(items, lines);
+    if (this.stand && this.holds) this.footMarks(items, lines);
     if (shown.wrenches) this.wrenchMarks(items);
     if (robot.payload !== null) this.loadMarks(items);
     if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
@@ -241,11 +278,24 @@ class Viewer {
   comMarks(items, lines) {
     const p = this.mechanics.centre(this.q);
     if (!p) return;
-    const at = shifted(p);
-    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.seen(this.robot.colours.com), 1], shadow: true, over: true });
+    const at = shifted(p), falls = this.stand && this.holds && !this.stand.stable(p), colour = falls ? this.red : this.seen(this.robot.colours.com);
+    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...colour, 1], shadow: true, over: true });
     const low = shifted([p[0], p[1], this.robot.floor]), flat = scaling(0.02 * this.robot.size);
     flat[10] = 1e-4 * this.robot.size;
-    items.push({ kept: this.ball, model: mul(low, flat), colour: [...this.seen(this.robot.colours.com), 0.7] });
+    items.push({ kept: this.ball, model: mul(low, flat), colour: [...colour, 0.7] });
+  }
+
+  get red() { const { shares } = this.robot.colours; return shares[shares.length - 1][1]; }
+
+  footMarks(items, lines) { // the force of the floor at each contact, and the polygon around them
+    const { stand, robot, support } = this, points = stand.points(this.q), weight = Math.max(1e-9, ...(support?.forces ?? []).map(norm));
+    const corners = [...stand.hull, stand.hull[0]].flatMap(([x, y]) => [x, y, robot.floor + 2e-3 * robot.size]);
+    const colour = stand.stable(this.mechanics.centre(this.q)) ? this.seen(robot.colours.path) : this.red;
+    lines.push({ kept: this.cached("feet", () => ({ positions: new Float32Array(corners) })), colour: [...colour, 0.9], strip: true });
+    (support?.forces ?? []).forEach((f, k) => {
+      const length = Math.round((30 * norm(f)) / weight) / 100;
+      if (length) items.push({ kept: this.cached(`push ${length}`, () => arrow(length, 0.014)), model: mul(mul(shifted(points[k]), alongZ(f)), scaling(robot.size)), colour: [...robot.colours.wrench, 1] });
+    });
   }
 
   wrenchMarks(items) {

@@ -11,7 +11,9 @@ class Panel {
     this.answer = of("verdict");
     this.told = of("told");
     this.title = document.querySelector("#torques h2");
-    this.holds = robot.hands.some(({ turn: turns }) => turns !== undefined) ? "Torques and wrench on the base that hold this pose" : "Torques that hold this pose";
+    this.stopped = of("stopped");
+    this.stands = of("stands");
+    this.afloat = robot.hands.some(({ turn: turns }) => turns !== undefined);
     this.bars = robot.torques.map((torque, k) => this.torqueRow(torque, k));
     this.hands = robot.hands.map((hand, k) => this.handRow(hand, k));
     of("joints").hidden = !robot.hands.length;
@@ -21,6 +23,7 @@ class Panel {
     }
     robot.switches.forEach(([key, label]) => this.switch(key, label));
     this.load = new LoadPanel(this);
+    this.fold = robot.limbs.length ? new Fold(this) : null;
     if (viewer.motion) this.playBar(of);
     const resized = new ResizeObserver(() => this.cover());
     [of("stage"), of("verdict"), document.querySelector("header")].forEach((part) => resized.observe(part));
@@ -71,35 +74,41 @@ class Panel {
     return { label, fill, number, share, most };
   }
 
-  handRow({ name, lower, upper }, k) {
+  handRow({ name, lower, upper, v }, k) {
     const slider = document.createElement("input");
-    Object.assign(slider, { type: "range", id: `hand-${k}`, min: lower, max: upper, step: "any" });
+    const { loops } = this.viewer, follows = Boolean(loops?.dependent) && v.every((at) => loops.dependent[at]);
+    Object.assign(slider, { type: "range", id: `hand-${k}`, min: lower, max: upper, step: "any", disabled: follows });
     slider.setAttribute("aria-label", name);
-    slider.addEventListener("input", () => this.viewer.setCoordinates(this.grasp(k, Number(slider.value))));
+    slider.addEventListener("input", () => this.viewer.slide(k, Number(slider.value)));
     slider.addEventListener("change", () => this.viewer.settled());
     const shown = `${this.viewer.robot.book ? `${k + 1} ` : ""}${name.replace(/_joint$/, "")}`;
-    const [, , number] = this.row("joints", this.cell("name", shown), slider, this.cell("number"));
-    return { slider, number };
+    const [label, , number] = this.row("joints", this.cell("name", shown), slider, this.cell("number"));
+    return { slider, number, name: label };
   }
 
-  grasp(k, value) { // q with one hand moved; three turns of a base that floats make its quaternion
-    const hand = this.viewer.robot.hands[k], q = this.viewer.q.slice();
+  grasp(k, value, from = this.viewer.q) { // q with one hand moved; three turns of a base that floats make its quaternion
+    const hand = this.viewer.robot.hands[k], q = from.slice();
     if (hand.turn === undefined) q[hand.q] = value;
     else {
-      const angles = this.angles(hand.q);
+      const angles = this.angles(hand.q, q);
       angles[hand.turn] = value;
       q.splice(hand.q, 4, ...toQuaternion(...angles));
     }
     return q;
   }
 
-  angles(at) { // roll, pitch and yaw of the quaternion there
-    const R = fromQuaternion(this.viewer.q.slice(at, at + 4));
+  valueOf(k, q) { // of a slider
+    const { q: at, turn: turns } = this.viewer.robot.hands[k];
+    return turns === undefined ? q[at] : this.angles(at, q)[turns];
+  }
+
+  angles(at, q) { // roll, pitch and yaw of the quaternion there
+    const R = fromQuaternion(q.slice(at, at + 4));
     return [Math.atan2(R[7], R[8]), Math.asin(Math.max(-1, Math.min(1, -R[6]))), Math.atan2(R[3], R[0])];
   }
 
   switch(key, label) {
-    const button = document.getElementById("shown").appendChild(document.createElement("button"));
+    const button = document.getElementById(SWITCHES[key] ?? "shown").appendChild(document.createElement("button"));
     Object.assign(button, { textContent: label, id: `show-${key}`, title: this.meaning(key) });
     button.addEventListener("click", () => { this.show(key, !this.viewer.shown[key]); this.viewer.settled(); });
     this.show(key, this.viewer.shown[key]);
@@ -108,6 +117,8 @@ class Panel {
   show(key, on) {
     this.viewer.shown[key] = on;
     this.viewer.changes += 1;
+    if (key === "feet" && this.stands && this.viewer.poses) this.viewer.setCoordinates(this.viewer.closed(this.viewer.q));
+    if (key === "stops" && this.viewer.fall) this.viewer.drop(this.viewer.fall.dq);
     this.load?.update();
     document.getElementById(`show-${key}`).setAttribute("aria-pressed", on);
   }
@@ -157,7 +168,17 @@ class Panel {
     note.textContent = verdict.note;
   }
 
-  tell() { // to those who hear the page, once a slider rests
+  held() { // how loops or feet hold the robot
+    const { viewer } = this, { stand, support, borne, mechanics, q } = viewer;
+    if (!viewer.posed || !viewer.holds || viewer.fall) return "";
+    if (borne) return borne.holds ? "Loops closed; torques of the joints with a motor." : "Loops closed; the joints with a motor cannot hold this pose.";
+    if (!support) return stand.stable(mechanics.centre(q)) ? "Cannot stand so: the feet would slip or lift." : "Cannot stand so: its centre of mass is not above its feet.";
+    const weight = number(Math.abs(support.forces.reduce((sum, f) => sum + f[2], 0)), 3);
+    return `On its feet: the floor bears ${weight} N, shared by the forces of least norm, with friction ${stand.friction}${support.over ? "; only with torques over their limits" : ""}.`;
+  }
+
+  tell() { // to those who hear the page, once a slider rests; then the largest torques come first
+    this.fold?.arrange();
     if (this.viewer.verdict) this.told.textContent = this.viewer.verdict.text;
   }
 
@@ -168,9 +189,12 @@ class Panel {
     const digits = viewer.fall && !viewer.book ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
     const { book } = viewer;
     this.torques.hidden = !robot.torques.length || (book && !book.found.tau);
-    this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : viewer.posed ? this.holds : "Torques of the motion";
+    this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : !viewer.posed ? "Torques of the motion" : this.afloat && !viewer.support ? "Torques and wrench on the base that hold this pose" : "Torques that hold this pose";
+    this.stopped.textContent = viewer.stopped ? "Stopped: no closed pose is found beyond." : "";
+    this.stands.textContent = this.held();
     this.verdict();
     this.load.update();
+    if (this.fold && !this.arranged) { this.arranged = true; this.fold.arrange(); }
     this.bars.forEach(({ label, fill, number, share, most }, k) => {
       const x = shares[k], wide = 50 * Math.min(1, Math.abs(x)), limit = robot.torques[k].limit;
       Object.assign(fill.style, { left: `${x < 0 ? 50 - wide : 50}%`, width: `${wide}%`, background: css(viewer.colour(k, x)) });
@@ -178,14 +202,15 @@ class Panel {
       share.textContent = limit ? `${Math.round(100 * Math.abs(x))} %` : "";
       share.className = limit && isOver(x) ? "share over" : "share";
       label.classList.toggle("over", over.has(k));
+      label.parentElement.hidden = !viewer.shows(k);
       if (!most) return;
       const peak = limit ? peaks[k].value / limit : 0;
       Object.assign(most.style, { left: `${Math.max(0, Math.min(99, 50 + 50 * peak))}%`, display: limit && !viewer.posed ? "" : "none" });
       most.className = isOver(peak) ? "over" : "";
     });
     this.hands.forEach(({ slider, number }, k) => {
-      const hand = robot.hands[k], value = hand.turn === undefined ? q[hand.q] : this.angles(hand.q)[hand.turn];
-      if (document.activeElement !== slider || !viewer.posed) slider.value = value;
+      const hand = robot.hands[k], value = this.valueOf(k, q);
+      if (document.activeElement !== slider || !viewer.posed || viewer.stopped) slider.value = value;
       number.textContent = hand.unit === "°" ? `${signed((value * 180) / Math.PI, 1)}°` : `${signed(value, 3)} m`;
       number.className = (hand.least !== null && value < hand.least - 1e-9) || (hand.most !== null && value > hand.most + 1e-9) ? "number over" : "number";
     });
@@ -197,5 +222,6 @@ class Panel {
   }
 }
 
+const SWITCHES = { keep: "of-joints", stops: "of-fall", feet: "of-joints" }; // where those stand that are not about what is drawn
 const css = (colour) => `rgb(${colour.map((c) => Math.round(255 * c)).join(" ")})`;
 const signed = (x, digits) => (Number(x.toFixed(digits)) === 0 ? (0).toFixed(digits) : x.toFixed(digits).replace("-", "−"));

@@ -71,7 +71,7 @@ Object.assign(READOUTS, {
 
   "5.4": (m, { q }) => {
     const n = m.robot.torques.length, { ranks } = m.robot.book, { size } = m.robot, p = place(m.tipPose(q));
-    const of = (at, first, count) => { const J = m.run.jacobian(at); return singular([0, 1, 2].map((i) => J.slice(n * (first + i), n * (first + i + 1)))).map((s, k) => ({ ...s, there: k < count })); };
+    const of = (at, first, count) => { const J = m.jacobian(at); return singular([0, 1, 2].map((i) => J.slice(n * (first + i), n * (first + i + 1)))).map((s, k) => ({ ...s, there: k < count })); };
     const linear = of(q, 3, ranks.linear), angular = of(q, 0, ranks.angular), known = (ranks.linear ? linear : angular).filter(({ there }) => there), start = of(m.robot.start, 3, ranks.linear);
     const rows = (found) => found.filter(({ there }) => there).map(({ value, left }, k) => [k + 1, [value, 1 / value, ...left]]);
     const table = (name, units, found) => ({ caption: `${name}: semi-axes of both ellipsoids, and their direction in the axes of {s}`, columns: [["velocity", units[0]], [units[2], units[1]], ["x", ""], ["y", ""], ["z", ""]], rows: rows(found) });

@@ -1,0 +1,251 @@
+"""Loops of a page, whose sliders keep them closed: those of closed robots, and feet on the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algorithms.constraints import GROUND, Closure, independent_constraints
+from ..errors import ConstraintError, ValueRangeError
+from ..lie import se3
+from ..model.model import BASE, Frame, Model
+from ..robot import Robot
+from ..robot.constraints import driven, some_configurations
+from ..statics.contacts import Contact, pyramid_facets
+from ..statics.torque_limits import effort_limits
+from ..typing import Array
+from .starting_pose import clear_of_stops, starting_pose
+from .visuals import read_visuals
+
+if TYPE_CHECKING:
+    from ..robot.closed_robot import ClosedRobot
+    from .scene import Scene
+
+FRICTION = 0.6
+"""Coefficient between feet and floor."""
+EDGES = 8
+"""Edges of their friction pyramids."""
+
+
+@dataclass(frozen=True, eq=False)
+class PageLoops:
+    """Closures of a page, the pose at its start, and their entries of the page's header."""
+
+    closures: tuple[Closure, ...]
+    """With independent rows alone."""
+    start: Array
+    """(nq,), with the loops closed."""
+    loops: dict[str, Any]
+    standing: dict[str, Any] | None = None
+    frames: Mapping[str, Frame] = field(default_factory=dict)
+    """Frames that closures name and the robot does not have."""
+    feet: tuple[int, ...] = ()
+    """Numbers of the bodies that stand on the floor."""
+
+
+# ── Closed robots
+
+
+def closed_by_file(robot: Robot) -> ClosedRobot | None:
+    """The robot with the loops closed that its file closes; None without any, or where they close nowhere."""
+    found: Any = robot
+    try:
+        for closure in robot.closures.values():
+            found = found.close(closure.frame_a, closure.frame_b, closure.rows, redundant="accept")
+    except ConstraintError:
+        return None
+    return None if found is robot else found
+
+
+def loops_of(closed: ClosedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
+    """Loops of a closed robot. Raises ValueRangeError where a constraint is one of velocities alone."""
+    if not all(isinstance(c, Closure) for c in closed.constraints):
+        raise ValueRangeError(
+            f"robot {closed.robot.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
+            "robot without them: take closed.robot."
+        )
+    robot, free = closed.robot, closed.nv - len(closed.independent)
+    start = closed.consistent(q) if q is not None else _closed_start(closed)
+    able = np.array([body.joint.driven for body in robot.model.leaders for _ in range(body.joint.nv)], bool)
+    named = robot.actuators if actuated is None else actuated
+    motors = driven(robot, named) if named else able & (np.cumsum(able) <= free)
+    A = closed.constraint_jacobian(start)[list(closed.independent)]
+    dependent = _dependent(A, 1.0 * able + motors)
+    if not named:
+        motors = able & ~dependent  # as many as there are degrees of freedom
+    rows = independent_constraints(closed.constraints, closed.independent)
+    found = tuple(c for c in rows if isinstance(c, Closure))
+    loops = {
+        "rows": [list(c.rows) for c in found],
+        "dependent": dependent.tolist(),
+        "actuated": motors.tolist(),
+        "legs": [],
+        "base": [],
+    }
+    return PageLoops(found, start, loops)
+
+
+def _closed_start(closed: ClosedRobot) -> Array:
+    """Closed configuration within the limits, of some the one farthest from singular ones."""
+    robot, rows = closed.robot, list(closed.independent)
+    Q = some_configurations(closed, None)
+    A = closed.constraint_jacobian(Q)[:, rows] / closed.sizes[rows, None]
+    outside = robot.limits.exceeded(robot.model.positions(Q)).sum(axis=-1)
+    return np.asarray(Q[np.argmax(np.linalg.svd(A, compute_uv=False)[:, -1] - 1e3 * outside)])
+
+
+def _dependent(A: Array, rank: Array) -> Array:
+    """Velocities (nv,) that A (m, nv) makes depend on the others; as few as can be of those of high ``rank``."""
+    from scipy.linalg import qr
+
+    order = qr(A * 1e-2**rank, mode="r", pivoting=True)[1]
+    return np.isin(np.arange(A.shape[1]), order[: len(A)])
+
+
+# ── Feet on the floor
+
+
+def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
+    """A robot with a floating base on its feet: the lowest shapes of its last bodies; None for any other robot."""
+    model = robot.model
+    roots = [k for k, body in enumerate(model.bodies) if body.parent == BASE]
+    if len(roots) != 1 or model.bodies[0].joint.nv != 6 or model.nv < 7 or not model.gravity[2] < 0:
+        return None
+    if np.any(model.gravity[:2]) or any(body.joint.nv != 1 for body in model.leaders if body is not model.bodies[0]):
+        return None
+    q = starting_pose(robot)
+    shapes = _solids(model, scene)
+    last = set(shapes) - {body.parent for body in model.bodies}
+    poses = scene.body_poses(q)
+    low = {k: float((shapes[k] @ poses[k][2, :3] + poses[k][2, 3]).min()) for k in last}
+    feet = [k for k in sorted(low) if low[k] < min(low.values()) + 0.08 * scene.size]
+    if not feet:
+        return None
+    flat, start = scene.body_poses(robot.neutral), q
+    for _ in range(2):  # round feet touch elsewhere once they have turned
+        T = scene.body_poses(start)
+        soles = [_sole(shapes[k], flat[k], scene.size) for k in feet]
+        soles = [
+            sole if len(sole) > 2 else _sole(shapes[k], T[k], scene.size) for k, sole in zip(feet, soles, strict=True)
+        ]
+        start = _stance(robot, scene, start, feet, soles)
+    T = scene.body_poses(start)
+    frames, closures = {}, []
+    for k, sole in zip(feet, soles, strict=True):
+        name = f"sole of {model.bodies[k].link}"
+        frames[name] = Frame(k, se3.pose(np.eye(3), sole.mean(axis=0)))
+        rows = tuple(range(6)) if len(sole) > 2 else (3, 4, 5)
+        closures.append(Closure(GROUND, name, rows, tuple(map(tuple, (T[k] @ frames[name].pose).tolist()))))
+    chains = [_chain(model, k) for k in feet]
+    legs = sorted({j for chain in chains for j in chain} - set(roots))
+    return PageLoops(
+        tuple(closures),
+        start,
+        {"rows": [list(c.rows) for c in closures], "dependent": None, "actuated": None}
+        | {"legs": _moved_by(model, legs), "base": _moved_by(model, roots)},
+        _standing_data(robot, feet, soles),
+        frames,
+        tuple(feet),
+    )
+
+
+def contacts_of(robot: Robot, standing: Mapping[str, Any]) -> list[Contact]:
+    """The contacts of a page's header, as ``statics`` takes them."""
+    links = [body.link for body in robot.model.bodies]
+    return [Contact(c["point"], friction=FRICTION, frame=links[c["body"]]) for c in standing["contacts"]]
+
+
+def _standing_data(robot: Robot, feet: Sequence[int], soles: Sequence[Array]) -> dict[str, Any]:
+    try:
+        limits = effort_limits(robot)
+    except ValueRangeError:  # without any, joints bear anything
+        limits = effort_limits(robot, np.full(robot.nv, np.inf))
+    return {
+        "feet": list(feet),
+        "contacts": [{"body": k, "point": p.tolist()} for k, sole in zip(feet, soles, strict=True) for p in sole],
+        "limits": [limit if np.isfinite(limit) else None for limit in limits.tolist()],
+        "facets": pyramid_facets(Contact(friction=FRICTION), EDGES).tolist(),
+        "friction": FRICTION,
+    }
+
+
+def _chain(model: Model, body: int) -> list[int]:
+    found = [body]
+    while model.bodies[found[-1]].parent != BASE:
+        found.append(model.bodies[found[-1]].parent)
+    return found
+
+
+def _moved_by(model: Model, bodies: Sequence[int]) -> list[bool]:
+    mine = {k for b in bodies for k in range(model.nv)[model.bodies[b].places[1]]}
+    return [k in mine for k in range(model.nv)]
+
+
+def _solids(model: Model, scene: Scene) -> dict[int, Array]:
+    """Points (n, 3) of each body's collision shapes in its frame; of what is drawn where the file has none."""
+    found: dict[int, list[Array]] = {}
+    for visual in read_visuals(model, "collision")[0]:
+        T = model.frames[visual.link].pose @ visual.pose
+        found.setdefault(model.frames[visual.link].body, []).append(visual.surface.placed(T).vertices)
+    for shape in scene.shapes:
+        if shape.layer == "looks" and shape.body != BASE and shape.body not in found:
+            found.setdefault(-2 - shape.body, []).append(shape.surface.placed(shape.pose).vertices)
+    return {k if k >= 0 else -2 - k: np.concatenate(parts) for k, parts in found.items()}
+
+
+def _sole(points: Array, T: Array, size: float) -> Array:
+    """Corners of the lowest points of a body at pose T, in its frame: four at most, or one where they are near; (n, 3)."""
+    placed = points @ T[:3, :3].T
+    lowest = np.flatnonzero(placed[:, 2] < placed[:, 2].min() + 2e-3 * size)
+    x, y = placed[lowest, 0], placed[lowest, 1]
+    if max(np.ptp(x), np.ptp(y)) < 0.04 * size:
+        return np.asarray(points[lowest].mean(axis=0, keepdims=True))
+    corners = {int(lowest[np.argmax(a * x + b * y)]): None for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))}
+    return np.asarray(points[list(corners)])
+
+
+def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Sequence[Array]) -> Array:
+    """A pose near q with all soles on z = 0 and the centre of mass above their middle: damped least squares; (nq,)."""
+    from scipy.optimize import least_squares
+
+    base = robot.model.bodies[0]
+    joints = [body.q_index for body in robot.model.leaders if body.joint.nv == 1]
+    at = [base.q_index + 6, *joints]  # of a floating base the height alone
+    low, high = (
+        np.concatenate([[end], ends]) for end, ends in zip((-np.inf, np.inf), clear_of_stops(robot), strict=True)
+    )
+
+    def residuals(X: Array) -> Array:
+        Q = np.repeat(q[None], len(X), axis=0)
+        Q[:, at] = X
+        T = scene.body_poses(Q)
+        places = [
+            sole @ np.swapaxes(T[:, k, :3, :3], 1, 2) + T[:, k, None, :3, 3]
+            for k, sole in zip(feet, soles, strict=True)
+        ]
+        points = np.concatenate(places, axis=1)
+        middles = np.stack([place[..., :2].mean(axis=1) for place in places], axis=1)
+        off = np.asarray(robot.center_of_mass(Q))[:, :2] - middles.mean(axis=1)
+        spread = middles - middles.mean(axis=1, keepdims=True)
+        parts = (300 * points[..., 2], 10 * off, spread.reshape(len(X), -1), 0.1 * scene.size * (X - q[at])[:, 1:])
+        return np.concatenate(parts, axis=1) / scene.size
+
+    first = residuals(q[at][None])[0]
+    spread = np.arange(len(first)) - (len(first) - len(joints) - 2 * len(feet))
+    wanted = np.where((spread >= 0) & (spread < 2 * len(feet)), first, 0.0)
+
+    def off_stance(x: Array) -> Array:
+        return np.asarray(residuals(x[None])[0] - wanted)
+
+    def slopes(x: Array) -> Array:
+        r = residuals(x + np.vstack([np.zeros(len(x)), 1e-6 * np.eye(len(x))]))
+        return (r[1:] - r[0]).T / 1e-6
+
+    x = np.clip(q[at], low + 1e-9, high - 1e-9)
+    found = least_squares(off_stance, x, slopes, bounds=(low, high), max_nfev=60)
+    start = q.copy()
+    start[at] = found.x
+    return start

@@ -1,0 +1,80 @@
+"""Poses at which a page opens: arms at work, everything else near neutral within its limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+CLEAR = 0.1
+"""Part of its range that a joint keeps from its stops."""
+_SAMPLES, _ROUNDS = 1024, 8
+
+
+def starting_pose(robot: Robot, tip: str | None = None) -> Array:
+    """The configuration at which a page opens; (nq,).
+
+    An arm has its elbow up, its joints clear of their stops by a tenth of their range, its tip in the upper half of its reach
+    and far from singular poses, and what is left is near neutral. Other robots are neutral, with joints clear of their stops.
+
+    Parameters
+    ----------
+    tip : str, optional, the robot's own if None
+    """
+    tip = robot.model.tip if tip is None else tip
+    joints = [body for body in robot.model.leaders if body.joint.nv == 1]
+    low, high = clear_of_stops(robot)
+    neutral = robot.neutral.copy()
+    at = [body.q_index for body in joints]
+    neutral[at] = np.clip(neutral[at], low, high)
+    if tip is None or len(joints) != robot.nv or robot.model.frame(tip).body < 0 or not np.any(robot.model.gravity):
+        return neutral
+    rng, best = np.random.default_rng(0), neutral
+    for k in range(_ROUNDS):  # at first anywhere, then ever nearer to the best
+        spread = (high - low) * 0.5**k
+        tried = best[at] + spread * rng.uniform(-1, 1, (_SAMPLES, len(at)))
+        Q = np.repeat(neutral[None], _SAMPLES, axis=0)
+        Q[:, at] = np.clip(tried, low, high)
+        Q[0] = best
+        best = Q[np.argmax(_merit(robot, Q, tip, neutral))]
+    return np.asarray(best)
+
+
+def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
+    """Ends of the joints' ranges less a tenth of it, half a turn to either side at most; each (joints of one degree,)."""
+    at = [body.v_index for body in robot.model.leaders if body.joint.nv == 1]
+    low, high = robot.limits.lower[at], robot.limits.upper[at]
+    room = np.where(np.isfinite(high - low), CLEAR * (high - low), 0.0)
+    low, high = low + room, high - room
+    middle = np.clip(0.0, low, high)
+    return np.maximum(low, middle - np.pi), np.minimum(high, middle + np.pi)
+
+
+def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
+    """Merit of each of Q (n, nq) as a pose of an arm at work; (n,)."""
+    up = -robot.model.gravity / np.linalg.norm(robot.model.gravity)
+    origins = np.asarray(robot.link_poses(Q))[..., :3, 3]
+    end = np.asarray(robot.forward_kinematics(Q, tip))[:, :3, 3]
+    base = origins[:, :1]
+    reach = float(np.linalg.norm(end - base[:, 0], axis=1).max()) or 1.0
+    along = (end - base[:, 0]) / np.maximum(np.linalg.norm(end - base[:, 0], axis=1, keepdims=True), 1e-9)
+    off = origins - base
+    off = off - np.einsum("nki,ni->nk", off, along)[..., None] * along[:, None]
+    elbow = (off @ up).max(axis=1) / reach
+    low = np.minimum((origins @ up).min(axis=1), end @ up) - base[:, 0] @ up
+    height = ((end - base[:, 0]) @ up) / reach
+    ahead = (end - base[:, 0]) @ np.array([1.0, 0.0, 0.0]) / reach
+    J = np.asarray(robot.jacobian(Q, tip, "world_aligned")).copy()
+    J[:, 3:] /= reach
+    sigma = np.linalg.svd(J, compute_uv=False)
+    rank = int((sigma > 1e-6).sum(axis=1).max())
+    least = sigma[:, rank - 1] if rank else np.zeros(len(Q))
+    calm = np.abs(Q - neutral).mean(axis=1) / np.pi
+    below = np.minimum(low / reach + 1e-6, 0.0) + np.minimum(height - 0.25, 0.0)
+    well = least / max(float(least.max()), 1e-9)
+    return np.asarray(np.minimum(well, 0.8) + 2 * np.minimum(elbow, 0.2) + np.minimum(ahead, 0.5) - calm + 20 * below)
