@@ -37,7 +37,7 @@ def js(array) -> str:
 def test_the_pages_kinematics_and_statics_are_the_robots(show, name):
     robot = ROBOTS[name]
     wrench = {robot.frame_names[-1]: [0.5, -1.0, 2.0, 3.0, 4.0, -5.0]}
-    page = show(name.replace(" ", "_"), robot, wrench_on_robot=wrench)
+    page = show(name.replace(" ", "_"), robot, wrench_on_robot=wrench, q=robot.neutral)
     for q in robot.random_configuration(5, 3):
         page.run(f"viewer.setCoordinates({js(q)})")
         poses = np.array(page.run("viewer.robot.frames.map((f) => mul(poseOf(viewer.poses, f.body), f.pose))"))
@@ -274,7 +274,7 @@ def test_a_damaged_page_says_so(page, folder):
 def test_the_bounds_of_what_is_drawn_are_on_the_screen(show):
     for name in ("quadruped", "ur5"):
         page = show(f"{name}_bounds", getattr(tw.robots, name)())
-        low, high = scene_of(ROBOTS[name]).bounds(ROBOTS[name].neutral)
+        low, high = scene_of(ROBOTS[name]).bounds(np.array(page.run("viewer.q")))
         width, height = page.run("[innerWidth, innerHeight]")
         for corner in np.stack(np.meshgrid(*np.stack([low, high]).T), axis=-1).reshape(-1, 3):
             x, y = page.run(f"viewer.stage.project({js(corner)})")

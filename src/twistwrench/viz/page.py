@@ -84,14 +84,14 @@ def write_page(
     """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
 
     Of a closed robot the sliders of the independent joints keep the loops closed, and the torques are those of the joints with
-    motors. A robot with a floating base stands on its feet, which share its weight.
+    motors. A robot with a floating base stands on its feet, which share its weight, unless ``q`` has it elsewhere.
 
     Parameters
     ----------
     motion : DrawnMotion, optional, which plays
     q : (nq,) array_like, optional, where it starts
-        None: where the motion begins, else an arm at work: elbow up, clear of stops and singular poses; other robots
-        neutral.
+        None: where the motion begins, else an arm at work: elbow up, clear of stops and singular poses; a robot with a floating
+        base on its feet; others neutral.
     actuated : names of joints, optional, those with a motor of a ClosedRobot
         None: those with an actuator, else as many as there are degrees of freedom.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
