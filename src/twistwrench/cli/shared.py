@@ -281,6 +281,7 @@ GAIN = option(
 )
 RATE = option("--rate HZ", "Rows a second, where the log has no column of time.", type=float)
 TOPIC = option("--topic NAME[:reference]", "Topic of a ROS recording, or the reference of a controller's state there.")
+EPISODE = option("--episode N", "Episode of a LeRobot dataset.", type=int)
 LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the log has no column for.")
 
 
@@ -295,6 +296,7 @@ def motion_options(*, required: bool) -> Decorator:
         GAIN,
         RATE,
         TOPIC,
+        EPISODE,
         LOCK_MISSING,
         option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
     )
@@ -311,7 +313,7 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     from ..motion.motion_log import MotionLog
 
     columns = parse_columns(given.columns, getattr(given, "logs", [str(path)]))
-    file = open_motion_file(path, getattr(given, "topic", None))
+    file = open_motion_file(path, getattr(given, "topic", None), getattr(given, "episode", None))
     missing: list[str] = []
 
     def without_column(model: Model) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import struct
 import zipfile
 import zlib
@@ -26,7 +27,7 @@ from ..core.third_party import third_party_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from . import log_table
-from .column_names import SUFFIX, time_column
+from .column_names import PART_OF, SUFFIX, time_column
 from .log_table import slices, table_of
 
 MOST_UNPACKED = 1 << 30
@@ -50,6 +51,8 @@ class ArrayFile:
     """A sentence for each thing in the file that is not read."""
     advice: str = "remove the row"
     """Remedy of numbers that are not finite."""
+    dataset: str = ""
+    """Unit of a LeRobot dataset's positions by its metadata: ``degrees``, ``radians``, ``range`` or ``unknown``."""
 
     @classmethod
     def from_table(
@@ -103,6 +106,8 @@ class StoredArray:
     dtype: np.dtype[Any]
     portions: Callable[[], Iterator[Array]]
     """Consecutive rows, as many at a time as those of :func:`.slices`."""
+    names: tuple[str, ...] = ()
+    """Names of the columns of an array (n, k); empty: they are numbered."""
 
     @classmethod
     def from_array(cls, given: Any) -> StoredArray:
@@ -116,8 +121,11 @@ Reader = Callable[[Path], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
 """Arrays of a file by their names, and a sentence for each thing that is not read."""
 
 
-def array_file(path: Path) -> ArrayFile | None:
-    """The file of arrays, None for other files; raises NotFoundError, MissingExtraError and TrajectoryError."""
+def array_file(path: Path, episode: int | None = None) -> ArrayFile | None:
+    """The file of arrays, or one ``episode`` of it, None for other files.
+
+    Raises NotFoundError, MissingExtraError and TrajectoryError.
+    """
     suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
     reader = _READERS.get(suffix)
     if reader is None:
@@ -134,19 +142,25 @@ def array_file(path: Path) -> ArrayFile | None:
             f"{path}: has no arrays of numbers that are as long as each other. Found: {', '.join(arrays) or 'none'}."
         )
 
+    rows = _rows_of(path, arrays.get(_EPISODES), episode)
+
     def read(used: Sequence[int]) -> Iterator[Array]:
-        chosen = [columns[k] for k in used or (0,)]
+        chosen, begin = [columns[k] for k in used or (0,)], 0
         names = dict.fromkeys(column.array for column in chosen)
         begins: dict[int, Array] = {}
         for portions in zip(*(arrays[name].portions() for name in names), strict=True):
             parts = dict(zip(names, portions, strict=True))
-            found = [parts[column.array][column.part] for column in chosen]
+            here = ... if rows is None else rows[begin : begin + len(portions[0])]
+            begin += len(portions[0])
+            found = [parts[column.array][column.part][here] for column in chosen]
             for k, x in enumerate(found):
                 if x.dtype.kind in "mM":  # dates and spans, in seconds since the first
                     found[k] = (x - begins.setdefault(k, x[:1])) / np.timedelta64(1, "s")
             yield np.stack(found, axis=1).astype(float, copy=False)[:, : len(used)]
 
-    return ArrayFile(path, tuple(column.label for column in columns), path.stat().st_size, read, notes)
+    dataset = _lerobot(path)[1] if _EPISODES in arrays else ""
+    labels = tuple(column.label for column in columns)
+    return ArrayFile(path, labels, path.stat().st_size, read, notes, dataset=dataset)
 
 
 @dataclass(frozen=True)
@@ -168,7 +182,8 @@ def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
         elif len(shape) == 1 and array.dtype.kind in _NUMBERS:
             found.append((shape[0], _Column(name, name, ...)))
         elif len(shape) == 2 and array.dtype.kind in _NUMBERS:
-            found += [(shape[0], _Column(f"{name}{k + 1}", name, np.s_[:, k])) for k in range(shape[1])]
+            names = [f"{name}.{n}" for n in array.names] or [f"{name}{k + 1}" for k in range(shape[1])]
+            found += [(shape[0], _Column(label, name, np.s_[:, k])) for k, label in enumerate(names)]
     counts = Counter(n for n, _ in found if n > 1)
     rows = max(counts, key=lambda n: (counts[n], n), default=0)
     return [column for n, column in found if n == rows > 0]
@@ -471,18 +486,94 @@ def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
             x = table[name].to_numpy()
             return (x[s] for s in slices(rows))
 
-    found, number = {}, np.dtype(float)
+    found, number, names = {}, np.dtype(float), _lerobot(path)[0]
     for field in schema:
         rows_of = partial(portions, field.name)
         if any(test(field.type) for test in (kinds.is_floating, kinds.is_integer, kinds.is_boolean)):
             found[field.name] = StoredArray((rows,), number, rows_of)
         elif any(test(field.type) for test in (kinds.is_timestamp, kinds.is_date, kinds.is_duration)):
             found[f"{field.name} [s]"] = StoredArray((rows,), number, rows_of)
+        elif kinds.is_list(field.type) or kinds.is_fixed_size_list(field.type):
+            found[field.name] = _lists(path, field.name, rows, rows_of, names.get(field.name, ()))
         else:
             found[field.name] = StoredArray((), np.dtype(object), rows_of)
-    nested = ", ".join(f"{f.name!r} ({f.type})" for f in schema if kinds.is_nested(f.type))
+    nested = ", ".join(f"{f.name!r} ({f.type})" for f in schema if kinds.is_nested(f.type) and not found[f.name].shape)
     said = f"Not read, as each cell holds several values: {nested}. Write one column for each of them."
     return found, (said,) if nested else ()
+
+
+def _lists(
+    path: Path, name: str, rows: int, portions: Callable[[], Iterator[Array]], names: Sequence[str]
+) -> StoredArray:
+    """Array (n, k) of a column of lists; without a shape if they are not numbers."""
+    first = next(portions(), np.zeros(0))
+    width = np.asarray(first[0]).size if len(first) else 0
+    if not width or np.asarray(first[0]).dtype.kind not in "iufb":
+        return StoredArray((), np.dtype(object), portions)
+
+    def stacked() -> Iterator[Array]:
+        for portion in portions():
+            if odd := [k for k, cell in enumerate(portion) if cell is None or len(cell) != width]:
+                raise TrajectoryError(
+                    f"{path}: a list of {name!r} has not {width} numbers, as the first has: row {odd[0] + 1}."
+                )
+            yield np.array([np.asarray(cell, float) for cell in portion]).reshape(-1, width)
+
+    if name == _STATE:
+        names = names if len(names) == width else [str(k + 1) for k in range(width)]
+        names = [each if each.rpartition(".")[2] in PART_OF else f"{each}.pos" for each in names]
+    return StoredArray((rows, width), np.dtype(float), stacked, tuple(names) if len(names) == width else ())
+
+
+# ── LeRobot's datasets: parquet beside meta/info.json
+
+_EPISODES = "episode_index"
+"""Column of the episodes of a LeRobot dataset."""
+_STATE = "observation.state"
+"""Its column of positions."""
+
+
+def _lerobot(path: Path) -> tuple[dict[str, list[str]], str]:
+    """Names in the lists of a dataset's columns, and the unit of its positions, by the nearest ``meta/info.json`` above."""
+    info = next(
+        (file for folder in path.absolute().parents[:4] if (file := folder / "meta" / "info.json").is_file()), None
+    )
+    if info is None:
+        return {}, "unknown"
+    try:
+        text = info.read_text(encoding="utf-8")
+        features = json.loads(text)["features"]
+        named = {name: feature.get("names") for name, feature in features.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise TrajectoryError(
+            f"{info}: is not the metadata of a LeRobot dataset: {problem!r}. Mend or remove it."
+        ) from None
+    found = {}
+    for name, names in named.items():
+        while isinstance(names, dict) and len(names) == 1:  # {"motors": [...]}
+            names = next(iter(names.values()))
+        if isinstance(names, list) and all(isinstance(each, str) for each in names):
+            found[name] = names
+    if "range_m100_100" in text:
+        return found, "range"
+    unit = re.search(r'"(?:units?|use_degrees)"\s*:\s*"?(deg|rad|true)', text)
+    return found, {"deg": "degrees", "true": "degrees", "rad": "radians"}[unit[1]] if unit else "unknown"
+
+
+def _rows_of(path: Path, episodes: StoredArray | None, episode: int | None) -> Array | None:
+    """(n,) bool: rows of an episode; None: all. Raises TrajectoryError for episodes that are not there or not chosen."""
+    if episodes is None:
+        if episode is not None:
+            raise TrajectoryError(f"{path}: --episode is for datasets with a column {_EPISODES!r}, and none is here.")
+        return None
+    index = np.concatenate([np.zeros(0), *episodes.portions()])
+    there = np.unique(index).astype(int)
+    if episode is None and len(there) < 2:
+        return None
+    if episode is None or episode not in there:
+        wrong = "several episodes" if episode is None else f"no episode {episode}"
+        raise TrajectoryError(f"{path}: has {wrong}: {there[0]} to {there[-1]}. Choose one: --episode {there[0]}.")
+    return np.asarray(index == episode)
 
 
 _READERS: Mapping[str, Reader] = {

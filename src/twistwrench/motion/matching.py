@@ -25,7 +25,7 @@ _STILL = 1e-6
 _ANGLES_AND_LENGTHS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
 _OTHER = re.compile(
     r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
-    r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|target|desired|reference|setpoint"
+    r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|action|target|desired|reference|setpoint"
 )
 """Words in names of columns that are not positions of joints, or are commanded ones."""
 _COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|tick|batt|soc|charge")

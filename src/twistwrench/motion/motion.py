@@ -143,6 +143,7 @@ class Motion:
         degrees: bool = False,
         gain: Mapping[str, float] | None = None,
         topic: str | None = None,
+        episode: int | None = None,
     ) -> Motion:
         """Read a log, a plan or an archive of ``simulate --npz``, as the command ``torques`` reads it.
 
@@ -153,6 +154,7 @@ class Motion:
         rate : float, optional, samples a second of a file without a column of time [Hz]
         gain : {joint: float}, optional, torque per unit of torque columns that are currents [N m/A]
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the plan of a controller's state
+        episode : int, optional, episode of a LeRobot dataset
 
         Raises
         ------
@@ -169,8 +171,8 @@ class Motion:
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
-        reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "topic": topic}
-        return cls._of_log(MotionLog.open(path, robot.model, **reading), robot)
+        reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
+        return cls._of_log(MotionLog.open(path, robot.model, topic=topic, episode=episode, **reading), robot)
 
     @classmethod
     def from_dataframe(

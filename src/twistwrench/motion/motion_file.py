@@ -172,21 +172,54 @@ def _distinct(cell: str, path: Path) -> str:
 MotionFile = CsvFile | ArrayFile | JoinedFile
 
 
-def open_motion_file(path: str | Path, topic: str | None = None) -> MotionFile:
+def open_motion_file(path: str | Path, topic: str | None = None, episode: int | None = None) -> MotionFile:
     """The motion file at that path, of any robot: CSV, arrays, tables, ROS recordings, or several, ``a.csv+b.csv``.
 
-    ``topic`` chooses one of a ROS recording. Raises TrajectoryError, NotFoundError and MissingExtraError.
+    ``topic`` chooses one of a ROS recording, ``episode`` one of a LeRobot dataset. Raises TrajectoryError,
+    NotFoundError and MissingExtraError.
     """
     place = as_path(path)
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is no path at all
         return JoinedFile.open(path, open_motion_file)
-    if is_recording(place):
+    if is_recording(place) and episode is None:
         return ros_file(place, topic)
     if topic is not None:
         raise TrajectoryError(f"{path}: --topic is for recordings of ROS, and this is none. Leave it out.")
-    if (arrays := array_file(place)) is not None:
+    if (arrays := array_file(place, episode)) is not None:
         return arrays
+    if episode is not None:
+        raise TrajectoryError(f"{path}: --episode is for LeRobot datasets in parquet, and this is none. Leave it out.")
     return simulation_file(place) if is_archive(place) else CsvFile.open(place)
+
+
+def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
+    """The file with the sums that ``columns`` name, such as ``J3+J2`` or ``J3-J2``, as columns behind its own."""
+    plain = {split_unit(cell)[0]: k for k, cell in reversed([*enumerate(file.header)])}
+    sums: dict[str, list[tuple[int, float]]] = {}
+    for name in columns.values():
+        parts = re.findall(r"(^|[+-])([^+-]+)", name)
+        terms = [(plain.get(split_unit(part)[0]), -1.0 if sign == "-" else 1.0) for sign, part in parts]
+        if split_unit(name)[0] in plain or len(terms) < 2 or any(k is None for k, _ in terms):
+            continue
+        sums[name] = [(k, sign) for k, sign in terms if k is not None]
+        units = {split_unit(file.header[k])[1] for k, _ in sums[name]}
+        if len(units) > 1:
+            raise TrajectoryError(f"{file.path}: the columns of {name} have several units. Add columns of one unit.")
+    if not sums:
+        return file
+    own = len(file.header)
+    every = [*([(k, 1.0)] for k in range(own)), *sums.values()]
+    units_of = (split_unit(file.header[terms[0][0]])[1] for terms in sums.values())
+    labels = [f"{name} [{unit}]" if unit else name for name, unit in zip(sums, units_of, strict=True)]
+
+    def read(used: Sequence[int]) -> Iterator[Array]:
+        needed = sorted({k for column in used for k, _ in every[column]})
+        table = file.table(needed)
+        for s in slices(len(table)):
+            rows = [sum(sign * table[s, needed.index(k)] for k, sign in every[column]) for column in used]
+            yield np.stack(rows, axis=1)
+
+    return ArrayFile(file.path, (*file.header, *labels), file.size, read, file.notes)
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,13 +25,14 @@ from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
 from . import log_table
+from .array_files import ArrayFile
 from .column_names import date_note
 from .columns import Columns, MimicJointColumn, Reading
 from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of, without_times
 from .matching import varying_columns
-from .motion_file import MotionFile, open_motion_file
+from .motion_file import MotionFile, open_motion_file, with_sums
 
 _MOST = 10_000
 """Rows of one time, from which the clock is taken to stand."""
@@ -199,6 +201,8 @@ class MotionLog:
     """Joints that are held still as the file has no column for them."""
     unused: tuple[str, ...] = ()
     """Columns that may be theirs: numbers that vary and are not used."""
+    of_source: tuple[Doubt, ...] = ()
+    """Doubts about what programs and makers of such files mean by their numbers."""
 
     @classmethod
     def open(
@@ -213,6 +217,7 @@ class MotionLog:
         gain: Mapping[str, float] | None = None,
         held: Sequence[str] = (),
         topic: str | None = None,
+        episode: int | None = None,
     ) -> MotionLog:
         r"""Read and check the header of a motion file, and see which column is which.
 
@@ -231,6 +236,7 @@ class MotionLog:
             Of ``joint.current``: only for columns that are currents by name or unit.
         held : sequence of str, those of ``locked`` that the file has no column for
         topic : str, optional, topic of a ROS recording; ``NAME:reference`` is the plan of a controller's state
+        episode : int, optional, episode of a LeRobot dataset
 
         Returns
         -------
@@ -260,13 +266,19 @@ class MotionLog:
             )
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
-        file = open_motion_file(path, topic) if isinstance(path, str | Path) else path
+        file = open_motion_file(path, topic, episode) if isinstance(path, str | Path) else path
+        file = with_sums(file, columns or {})
+        dataset = file.dataset if isinstance(file, ArrayFile) else ""
+        degrees = degrees or dataset == "degrees"
         coordinates = Coordinates.from_model(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
         reading = Reading(file.path, columns, rate, degrees, gain, locked)
         found = Columns.from_header(file.header, coordinates, where, reading, file.first)
         unused = varying_columns(file.header, found.extra, file.first) if held else ()
-        return cls(file, found, coordinates, held=tuple(held), unused=tuple(unused))
+        doubts = _dataset_doubts(file, found, coordinates, degrees=degrees) if dataset else []
+        if not columns and _FANUC.search(model.name.lower()) and {f"J{k}" for k in range(1, 7)} <= set(file.header):
+            doubts.append(doubt("fanuc-j3", [coordinates.names[2]], joint=coordinates.names[2]))
+        return cls(file, found, coordinates, tuple(held), tuple(unused), tuple(doubts))
 
     @property
     def path(self) -> Path:
@@ -381,7 +393,7 @@ class MotionLog:
         }
         misread = [doubt("unused-columns", held, **words)] if self.unused else []
         found = last.contradictions.doubts(limits, glitches=glitches)
-        return (*misread, *found, *last.mimic_joints, *stamp_doubts(last.stamps, left_out=True))
+        return (*misread, *self.of_source, *found, *last.mimic_joints, *stamp_doubts(last.stamps, left_out=True))
 
     def _steady_clock(self, table: Array) -> float | None:
         """Replace stamps that rounding makes equal, as the first rows show, by a steady clock and return its rate [Hz]."""
@@ -418,6 +430,41 @@ class MotionLog:
                         f"{self.columns.header[place[0]]!r}: the quaternion is zero, which is not a rotation. Write 1, 0, 0, 0 "
                         "for none, or remove the row."
                     )
+
+
+# ── What the programs of some files mean by their numbers
+
+_FANUC = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
+"""Names of Fanuc's robots."""
+
+
+def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates, *, degrees: bool) -> list[Doubt]:
+    """Doubts about a LeRobot dataset; raises TrajectoryError for units that are not known or need its calibration file."""
+    at, stated = columns.places["q"], columns.angle_stated
+    if at is None:
+        return []
+    asked = [k for k in range(len(at)) if coordinates.angular[k] and not stated[k]]
+    cells = {k: columns.header[int(at[k])] for k in asked}
+    if asked and isinstance(file, ArrayFile) and file.dataset == "range":
+        raise TrajectoryError(
+            f"{file.path}: by its metadata, positions are from -100 to 100 of each motor's range, and only its calibration "
+            "file says which angles these are. Record again with degrees, or convert them."
+        )
+    largest = {k: float(np.abs(file.first(file.header.index(cells[k]))).max(initial=0.0)) for k in asked}
+    if not degrees and any(x > math.tau for x in largest.values()):
+        k = max(asked, key=lambda k: largest[k])
+        raise TrajectoryError(
+            f"{file.path}: {cells[k]} reaches {number(largest[k])}, which is no angle in radians. LeRobot's SO arms record "
+            "degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the calibration "
+            "file. If these are degrees, add: --degrees"
+        )
+    grippers = [coordinates.names[k] for k in asked if "gripper" in cells[k].lower()] if degrees else []
+    if grippers:
+        held = " ".join(f"--lock {name}=0" for name in grippers)
+        raise TrajectoryError(
+            f"{file.path}: the gripper's column is from 0 to 100 of its range, and not an angle. Hold it still: {held}"
+        )
+    return [doubt("dataset-zero", [coordinates.names[k] for k in asked])] if degrees and asked else []
 
 
 # ── Columns of mimic joints, checked against those of their leaders
