@@ -24,6 +24,7 @@ _MODULES = (
     "control",
     "statics",
     "simulation",
+    "sizing",
     "trajectories",
     "sensing",
     "diagnosis",

@@ -73,6 +73,7 @@ __all__ = [
     "save",
     "se3",
     "set_threads",
+    "size_drives",
     "so3",
 ]
 
@@ -85,6 +86,7 @@ if _typing.TYPE_CHECKING:
     from . import robots as robots
     from . import sensing as sensing
     from . import simulation as simulation
+    from . import sizing as sizing
     from . import statics as statics
     from . import symbolic as symbolic
     from . import testing as testing
@@ -106,13 +108,14 @@ if _typing.TYPE_CHECKING:
     from .robots.finding import find as find
     from .runtime.batch_threads import get_threads as get_threads
     from .runtime.batch_threads import set_threads as set_threads
+    from .sizing.choice import size_drives as size_drives
 
 _MODULES = {
     **{
         name: name
         for name in ("control", "convert", "diagnosis", "identification", "modern_robotics", "robots", "sensing")
     },
-    **{name: name for name in ("simulation", "statics", "symbolic", "testing", "trajectories", "viz")},
+    **{name: name for name in ("simulation", "sizing", "statics", "symbolic", "testing", "trajectories", "viz")},
     "pointwise": "robot.pointwise",
     "se3": "lie.se3",
     "so3": "lie.so3",
@@ -133,6 +136,7 @@ _NAMES = {
     "find": "robots.finding",
     "get_threads": "runtime.batch_threads",
     "set_threads": "runtime.batch_threads",
+    "size_drives": "sizing.choice",
 }
 """Modules of other names, imported on first use: the first torque of a robot needs none of them."""
 

@@ -115,6 +115,7 @@ def test_dir_has_every_public_name_and_nothing_else():
         "pointwise",
         "sensing",
         "simulation",
+        "sizing",
         "statics",
         "symbolic",
         "testing",

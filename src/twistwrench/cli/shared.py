@@ -290,8 +290,13 @@ LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the
 
 def motion_options(*, required: bool) -> Decorator:
     """Options for the file of a motion and how it is read."""
+    file = option("--trajectory FILE.csv", "The motion; 'demo' is the one bundled with a robot.", required=required)
+    return option_group(file, reading_options())
+
+
+def reading_options() -> Decorator:
+    """Options for how the file of a motion is read."""
     return option_group(
-        option("--trajectory FILE.csv", "The motion; 'demo' is the one bundled with a robot.", required=required),
         COLUMNS,
         GAIN,
         RATE,

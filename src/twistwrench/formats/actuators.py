@@ -13,7 +13,7 @@ import numpy as np
 from ..core.numbers import printed
 from ..errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..model.actuation import with_actuators, with_friction, with_link_friction
-from ..model.actuators import Actuator, Motor, Rotor
+from ..model.actuators import Actuator, Motor, Rotor, Thermal
 from ..model.edit import with_armature
 from ..model.model import Model
 from .yaml import Section, Source, plain_number, read_yaml, shown
@@ -50,6 +50,10 @@ def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
 _MOTOR = {
     "torque_constant": "torque constant", "resistance": "resistance", "inductance": "inductance", "voltage": "voltage",
     "current_continuous": "current", "current_peak": "current", "speed": "rotor speed",
+}  # fmt: skip
+_THERMAL = {
+    "winding_housing": "thermal resistance", "housing_ambient": "thermal resistance", "winding_time": "time",
+    "housing_time": "time", "maximum": "temperature", "coefficient": "", "reference": "temperature",
 }  # fmt: skip
 _ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "reflected_inertia", "stiffness", "friction", "link_friction")
 _ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
@@ -136,7 +140,7 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
     if "ratio" in entry.content:
         given["ratio"] = gear_ratio(entry.content["ratio"], entry.where("ratio"), sliding=bool(kinds))
     if "efficiency" in entry.content:
-        given["efficiency"] = _share(entry.content["efficiency"], entry.where("efficiency"))
+        given["efficiency"] = plain_share(entry.content["efficiency"], entry.where("efficiency"))
     given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
     if (motor := _motor_of(entry, motors)) is not None:
         given["motor"] = motor
@@ -147,7 +151,7 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
 
 def _motors(file: Section) -> dict[str, Motor]:
     listed = file.section("motors") if "motors" in file.content else Section({}, "motors")
-    return {name: _motor(listed.section(name)) for name in listed.content}
+    return {name: read_motor(listed.section(name)) for name in listed.content}
 
 
 def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
@@ -155,14 +159,23 @@ def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
     motor = entry.content.get("motor")
     if isinstance(motor, str) and motor not in motors:
         raise UnknownNameError.from_choices(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
-    return None if motor is None else motors[motor] if isinstance(motor, str) else _motor(entry.section("motor"))
+    return None if motor is None else motors[motor] if isinstance(motor, str) else read_motor(entry.section("motor"))
 
 
-def _motor(section: Section) -> Motor:
-    section.only(*_MOTOR)
+def read_motor(section: Section, *others: str) -> Motor:
+    """Motor of a section, which may have ``others`` of its entries besides."""
+    section.only(*_MOTOR, "thermal", *others)
     if "torque_constant" not in section.content:
         raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
-    return Motor(**{key: section.number(key, _MOTOR[key]) for key in section.content})
+    thermal = _thermal(section.section("thermal")) if "thermal" in section.content else None
+    return Motor(**{key: section.number(key, _MOTOR[key]) for key in _MOTOR if key in section.content}, thermal=thermal)
+
+
+def _thermal(section: Section) -> Thermal:
+    section.only(*_THERMAL)
+    if lacking := [key for key in ("housing_ambient", "housing_time") if key not in section.content]:
+        raise ModelError(f"{section.path} has no {lacking[0]}, without which no temperature follows.")
+    return Thermal(**{key: section.number(key, _THERMAL[key]) for key in section.content})
 
 
 def _rotor(section: Section) -> Rotor:
@@ -185,7 +198,7 @@ def _rotor(section: Section) -> Rotor:
     return Rotor(inertia=section.number("inertia", "inertia"), extra=extra, link=link, **mass, **more)
 
 
-def _share(value: object, where: str) -> float:
+def plain_share(value: object, where: str) -> float:
     """A plain number, or a percentage."""
     problem = f"{where} is {shown(value)}, expected a number such as 0.75, or 75 %."
     if isinstance(value, str) and value.rstrip().endswith("%"):

@@ -30,7 +30,7 @@ UNITS: dict[str, dict[str, float]] = {
     "rotor speed": {"rad/s": 1.0, "rpm": _TURN / 60, "/min": _TURN / 60, "deg/s": _TURN / 360},
     "mass": {"kg": 1.0, "g": 1e-3},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "torque": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3},
+    "torque": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "kgf cm": 0.0980665, "ozf in": 0.0070615518333},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "viscous": {"N m s/rad": 1.0, "mN m s/rad": 1e-3},
     "viscous, sliding": {"N s/m": 1.0, "kN s/m": 1e3},
@@ -39,6 +39,10 @@ UNITS: dict[str, dict[str, float]] = {
     "stiffness": {"N m/rad": 1.0, "kN m/rad": 1e3, "N m/deg": 360 / _TURN},
     "stiffness, sliding": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3},
     "angle": {"rad": 1.0, "deg": _TURN / 360},
+    "thermal resistance": {"K/W": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "temperature": {"degC": 1.0, "°C": 1.0},
+    "life": {"h": 1.0},
 }
 """Units of each kind of quantity, SI first, with their values in SI."""
 

@@ -13,7 +13,27 @@ from ..core.numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 
-__all__ = ["Actuator", "Motor", "Rotor"]
+__all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
+
+
+@dataclass(frozen=True)
+class Thermal:
+    """Thermal data of a motor: masses of winding and housing; one mass alone if ``winding_housing`` is 0."""
+
+    housing_ambient: float
+    """Thermal resistance from the housing to the air [K/W]."""
+    housing_time: float
+    """Time constant of the housing [s]."""
+    winding_housing: float = 0.0
+    """Thermal resistance from the winding to the housing [K/W]."""
+    winding_time: float = 0.0
+    """Time constant of the winding [s]."""
+    maximum: float = np.inf
+    """Greatest temperature of the winding [°C]."""
+    coefficient: float = 0.0039
+    """Relative change of the resistance with temperature [1/K]; that of copper."""
+    reference: float = 20.0
+    """Temperature at which the motor has its resistance [°C]."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +65,8 @@ class Motor:
     """Peak current of the motor or its amplifier [A]."""
     speed: float = np.inf
     """Largest speed of bearings and rotor [rad/s]."""
+    thermal: Thermal | None = None
+    """None where nothing is known."""
 
     def current(self, torque: ArrayLike) -> Array:
         """Current of a torque, i = τ / k_t.
@@ -198,7 +220,15 @@ def _problems(actuator: Actuator) -> Iterator[str]:
         yield f"current continuous {both}. Are they exchanged?"
     if not _real(motor.torque_constant):
         yield f"the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
-    for name, value in vars(motor).items():
+    if (heat := motor.thermal) is not None:
+        two = bool(heat.winding_housing or heat.winding_time)
+        known = (heat.housing_ambient, heat.housing_time, *((heat.winding_housing, heat.winding_time) if two else ()))
+        if not all(map(_real, known)) or not (np.isfinite(heat.coefficient) and heat.maximum > heat.reference):
+            yield (
+                f"thermal data that cannot be meant ({', '.join(map(printed, vars(heat).values()))}): resistances and times "
+                "must be above 0, those of the winding both or none, and the greatest temperature above that of the reference."
+            )
+    for name, value in ((k, v) for k, v in vars(motor).items() if k != "thermal"):
         may_be_zero = name in ("resistance", "inductance")
         if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
             allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {most}"

@@ -15,6 +15,8 @@ from ..reports.load_case import cause_label
 from ..reports.motors import MotorUse
 from ..reports.statistics import INTERVAL
 from ..reports.torque_report import ZERO, JointTorque, TorqueReport
+from ..sizing.choice import SizedJoint, Sizing
+from ..sizing.drives import hot_motor
 from ..typing import Array
 from . import style
 
@@ -219,6 +221,64 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
         drawn.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
         drawn.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
         return style.save(drawn, path)
+
+
+def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
+    """Plot of a sizing: the cycle of each motor in its speed–torque region, and the temperature of its winding below.
+
+    Parameters
+    ----------
+    sizing : Sizing
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+    Returns
+    -------
+    path : Path of the file written
+    """
+    joints = list(sizing.joints.values())
+    rows, columns = style.panel_grid(len(joints), _ABREAST)
+    width, height = 3.6 * columns + 0.6, 2.7 * rows + 0.8
+    with style.figure(width, height + 2.6, "Motors over the cycle", "Drawing the drives (--plot)") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 2.5]))
+        axes = style.panels(upper, len(joints), _ABREAST)
+        keys: dict[str, Any] = {}
+        for k, (axis, one) in enumerate(zip(axes, joints, strict=True)):
+            points = _draw(axis, _use_of(sizing, one), (0.0, float(one.cycle.time[-1])))
+            keys |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+            axis.set_xlabel("speed [rad/s]" if k + columns >= len(joints) else "", fontsize=style.SMALL)
+            axis.set_ylabel("torque at the rotor [N m]" if k % columns == 0 else "", fontsize=style.SMALL)
+        upper.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
+        upper.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
+        _draw_temperatures(lower.subplots(), joints)
+        return style.save(drawn, path)
+
+
+def _use_of(sizing: Sizing, one: SizedJoint) -> MotorUse:
+    """Motor of a sized joint as the report of motors has it."""
+    motor = hot_motor(sizing.catalog.motors[one.drive[0]].motor, sizing.problem.ambient)
+    limited = tuple(d for d in one.motor.demands if math.isfinite(d.limit))
+    heat = motor.resistance * one.motor.rms_current**2
+    power = float(one.motor.power.max())
+    time = np.linspace(0.0, one.cycle.time[-1], 2 * len(one.cycle.time))  # a mean over points is one over time
+    speed, torque = (np.interp(time, one.cycle.time, x) for x in (one.motor.speed, one.motor.torque))
+    return MotorUse(one.joint, motor, limited, power, heat, time, speed, torque)
+
+
+def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
+    """Draw the windings' temperatures through one of the repeated cycles."""
+    warm = [one for one in joints if one.motor.temperature.size and np.isfinite(one.motor.temperature).all()]
+    for k, one in enumerate(warm):
+        heated = one.motor.temperature[:, 0]
+        time = np.linspace(0.0, 1.0, len(heated)) * one.cycle.time[-1]
+        if len(heated) == len(one.cycle.time):
+            time = one.cycle.time
+        axis.plot(time, heated, color=style.SERIES[k % len(style.SERIES)], label=one.joint)
+    axis.set_xlabel("time in the cycle [s]")
+    axis.set_ylabel("winding [°C]")
+    if warm:
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    else:
+        style.titles(axis, "no thermal data")
 
 
 def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:

@@ -31,13 +31,22 @@ class Demand:
     value: float
     limit: float
     unit: str
-    time: float
+    time: float = math.nan
     """When [s]; NaN for a mean over the motion."""
+    base: float = 0.0
+    """Value of no demand, such as the temperature of the air."""
 
     @property
     def share(self) -> float:
-        """Value over limit; 0 where no limit is known."""
-        return self.value / self.limit
+        """Value over limit, both above :attr:`base`; 0 where no limit is known, inf where the limit is not above it."""
+        room = self.limit - self.base
+        return (self.value - self.base) / room if room > 0 else math.inf
+
+    @property
+    def words(self) -> str:
+        """The demand in words, with its limit."""
+        when = "" if math.isnan(self.time) else f" at t = {seconds(self.time)} s"
+        return f"{self.what} {quantity(self.value, self.unit)} of {number(self.limit)} ({percent_of_limit(self.share)}){when}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +81,7 @@ class MotorUse:
     @property
     def words(self) -> str:
         """Demand nearest to its limit, or farthest beyond, in words."""
-        d = self.tightest
-        when = "" if math.isnan(d.time) else f" at t = {seconds(d.time)} s"
-        return f"{self.joint}, {d.what} {quantity(d.value, d.unit)} of {number(d.limit)} ({percent_of_limit(d.share)}){when}"
+        return f"{self.joint}, {self.tightest.words}"
 
 
 class MotorTally:

@@ -1,0 +1,189 @@
+"""The command ``twistwrench size``: motors and gears of a catalogue under a motion that repeats, as text, table and picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import click
+import numpy as np
+
+from ..core.numbers import number, quantity
+from ..core.verdict import ExitCode, Verdict, Word
+from ..errors import ValueRangeError
+from ..model.limits import over_limit
+from ..motion.motion import Motion
+from ..reports.blocks import Block, Line, Table, numbers, remarks, share_cell, verdict, words
+from ..reports.motors import Demand
+from ..sizing.catalog import DIRECT
+from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
+from . import shared
+from .main import Given, option
+from .shared import RobotOptions, robot_command
+from .terminal import show
+
+_DIGITS = 3
+
+
+@robot_command(
+    "size",
+    click.argument("trajectory", metavar="MOTION"),
+    option(
+        "--catalog FILE.yaml",
+        "Motors and gears; 'demo' is bundled with a robot, 'servos' is a table of servos.",
+        required=True,
+    ),
+    option("--choose", "Choose the smallest drives of the catalogue, whatever drives its joints have."),
+    option("--pause SECONDS", "Rest after the motion, in which the motors hold the robot.", type=float, default=0.0),
+    option("--brake", "Let brakes hold the robot in the pause."),
+    option("--ambient CELSIUS", "Temperature of the air.", type=float, default=25.0),
+    option("--life HOURS", "Wanted life (L10) of strain-wave gears.", type=float),
+    option("--emergency FILE", "Motion of an emergency stop or collision, for the momentary peak torque of gears."),
+    option(
+        "--regeneration", "Braking drives feed the others, or a resistor.", choices=("shared", "none"), default="shared"
+    ),
+    option("--masses-included", "The links include the masses of the drives; none is added."),
+    shared.reading_options(),
+    shared.PAYLOADS,
+    shared.NO_FRICTION,
+    option("--csv OUT.csv", "Write a row for each figure with its limit."),
+    option("--plot OUT.png", "Draw the cycle in each motor's speed–torque region, and its temperature."),
+    option("--out-actuators OUT.yaml", "Write the drives as an actuator file."),
+    examples=("size ur5 demo --catalog demo --pause 0.8 --ambient 40 --masses-included",),
+    robot_first=True,
+)
+def size_command(options: RobotOptions, given: Given) -> ExitCode:
+    """Motors and gears for a motion that repeats: loads against ratings, winding temperature, gear life, supply.
+
+    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
+    """
+    from ..viz.drawn_motion import read_motion
+
+    path = shared.motion_path(options, given.trajectory)
+    source = (
+        "servos"
+        if given.catalog == "servos"
+        else shared.bundled(given.catalog, options.source, ".drives.yaml", "catalogue")
+    )
+    read = {"MOTION": path, "--catalog": source if source != "servos" else None, "--emergency": given.emergency}
+    given.check_files({**read, **options.files})
+    if options.actuators is not None:
+        raise ValueRangeError(
+            "the catalogue describes the drives, and --actuators describes others. Leave --actuators out."
+        )
+    robot, log = shared.open_motion(options, given, path)
+    drawn = read_motion(shared.load_case(robot, options, given), log, smoothing=given.smooth)
+    for sentence in log.notes:
+        click.echo(f"note: {sentence}", err=True)
+    if not drawn.verdict.ok:
+        show(*_spoken(drawn.verdict))
+        return drawn.verdict.exit_code
+    robot = drawn.load.with_load
+    motion = Motion(drawn.time, drawn.q, drawn.dq, drawn.ddq, robot=robot, in_seconds=True)
+    emergency = None
+    if given.emergency is not None:
+        stop = read_motion(
+            drawn.load, shared.open_motion(options, given, shared.motion_path(options, given.emergency))[1]
+        )
+        emergency = Motion(stop.time, stop.q, stop.dq, stop.ddq, robot=robot, in_seconds=True)
+    found = size_drives(
+        robot, motion, source, emergency=emergency, friction=not given.no_friction,
+        add_masses=not given.masses_included, shared_supply=given.regeneration == "shared",
+        **given.pick("pause", "ambient", "life", "brake"),
+    )  # fmt: skip
+    found = found.choose() if given.choose and not found.choice else found
+    show(*size_view(found, ambient=given.ambient))
+    _write_figures(given.csv, found)
+    if given.plot is not None:
+        from ..plotting.torques import plot_sizing
+
+        plot_sizing(found, given.plot)
+    if given.out_actuators is not None:
+        found.write_actuators(given.out_actuators)
+    shared.show_written(given.csv, given.plot, given.out_actuators)
+    return found.verdict.exit_code
+
+
+def _spoken(judged: Verdict) -> Iterator[Line]:
+    first, *rest = judged.reasons or ("",)
+    yield verdict(judged.word, f": {first}.")
+    yield from remarks(f"{reason}." for reason in rest)
+
+
+def size_view(found: Sizing, *, ambient: float) -> Iterator[Block]:
+    """The verdict, what was chosen, the drives with their figures, and the supply."""
+    if found.verdict.word is Word.OK:
+        one = max(found.joints.values(), key=lambda j: j.tightest[1].share)
+        part, demand = one.tightest
+        yield verdict(Word.OK, f": all ratings kept. Closest: {one.joint}, {part}: {demand.words}.")
+    else:
+        yield from _spoken(found.verdict)
+    if not found.choice and found.verdict.word is Word.OVER_LIMIT:
+        yield from (Line(sentence, indent=2) for sentence in smallest_drives(found, found.choose()))
+    yield ""
+    if found.joints:
+        yield drives_table(found, ambient)
+    for joint, chosen in found.choice.items():
+        if chosen.smaller is not None:
+            pair, reason = chosen.smaller
+            yield f"{joint}: the next smaller ({drive_name(pair)}) fails: {reason.removeprefix(f'{joint}, ')}."
+    s = found.supply
+    yield Line(
+        f"Supply: peak {quantity(s.peak, 'W')}, mean {quantity(s.mean, 'W')}; a cycle draws {quantity(s.drawn, 'J')} and "
+        f"returns {quantity(s.braked, 'J')}. Drives {quantity(found.mass, 'kg')}."
+    )
+    if found.left_out:
+        yield Line((f"Not sized, for it does not turn or has no drive: {', '.join(found.left_out)}.", "dim"))
+    yield Line(("Electronics, iron losses and bearing moments of gears are not counted.", "dim"))
+
+
+def drives_table(found: Sizing, ambient: float) -> Table:
+    """A row for each joint; limits stand behind the values."""
+    joints = list(found.joints.values())
+    warm = [j.motor.temperature[:, 0].max() if j.motor.temperature.size else math.nan for j in joints]
+    return Table(
+        f"Drives at {number(ambient)} degC",
+        words("joint", [j.joint for j in joints], fold=False),
+        words("motor", [j.drive[0] for j in joints]),
+        words("gear", [j.drive[1] for j in joints]) if any(j.drive[1] != DIRECT for j in joints) else None,
+        numbers("mean", [_cell(j, "average torque") for j in joints], unit="N m"),
+        numbers("peak", [_cell(j, "peak torque") for j in joints], unit="N m"),
+        numbers("input", [_cell(j, "input speed") for j in joints], unit="rpm"),
+        numbers("rms", [j.motor.rms_current for j in joints], _figure, "A"),
+        numbers("winding", warm, _figure, "degC"),
+        numbers("J ratio", [j.motor.inertia_ratio for j in joints], _figure),
+        numbers("used", [j.tightest[1].share for j in joints], share_cell),
+    )
+
+
+def _figure(value: float) -> str:
+    return number(value, _DIGITS)
+
+
+def _cell(joint: SizedJoint, what: str) -> Line | str:
+    """A figure of a gear with its limit, red if that is passed."""
+    demand = next((d for d in joint.gear.demands if d.what == what), None)
+    if demand is None:
+        return number(None)
+    limit = f" / {_figure(demand.limit)}" if math.isfinite(demand.limit) else ""
+    return Line((_figure(demand.value), "red" if over_limit(demand.share) else ""), (limit, "dim"))
+
+
+def _write_figures(path: str | None, found: Sizing) -> None:
+    """A row for each figure with its limit."""
+    rows: list[tuple[str, str, str, Demand]] = [
+        (j.joint, part, use.name, d)
+        for j in found.joints.values()
+        for part, use in (("gear", j.gear), ("motor", j.motor))
+        for d in use.demands
+    ]
+    shared.write_csv(path, {
+        "joint": [r[0] for r in rows], "part": [r[1] for r in rows], "name": [r[2] for r in rows],
+        "figure": [r[3].what for r in rows], "value": [r[3].value for r in rows],
+        "limit": [_known(r[3].limit) for r in rows], "unit": [r[3].unit for r in rows],
+        "share": [_known(r[3].share) for r in rows],
+    })  # fmt: skip
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,190 @@
+"""Catalogues of motors and gears: YAML with the units of actuator files, and a table of servos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..core.numbers import printed
+from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..formats.actuators import gear_ratio, plain_share, read_motor
+from ..formats.yaml import Section, Source, read_yaml, shown
+from ..model.actuators import Actuator, Motor, check_actuator
+from .drives import KINDS, CatalogMotor, Gear
+
+Pair = tuple[str, str]
+"""Names of a motor and of a gear; the gear of a servo, whose data are those of its output, is ``DIRECT``."""
+
+DIRECT = "none"
+"""Name of the gear that changes nothing."""
+
+_GEAR = {
+    "no_load_torque": "torque", "mass": "mass", "price": "", "rated_torque": "torque", "rated_speed": "rotor speed",
+    "average_torque": "torque", "repeated_peak": "torque", "momentary_peak": "torque", "average_speed": "rotor speed",
+    "maximum_speed": "rotor speed", "life": "life", "mean_exponent": "",
+}  # fmt: skip
+_SERVO = {"stall_torque": "torque", "stall_current": "current", "no_load_speed": "rotor speed", "voltage": "voltage"}
+
+SERVOS: Mapping[str, Mapping[str, str]] = {
+    "XM540-W150": {"stall_torque": "7.3 N m", "stall_current": "4.4 A", "no_load_speed": "53 rpm", "voltage": "12 V"},
+    "XM540-W270": {"stall_torque": "10.6 N m", "stall_current": "4.4 A", "no_load_speed": "30 rpm", "voltage": "12 V"},
+    "XH540-V150": {"stall_torque": "6.4 N m", "stall_current": "2.4 A", "no_load_speed": "60 rpm", "voltage": "24 V"},
+    "XC330-M181": {"stall_torque": "0.60 N m", "stall_current": "1.8 A", "no_load_speed": "129 rpm", "voltage": "5 V"},
+    "AX-12A": {"stall_torque": "1.5 N m", "stall_current": "1.5 A", "no_load_speed": "59 rpm", "voltage": "12 V"},
+    "STS3215": {"stall_torque": "30 kgf cm", "no_load_speed": "45 rpm", "voltage": "12 V"},
+}
+"""Servos by their makers' figures at the voltage given: ROBOTIS e-Manual; Feetech. Stall torque is not continuous: an STS3215
+held 15 kgf cm for an hour at 48 °C and was overloaded at 20 (TheRobotStudio/SO-ARM100#134)."""
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """Motors, gears and the pairs of them that may be used.
+
+    Examples
+    --------
+    >>> servos = read_catalog("servos")
+    >>> len(servos.pairs), round(servos.motors["STS3215"].motor.torque_constant, 3)
+    (6, 2.546)
+    """
+
+    motors: Mapping[str, CatalogMotor]
+    gears: Mapping[str, Gear]
+    pairs: tuple[Pair, ...]
+    drives: Mapping[str, Pair] = field(default_factory=dict)
+    """Pairs of joints that have a drive already."""
+
+    def pair(self, names: Pair) -> tuple[CatalogMotor, Gear]:
+        """A motor and a gear by their names."""
+        return self.motors[names[0]], self.gears[names[1]]
+
+    def size(self, names: Pair) -> tuple[float, float, float]:
+        """Mass, price and rated torque of a pair, by which the smallest one is chosen."""
+        motor, gear = self.pair(names)
+        torque = gear.repeated_peak if math.isfinite(gear.repeated_peak) else motor.motor.torque_constant * gear.ratio
+        return motor.mass + gear.mass, motor.price + gear.price, torque
+
+
+def read_catalog(source: Source | Catalog) -> Catalog:
+    """Catalogue of a file, of YAML text, of a mapping, or ``"servos"``, the bundled table.
+
+    Raises
+    ------
+    NotFoundError, ModelError, UnknownNameError, ValueRangeError
+        The message names the file and the entry.
+    """
+    if isinstance(source, Catalog):
+        return source
+    content, origin = ({"motors": SERVOS}, "the table of servos") if source == "servos" else read_yaml(source)
+    try:
+        return _catalog(Section(content, ""))
+    except (ModelError, UnknownNameError, ValueRangeError) as error:
+        raise type(error)(f"{origin}: {error}") from None
+
+
+def _catalog(file: Section) -> Catalog:
+    file.only("robot", "motors", "gears", "pairs", "actuators")
+    if "motors" not in file.content:
+        raise ModelError("it has no entry 'motors:' with the motors of the catalogue below it.")
+    listed = file.section("motors")
+    motors = {str(name): _motor(str(name), listed.section(name)) for name in listed.content}
+    gears = {DIRECT: Gear(DIRECT, "direct")}
+    if "gears" in file.content:
+        section = file.section("gears")
+        gears |= {str(name): _gear(str(name), section.section(name)) for name in section.content}
+    given = tuple(_pairs(file, motors, gears)) if "pairs" in file.content else ()
+    servos = [name for name, motor in motors.items() if motor.stall_only]
+    usual = [(m, g) for m in motors for g in gears if (m in servos) == (g == DIRECT)]
+    drives = dict(_drives(file, motors, gears)) if "actuators" in file.content else {}
+    found = Catalog(motors, gears, given or tuple(usual), drives)
+    if not found.pairs and not drives:
+        raise ModelError("it has no entry 'gears:' with the gears that go with its motors.")
+    return found
+
+
+def _motor(name: str, section: Section) -> CatalogMotor:
+    """A motor, or a servo by its stall torque, for which the motor of its speed–torque line stands."""
+    own = section.optional("mass", section.number, "mass") | section.optional("price", section.number, "")
+    if "stall_torque" in section.content:
+        section.only(*_SERVO, "mass", "price")
+        if lacking := [key for key in ("no_load_speed", "voltage") if key not in section.content]:
+            raise ModelError(f"{section.path} has a stall_torque and no {lacking[0]}, so it has no speed–torque line.")
+        stall, speed, voltage = (
+            section.number(key, _SERVO[key]) for key in ("stall_torque", "no_load_speed", "voltage")
+        )
+        if not min(stall, speed, voltage) > 0:
+            raise ModelError(f"{section.path}: stall torque, no-load speed and voltage must be above 0.")
+        constant = voltage / speed
+        motor = Motor(constant, constant * voltage / stall, voltage=voltage, current_peak=stall / constant)
+        return _checked(CatalogMotor(name, motor, stall_only=True, **own), section)
+    motor = read_motor(section, "mass", "price", "rotor")
+    inertia = 0.0
+    if "rotor" in section.content:
+        rotor = section.section("rotor")
+        rotor.only("inertia")
+        inertia = rotor.number("inertia", "inertia") if "inertia" in rotor.content else 0.0
+        if not inertia > 0:
+            raise ModelError(f"{rotor.where('inertia')} must be given and be above 0.")
+    return _checked(CatalogMotor(name, motor, inertia, **own), section)
+
+
+def _checked(entry: CatalogMotor, section: Section) -> CatalogMotor:
+    check_actuator(Actuator(section.path, motor=entry.motor))
+    _above_zero({"mass": entry.mass, "price": entry.price}, section, zero=True)
+    return entry
+
+
+def _gear(name: str, section: Section) -> Gear:
+    section.only("kind", "ratio", "efficiency", *_GEAR)
+    if "ratio" not in section.content:
+        raise ModelError(f"{section.path} has no ratio, such as ratio: 100.")
+    kind = section.content.get("kind", "strain_wave")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise UnknownNameError.from_choices(f"kind of gear ({section.path})", str(kind), KINDS)
+    ratio = gear_ratio(section.content["ratio"], section.where("ratio"), sliding=False)
+    efficiency = 1.0
+    if "efficiency" in section.content:
+        efficiency = plain_share(section.content["efficiency"], section.where("efficiency"))
+    check_actuator(Actuator(section.path, ratio=ratio, efficiency=efficiency))
+    numbers = {key: section.number(key, unit) for key, unit in _GEAR.items() if key in section.content}
+    free = ("no_load_torque", "mass", "price")
+    _above_zero({key: value for key, value in numbers.items() if key in free}, section, zero=True)
+    _above_zero({key: value for key, value in numbers.items() if key not in free}, section, zero=False)
+    return Gear(name, kind, ratio, efficiency, **numbers)
+
+
+def _above_zero(numbers: Mapping[str, float], section: Section, *, zero: bool) -> None:
+    for key, value in numbers.items():
+        if value < 0 or (value == 0 and not zero):
+            raise ModelError(
+                f"{section.where(key)} is {printed(value)}; it must be {'at least' if zero else 'above'} 0."
+            )
+
+
+def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[Pair]:
+    listed = file.content["pairs"]
+    if isinstance(listed, str | Mapping) or not hasattr(listed, "__iter__"):
+        raise ModelError(f"pairs is {shown(listed)}, expected pairs such as [[B, G], [C, G]].")
+    for pair in listed:
+        if isinstance(pair, str) or not hasattr(pair, "__len__") or len(pair) != 2:
+            raise ModelError(f"pairs has {shown(pair)}, expected a motor and a gear, such as [B, G].")
+        yield _known(str(pair[0]), str(pair[1]), motors, gears)
+
+
+def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[tuple[str, Pair]]:
+    joints = file.section("actuators")
+    for joint in joints.content:
+        entry = joints.section(joint)
+        entry.only("motor", "gear")
+        if "motor" not in entry.content:
+            raise ModelError(f"{entry.path} has no motor.")
+        yield joint, _known(str(entry.content["motor"]), str(entry.content.get("gear", DIRECT)), motors, gears)
+
+
+def _known(motor: str, gear: str, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Pair:
+    for what, name, known in (("motor", motor, motors), ("gear", gear, gears)):
+        if name not in known:
+            raise UnknownNameError.from_choices(f"{what} of the catalogue", name, known)
+    return motor, gear

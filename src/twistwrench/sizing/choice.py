@@ -1,0 +1,426 @@
+"""Sizing of a robot's drives for a motion that repeats, and the choice of the smallest ones from a catalogue."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core import arguments
+from ..core.files import replacing
+from ..core.numbers import in_file, number
+from ..core.verdict import Verdict
+from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..formats.yaml import Source
+from ..motion.motion import Motion
+from ..reports.motors import Demand
+from ..typing import Array
+from .catalog import Catalog, Pair, read_catalog
+from .drives import CatalogMotor, Cycle, Gear, SizedGear, SizedMotor, Supply, sized_gear, sized_motor, supply_of
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_LIGHTEST = 1e-15
+"""Inertia of a rotor whose own is not known [kg m²]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SizedJoint:
+    """Drive of one joint over the cycle."""
+
+    joint: str
+    drive: Pair
+    mass: float
+    """kg, of motor and gear."""
+    motor: SizedMotor
+    gear: SizedGear
+    cycle: Cycle
+
+    @property
+    def excess(self) -> tuple[str, ...]:
+        """A sentence without its full stop for each limit passed, the largest excess first."""
+        found = [(d, part) for part in self._parts for d in part[1].excess]
+        return tuple(_words(self.joint, part, d) for d, part in sorted(found, key=lambda x: -x[0].share))
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """A sentence without its full stop for each part that lacks ratings."""
+        return tuple(
+            f"{self.joint}, {what} {part.name}: {', '.join(part.missing)}{'' if 'stall' in part.missing[-1] else ' not given'}"
+            for what, part in self._parts
+            if part.missing
+        )
+
+    @property
+    def tightest(self) -> tuple[str, Demand]:
+        """The demand nearest to its limit, with the part that it is of."""
+        what, part = max(self._parts, key=lambda x: x[1].tightest.share)
+        return f"{what} {part.name}", part.tightest
+
+    @property
+    def fits(self) -> bool:
+        """True if no limit is passed."""
+        return not (self.motor.excess or self.gear.excess)
+
+    @property
+    def _parts(self) -> tuple[tuple[str, SizedMotor | SizedGear], ...]:
+        return ("gear", self.gear), ("motor", self.motor)
+
+
+def _words(joint: str, part: tuple[str, SizedMotor | SizedGear], demand: Demand) -> str:
+    return f"{joint}, {part[0]} {part[1].name}: {demand.words}"
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Drive chosen for a joint."""
+
+    joint: str
+    drive: Pair | None
+    """None if no pair of the catalogue does it."""
+    smaller: tuple[Pair, str] | None
+    """The next smaller pair, and why it does not do; None if there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class SizingProblem:
+    """Robot, cycle and settings, which all candidates share."""
+
+    robot: Robot
+    states: tuple[Array, Array, Array]
+    time: Array
+    brake: bool
+    holding: slice
+    emergency: Motion | None
+    friction: bool
+    add_masses: bool
+    ambient: float
+    life: float | None
+    shared: bool
+
+    def driven(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
+        """The robot with those drives as rotors that have their mass, and one of 1 kg m² without a gear at ``probe``."""
+        entries: dict[str, Any] = {
+            joint: {
+                "ratio": gear.ratio,
+                "rotor": {
+                    "inertia": f"{motor.inertia or _LIGHTEST!r} kg m^2",
+                    "extra": True,
+                    "mass": f"{(motor.mass + gear.mass) * self.add_masses!r} kg",
+                },
+            }
+            for joint, (motor, gear) in drives.items()
+        }
+        if probe is not None:
+            entries[probe] = {"ratio": 1, "rotor": {"inertia": "1 kg m^2", "extra": True}}
+        return self.robot.with_actuators({"actuators": entries}) if entries else self.robot
+
+    def cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]], motion: Motion | None = None) -> Cycle:
+        """Loads of a joint where the others that load it have those drives."""
+        states, time = (self.states, self.time) if motion is None else ((motion.q, motion.dq, motion.ddq), motion.time)
+        robot = self.driven({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
+        q, dq, ddq = states
+        k = robot.model.velocity_names.index(joint)
+        carried, rotor = robot.drive_torques(q, dq, ddq)
+        torque = np.array(carried[:, k])
+        if self.friction:
+            torque = torque + robot.friction_forces(dq, load=carried + rotor)[:, k]
+        if self.brake and motion is None:
+            torque[self.holding] = 0.0
+        mass = robot.mass_matrix(q)[:, k, k] - 1.0  # without the probe
+        return Cycle(time, np.diff(time), dq[:, k], torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
+
+    def sized(self, joint: str, drive: tuple[CatalogMotor, Gear], cycle: Cycle, emergency: Cycle | None) -> SizedJoint:
+        """One drive under the loads of its joint."""
+        motor, gear = drive
+        held = self.holding if self.brake else slice(0, 0)
+        return SizedJoint(
+            joint, (motor.name, gear.name), motor.mass + gear.mass,
+            sized_motor(motor, gear, cycle, ambient=self.ambient, holding=held),
+            sized_gear(gear, cycle, self.life, emergency), cycle,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Sizing:
+    """Drives of a robot over a cycle, against their ratings.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.linspace(0, 2, 201)
+    >>> motion = tw.Motion(t, np.sin(np.pi * t / 2)[:, None] ** 2, robot=arm)
+    >>> servos = {name: {"stall_torque": f"{most} N m", "no_load_speed": "60 rpm", "voltage": "24 V"}
+    ...           for name, most in (("small", 4), ("large", 30))}
+    >>> s = tw.size_drives(arm, motion, {"motors": servos, "actuators": {"hinge": {"motor": "small"}}})
+    >>> print(s.verdict.word, s.choose().joints["hinge"].drive)
+    OVER LIMIT ('large', 'none')
+    >>> s.actuators()["actuators"]["hinge"]["ratio"]
+    1.0
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     s.write_actuators(f"{folder}/actuators.yaml").name
+    'actuators.yaml'
+    """
+
+    joints: Mapping[str, SizedJoint]
+    """By joint, with ``motor`` and ``gear``."""
+    supply: Supply
+    """Electrical supply of all drives."""
+    catalog: Catalog
+    """Motors and gears to choose from."""
+    choice: Mapping[str, Chosen]
+    """Choice for each joint; empty if the drives were given."""
+    left_out: tuple[str, ...]
+    """Joints without a drive to size."""
+    problem: SizingProblem
+    """Robot, cycle and settings."""
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """OVER LIMIT with each limit passed, UNSURE with each rating that is missing, or OK."""
+        over = [f"{name}: no pair of the catalogue does it" for name, x in self.choice.items() if x.drive is None]
+        over += [words for one in self._by_share for words in one.excess]
+        unsure = [words for one in self._by_share for words in one.missing]
+        return Verdict.from_reasons(over=over, unsure=unsure)
+
+    @property
+    def _by_share(self) -> list[SizedJoint]:
+        return sorted(self.joints.values(), key=lambda one: -one.tightest[1].share)
+
+    @property
+    def mass(self) -> float:
+        """Mass of all drives [kg]."""
+        return sum(one.mass for one in self.joints.values())
+
+    def choose(self) -> Sizing:
+        """The smallest drives of the catalogue, by mass, then price, then torque.
+
+        From the tip to the base: a drive rides before its joint, so its mass loads only joints nearer the base.
+
+        Returns
+        -------
+        sizing : Sizing, with all chosen drives on the robot
+        """
+        return _chosen(
+            self.problem, self.catalog, tuple(self.joints) + tuple(n for n, c in self.choice.items() if not c.drive)
+        )
+
+    def actuators(self) -> dict[str, Any]:
+        """The drives as the entries of an actuator file; docs/actuation.md shows one.
+
+        Returns
+        -------
+        content : dict, for :meth:`twistwrench.Robot.with_actuators`
+        """
+        added = self.problem.add_masses
+        return {"actuators": {name: _entry(self.catalog, one.drive, added) for name, one in self.joints.items()}}
+
+    def write_actuators(self, path: str | Path) -> Path:
+        """Write the drives as an actuator file.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file
+
+        Raises
+        ------
+        ValueRangeError
+            It cannot be written.
+        """
+        import yaml
+
+        with replacing(path) as scratch:
+            scratch.write_text(yaml.safe_dump(self.actuators(), sort_keys=False, allow_unicode=True), encoding="utf-8")
+        return Path(path)
+
+
+def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
+    entry, gear = catalog.pair(pair)
+    motor, thermal = entry.motor, entry.motor.thermal
+    units = {
+        "torque_constant": "N m/A", "resistance": "ohm", "inductance": "H", "voltage": "V", "current_continuous": "A",
+        "current_peak": "A", "speed": "rad/s",
+    }  # fmt: skip
+    said: dict[str, Any] = {
+        name: f"{in_file(getattr(motor, name))} {unit}"
+        for name, unit in units.items()
+        if math.isfinite(getattr(motor, name))
+    }
+    if thermal is not None:
+        units = {"winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s",
+                 "maximum": "degC"}  # fmt: skip
+        known = {name: getattr(thermal, name) for name in units}
+        said["thermal"] = {name: f"{in_file(x)} {units[name]}" for name, x in known.items() if math.isfinite(x)}
+        said["thermal"] |= {"coefficient": thermal.coefficient, "reference": f"{in_file(thermal.reference)} degC"}
+    found: dict[str, Any] = {"ratio": gear.ratio, "efficiency": gear.efficiency, "motor": said}
+    if entry.inertia:
+        mass = f"{in_file((entry.mass + gear.mass) * add_masses)} kg"
+        found["rotor"] = {"inertia": f"{in_file(entry.inertia)} kg m^2", "extra": True, "mass": mass}
+    return found
+
+
+def size_drives(
+    robot: Robot,
+    motion: Motion,
+    catalog: Source | Catalog,
+    *,
+    pause: float = 0.0,
+    ambient: float = 25.0,
+    life: float | None = None,
+    brake: bool = False,
+    emergency: Motion | None = None,
+    friction: bool = True,
+    add_masses: bool = True,
+    shared_supply: bool = True,
+) -> Sizing:
+    """Drive sizing: loads of motors and gears over a motion that repeats, against the ratings of a catalogue.
+
+    Without ``actuators:`` in the catalogue the smallest pair is chosen for each joint that turns.
+
+    Parameters
+    ----------
+    robot : Robot, with its payload, without actuators
+    motion : Motion of this robot; the cycle is the motion, then the pause, repeated for ever
+    catalog : str, Path, mapping or Catalog; a YAML file, its text or what it says, or "servos"; docs/sizing.md shows it
+    pause : float, time at rest after the motion [s], in which the motors hold the robot
+    ambient : float, temperature of the air [°C]
+    life : float, optional, wanted life L₁₀ of strain-wave gears [h]
+    brake : bool, brakes hold the robot in the pause
+    emergency : Motion, optional, a stop or collision, for the momentary peak torque of the gears
+    friction : bool, count the friction that the robot's file gives its joints
+    add_masses : bool, the links do not include the masses of the drives; False if they do
+    shared_supply : bool, a drive that brakes feeds the others through a common link
+
+    Returns
+    -------
+    sizing : Sizing
+
+    Raises
+    ------
+    ModelError, UnknownNameError, NotFoundError
+        The catalogue contradicts itself, names a joint that is not there, or the robot has actuators.
+    ValueRangeError
+        A setting is not finite, or negative.
+
+    Notes
+    -----
+    Iron losses, bearing moments and the losses of the electronics are not counted.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.linspace(0, 2, 201)
+    >>> motion = tw.Motion(t, np.sin(np.pi * t / 2)[:, None] ** 2, robot=arm)
+    >>> s = tw.size_drives(arm, motion, {"motors": {"servo": {
+    ...     "stall_torque": "30 N m", "no_load_speed": "60 rpm", "voltage": "24 V"}}})
+    >>> print(s.verdict)
+    UNSURE: hinge, motor servo: stall data only
+    """
+    listed = read_catalog(catalog)
+    arguments.positive(pause, "size_drives: pause", "s", zero=True)
+    arguments.positive(1.0 if life is None else life, "size_drives: life", "h")
+    if not -273.15 <= arguments.number(ambient, "size_drives: ambient") < 1000:
+        raise ValueRangeError(f"size_drives: ambient={ambient!r} is not a temperature of air in °C.")
+    if robot.actuators:
+        raise ModelError(
+            f"robot {robot.name!r} has actuators already, and the catalogue describes the drives. Load it without --actuators."
+        )
+    turning = {b.joint.name for b in robot.model.leaders if b.joint.nv == 1 and b.joint.turning[0] and b.joint.driven}
+    names = tuple(listed.drives) or tuple(n for n in robot.model.velocity_names if n in turning)
+    for name in names:
+        if name not in turning:
+            raise UnknownNameError.from_choices("joint that turns", name, turning)
+    armed = {n: 0.0 for n in names if robot.armature[robot.model.velocity_names.index(n)]}
+    bare = robot.with_armature(armed) if armed else robot
+    moved = motion.with_robot(bare)
+    states, time, holding = _with_pause(moved, pause)
+    stop = None if emergency is None else emergency.with_robot(bare)
+    problem = SizingProblem(
+        bare, states, time, brake, holding, stop, friction, add_masses, ambient, life, shared_supply
+    )
+    if not listed.drives:
+        return _chosen(problem, listed, names)
+    return _sizing(problem, listed, listed.drives, {})
+
+
+def _with_pause(motion: Motion, pause: float) -> tuple[tuple[Array, Array, Array], Array, slice]:
+    """States and times of the motion and of the pause behind it, and the nodes of the pause."""
+    n, still = len(motion), np.zeros((2, motion.dq.shape[1]))
+    time = motion.time - motion.time[0]
+    if pause == 0:
+        return (motion.q, motion.dq, motion.ddq), time, slice(n, n)
+    q = np.concatenate([motion.q, motion.q[-1:], motion.q[-1:]])
+    dq, ddq = (np.concatenate([x, still]) for x in (motion.dq, motion.ddq))
+    return (q, dq, ddq), np.append(time, [time[-1], time[-1] + pause]), slice(n, n + 2)
+
+
+def _sizing(
+    problem: SizingProblem, catalog: Catalog, drives: Mapping[str, Pair], choice: Mapping[str, Chosen]
+) -> Sizing:
+    """All drives at once."""
+    parts = {name: catalog.pair(pair) for name, pair in drives.items()}
+    joints = {}
+    for name, drive in parts.items():
+        stop = problem.cycle(name, parts, problem.emergency) if problem.emergency is not None else None
+        joints[name] = problem.sized(name, drive, problem.cycle(name, parts), stop)
+    left = tuple(n for n in problem.robot.model.velocity_names if n not in joints)
+    supply = supply_of([j.motor.power for j in joints.values()] or [np.zeros(len(problem.time))], np.diff(problem.time),
+                       shared=problem.shared)  # fmt: skip
+    return Sizing(joints, supply, catalog, choice, left, problem)
+
+
+def _chosen(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> Sizing:
+    """The smallest drive of each joint, from the tip to the base, then all of them on the robot."""
+    order = [n for n in reversed(problem.robot.model.velocity_names) if n in set(names)]
+    parts: dict[str, tuple[CatalogMotor, Gear]] = {}
+    choice: dict[str, Chosen] = {}
+    pairs = sorted(catalog.pairs, key=catalog.size)
+    for joint in order:
+        cycle = problem.cycle(joint, parts)
+        stop = problem.cycle(joint, parts, problem.emergency) if problem.emergency is not None else None
+        found = [problem.sized(joint, catalog.pair(pair), cycle, stop) for pair in pairs]
+        sure = [k for k, one in enumerate(found) if one.fits and not one.motor.missing and not one.gear.missing]
+        k = next(iter(sure or [k for k, one in enumerate(found) if one.fits]), None)
+        if k is None:
+            choice[joint] = Chosen(joint, None, None)
+            continue
+        smaller = None
+        if k:
+            before = found[k - 1]
+            smaller = pairs[k - 1], (before.excess or before.missing)[0]
+        choice[joint] = Chosen(joint, pairs[k], smaller)
+        parts[joint] = catalog.pair(pairs[k])
+    back = {name: choice[name] for name in reversed(choice)}
+    return _sizing(problem, catalog, {n: c.drive for n, c in back.items() if c.drive}, back)
+
+
+def drive_name(pair: Pair) -> str:
+    """Names of a pair in words."""
+    return f"motor {pair[0]}" if pair[1] == "none" else f"gear {pair[1]} with motor {pair[0]}"
+
+
+def smallest_drives(now: Sizing, best: Sizing) -> list[str]:
+    """A sentence for each joint whose drive is too small, with the smallest one that does it and the mass it adds."""
+    lines = []
+    for name, one in now.joints.items():
+        if one.fits:
+            continue
+        chosen = best.choice[name].drive
+        if chosen is None:
+            lines.append(f"{name}: no pair of the catalogue does it")
+        else:
+            more = best.joints[name].mass - one.mass
+            lines.append(
+                f"{name}: smallest that does it: {drive_name(chosen)} ({'+' if more >= 0 else '-'}{number(abs(more))} kg)"
+            )
+    return lines

@@ -1,0 +1,406 @@
+"""One drive over a cycle: loads of the gear against its ratings, loads of the motor, and its winding's temperature.
+
+A cycle is a sequence of nodes; between two of them torques and speeds are taken to change linearly, and the heat of the winding
+to be constant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.numbers import printed
+from ..model.actuators import Motor, Thermal
+from ..model.limits import over_limit
+from ..reports.motors import Demand
+from ..typing import Array
+
+_RPM = 2 * math.pi / 60
+_HOUR = 3600.0
+_MOST = 2000
+"""Segments of a cycle in which the heat of the winding is averaged, at most."""
+_EVENTS = 1e4
+"""Turns of the wave generator under a momentary peak torque that a strain-wave gear survives, times two."""
+
+KINDS = {"strain_wave": 3.0, "planetary": 3.0, "direct": math.nan}
+"""Kinds of gears with the usual exponent of the mean torque."""
+
+
+@dataclass(frozen=True)
+class CatalogMotor:
+    """A motor of a catalogue."""
+
+    name: str
+    motor: Motor
+    inertia: float = 0.0
+    """Inertia of the rotor [kg m²]; 0 where none is given."""
+    mass: float = 0.0
+    price: float = 0.0
+    stall_only: bool = False
+    """True if the torque is known at stall alone, which no motor holds for long."""
+
+
+@dataclass(frozen=True)
+class Gear:
+    """A gear of a catalogue; ratings that are not given are inf. Torques at the output, speeds at the input [rad/s]."""
+
+    name: str
+    kind: str = "strain_wave"
+    ratio: float = 1.0
+    efficiency: float = 1.0
+    no_load_torque: float = 0.0
+    """Friction at the input [N m]."""
+    mass: float = 0.0
+    price: float = 0.0
+    rated_torque: float = math.inf
+    rated_speed: float = math.inf
+    average_torque: float = math.inf
+    """Limit of the mean torque [N m]."""
+    repeated_peak: float = math.inf
+    """Limit of the peak torque of the cycle; of planetary gears the acceleration torque T_2B."""
+    momentary_peak: float = math.inf
+    """Limit of the torque in an emergency stop or collision; of planetary gears T_2Not."""
+    average_speed: float = math.inf
+    maximum_speed: float = math.inf
+    life: float = math.inf
+    """Hours to which half of the gears live at rated torque and speed."""
+    mean_exponent: float = 3.0
+
+
+class Cycle(NamedTuple):
+    """Loads of one joint at the nodes of a cycle, (n,) each; ``duration`` (n - 1,) lies between them."""
+
+    time: Array
+    duration: Array
+    speed: Array
+    """rad/s, of the joint."""
+    torque: Array
+    """N m, at the gear's output, friction included."""
+    acceleration: Array
+    """rad/s², of the joint."""
+    carrier: Array
+    """rad/s², of the link with the motor about the rotor's axis."""
+    inertia: Array
+    """kg m², of the joint in M."""
+
+    def rotor_torque(self, inertia: float, ratio: float) -> Array:
+        """Torque that accelerates the rotor, at the joint: G J (G q̈ + α). MR section 8.9.2."""
+        return ratio * inertia * (ratio * self.acceleration + self.carrier)
+
+
+def between(x: Array) -> Array:
+    """Means of consecutive nodes."""
+    return np.asarray(0.5 * (x[1:] + x[:-1]))
+
+
+# ── Gear
+
+
+def average_torque(torque: Array, speed: Array, duration: Array, exponent: float = 3.0) -> float:
+    """Mean torque that wears a gear as the cycle does: (Σ |n| t |T|^p / Σ |n| t)^(1/p); NaN if it does not turn.
+
+    Parameters
+    ----------
+    torque, speed, duration : (n,) arrays, of each phase; any units
+
+    Examples
+    --------
+    >>> T, t, n = np.array([150.0, 82, 130, 0]), np.array([0.2, 3, 0.3, 0.2]), np.array([10.0, 20, 10, 0])
+    >>> round(average_torque(T, n, t), 2)
+    89.39
+    """
+    turned = np.abs(speed) * duration
+    total = float(turned.sum())
+    return float((turned @ np.abs(torque) ** exponent / total) ** (1 / exponent)) if total > 0 else math.nan
+
+
+def average_speed(speed: Array, duration: Array) -> float:
+    """Mean of the speed's size over the phases, pauses included."""
+    return float(np.abs(speed) @ duration / duration.sum())
+
+
+def life_hours(gear: Gear, torque: float, speed: float) -> float:
+    """Life L₁₀ [h] at an average torque and input speed: L₅₀ / 5 with L₅₀ = L_n (T_N / T_av)³ (n_N / n_av).
+
+    Harmonic Drive, Engineering Data 1019658, equations 20.2 and 20.3.
+    """
+    return gear.life / 5 * (gear.rated_torque / torque) ** 3 * (gear.rated_speed / speed)
+
+
+def emergency_events(speed: float, duration: float, ratio: float) -> float:
+    """Emergency stops that a strain-wave gear survives at an output speed [rad/s]: 10⁴ / (2 n R t)."""
+    turns = speed / (2 * math.pi) * ratio * duration
+    return _EVENTS / (2 * turns) if turns else math.inf
+
+
+@dataclass(frozen=True)
+class DrivePart:
+    """A motor or a gear with what the cycle demands of it."""
+
+    name: str
+    demands: tuple[Demand, ...]
+    missing: tuple[str, ...]
+    """Ratings that are not given."""
+
+    @property
+    def tightest(self) -> Demand:
+        """The demand nearest to its limit."""
+        return max(self.demands, key=lambda d: d.share)
+
+    @property
+    def excess(self) -> tuple[Demand, ...]:
+        """Demands beyond their limits."""
+        return tuple(d for d in self.demands if over_limit(d.share))
+
+
+@dataclass(frozen=True)
+class SizedGear(DrivePart):
+    """Loads of a gear; speeds are those of its input [rad/s]."""
+
+    average_torque: float
+    """N m; NaN where the joint only holds."""
+    peak_torque: float
+    average_speed: float
+    maximum_speed: float
+    life: float
+    """L₁₀ [h]; inf where it is not known."""
+
+
+def sized_gear(gear: Gear, cycle: Cycle, life: float | None = None, emergency: Cycle | None = None) -> SizedGear:
+    """Loads of a gear over a cycle, and of an emergency; ``life`` [h] is the wanted one."""
+    torque, speed = between(np.abs(cycle.torque)), between(np.abs(cycle.speed))
+    mean, turning = average_torque(torque, speed, cycle.duration, gear.mean_exponent), np.abs(cycle.speed) * gear.ratio
+    turning = np.abs(turning)
+    mean_in, peak = average_speed(gear.ratio * speed, cycle.duration), int(np.abs(cycle.torque).argmax())
+    most, fast = float(np.abs(cycle.torque[peak])), int(turning.argmax())
+    lives = gear.kind == "strain_wave"
+    known_life = all(map(math.isfinite, (gear.life, gear.rated_torque, gear.rated_speed))) and mean > 0 and mean_in > 0
+    hours = life_hours(gear, mean, mean_in) if lives and known_life else math.inf
+    demands = [
+        Demand("peak torque", most, gear.repeated_peak, "N m", float(cycle.time[peak])),
+        Demand("average input speed", mean_in / _RPM, gear.average_speed / _RPM, "rpm"),
+        Demand("input speed", turning[fast] / _RPM, gear.maximum_speed / _RPM, "rpm", float(cycle.time[fast])),
+    ]
+    if mean > 0:
+        demands.insert(0, Demand("average torque", mean, gear.average_torque, "N m"))
+    if life is not None and lives:
+        demands.append(Demand("life wanted", life, hours, "h"))
+    if emergency is not None:
+        worst = int(np.abs(emergency.torque).argmax())
+        shock = float(np.abs(emergency.torque[worst]))
+        demands.append(Demand("emergency torque", shock, gear.momentary_peak, "N m", float(emergency.time[worst])))
+    needed = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
+    needed += ["rated_torque", "rated_speed", "life"] if life is not None and lives else []
+    needed += ["momentary_peak"] if emergency is not None else []
+    missing = tuple(name for name in needed if gear.kind != "direct" and not math.isfinite(getattr(gear, name)))
+    return SizedGear(gear.name, tuple(demands), missing, mean, most, mean_in, float(turning[fast]), hours)
+
+
+# ── Temperature of a winding. Maxon academy, Formulae Handbook: two masses, linear in each segment, so exact
+
+
+def transitions(thermal: Thermal, resistance: float, squares: Array, duration: Array, ambient: float) -> Array:
+    """Transition of (winding, housing, 1) above ambient through each segment, (m, 3, 3), at mean squares of the current.
+
+    C_w dθ_w/dt = R (1 + α (T_w - T_0)) i² - (θ_w - θ_h) / R_wh, C_h dθ_h/dt = (θ_w - θ_h) / R_wh - θ_h / R_ha. One mass
+    alone is the winding; the housing is then an entry of its own that cools by itself.
+    """
+    R, alpha, heat = resistance, thermal.coefficient, np.asarray(squares, float)
+    cold = 1 + alpha * (ambient - thermal.reference)
+    if thermal.winding_housing:
+        R_w, R_h = thermal.winding_housing, thermal.housing_ambient
+        C_w, C_h = thermal.winding_time / R_w, thermal.housing_time / R_h
+        a, b = (R * alpha * heat - 1 / R_w) / C_w, 1 / (R_w * C_w)
+        c, d = 1 / (R_w * C_h), np.full_like(heat, -(1 / R_w + 1 / R_h) / C_h)
+    else:
+        C_w = thermal.housing_time / thermal.housing_ambient
+        a, b, c = (R * alpha * heat - 1 / thermal.housing_ambient) / C_w, 0.0, 0.0
+        d = a - 1 / thermal.housing_time
+    middle, apart = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
+    half = 0.5 * (a - d)
+    skew = np.stack([np.stack([half, np.full_like(half, b)], -1), np.stack([np.full_like(half, c), -half], -1)], -2)
+
+    def blended(first: Array, second: Array) -> Array:
+        """The function of the matrix whose values at its two eigenvalues these are."""
+        plain = 0.5 * (first + second)[:, None, None] * np.eye(2)
+        return np.asarray(plain + (0.5 * (first - second) / apart)[:, None, None] * skew)
+
+    grow, fall = middle + apart, middle - apart
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        steps = [np.where(np.abs(x * duration) > 1e-12, np.expm1(x * duration) / x, duration) for x in (grow, fall)]
+        found = np.zeros((len(heat), 3, 3))
+        found[:, :2, :2] = blended(np.exp(grow * duration), np.exp(fall * duration))
+        found[:, :2, 2] = blended(*steps)[:, :, 0] * (R * cold * heat / C_w)[:, None]
+    found[:, 2, 2] = 1.0
+    return found
+
+
+def periodic_temperatures(
+    thermal: Thermal, resistance: float, squares: Array, duration: Array, ambient: float
+) -> Array:
+    """Temperatures of winding and housing, (m + 1, 2) [°C], at the ends of the segments of a cycle that repeats for ever.
+
+    inf where no such state exists: the hotter winding heats more than its housing sheds (thermal runaway).
+    """
+    step = max(1, -(-len(squares) // _MOST))
+    if step > 1:
+        edges = np.arange(0, len(squares), step)
+        heat, duration = np.add.reduceat(squares * duration, edges), np.add.reduceat(duration, edges)
+        squares = heat / duration
+    each = transitions(thermal, resistance, squares, duration, ambient)
+    whole = np.eye(3)
+    for one in each:
+        whole = one @ whole
+    if not np.isfinite(whole).all() or np.abs(np.linalg.eigvals(whole[:2, :2])).max() >= 1:
+        return np.full((len(squares) + 1, 2), np.inf)
+    state = np.append(np.linalg.solve(np.eye(2) - whole[:2, :2], whole[:2, 2]), 1.0)
+    states = [state]
+    for one in each:
+        states.append(one @ states[-1])
+    return np.asarray(states)[:, :2] + ambient
+
+
+def runaway_current(thermal: Thermal, resistance: float) -> float:
+    """Constant current [A] above which the winding's temperature grows without bound."""
+    most = resistance * thermal.coefficient * (thermal.winding_housing + thermal.housing_ambient)
+    return 1 / math.sqrt(most) if most > 0 else math.inf
+
+
+def allowed_current(thermal: Thermal, resistance: float, ambient: float) -> float:
+    """Constant current [A] at which the winding reaches its greatest temperature."""
+    hot = resistance * (1 + thermal.coefficient * (thermal.maximum - thermal.reference))
+    warmer = thermal.maximum - ambient
+    if not warmer > 0 or hot == 0:
+        return 0.0 if warmer <= 0 else math.inf
+    if math.isinf(warmer):
+        return runaway_current(thermal, resistance)
+    return math.sqrt(warmer / ((thermal.winding_housing + thermal.housing_ambient) * hot))
+
+
+# ── Motor
+
+
+def hot_motor(motor: Motor, ambient: float) -> Motor:
+    """The motor at its greatest temperature: the resistance there, and the current that holds it there."""
+    thermal = motor.thermal
+    if thermal is None or math.isinf(thermal.maximum):
+        return motor
+    lasting = min(motor.current_continuous, allowed_current(thermal, motor.resistance, ambient))
+    growth = 1 + thermal.coefficient * (thermal.maximum - thermal.reference)
+    return replace(motor, resistance=motor.resistance * growth, current_continuous=lasting)
+
+
+@dataclass(frozen=True, eq=False)
+class SizedMotor(DrivePart):
+    """Loads of a motor."""
+
+    torque: Array
+    """(n,) N m at the rotor, at the nodes of the cycle."""
+    speed: Array
+    """(n,) rad/s."""
+    rms_torque: float
+    peak_torque: float
+    rms_current: float
+    peak_current: float
+    peak_speed: float
+    mean_speed: float
+    inertia_ratio: float
+    """The largest (M_jj / G²) / J over the cycle; NaN where the rotor's inertia is not known."""
+    power: Array
+    """(n,) W, τ ω + R i²."""
+    temperature: Array
+    """(m, 2) °C of winding and housing through the repeated cycle; empty without thermal data."""
+
+
+def sized_motor(
+    entry: CatalogMotor, gear: Gear, cycle: Cycle, *, ambient: float, holding: slice = slice(0, 0)
+) -> SizedMotor:
+    """Loads of a motor behind a gear; no torque is made in the nodes ``holding``, of a brake."""
+    motor, ratio = entry.motor, gear.ratio
+    through = np.where(cycle.torque * cycle.speed >= 0, cycle.torque / gear.efficiency, cycle.torque * gear.efficiency)
+    speed = ratio * cycle.speed
+    torque = (through + cycle.rotor_torque(entry.inertia, ratio)) / ratio + gear.no_load_torque * np.sign(speed)
+    torque[holding] = 0.0
+    current = motor.current(torque)
+    squares = (current[1:] ** 2 + current[1:] * current[:-1] + current[:-1] ** 2) / 3
+    whole = float(cycle.duration.sum())
+    rms = math.sqrt(float(squares @ cycle.duration) / whole)
+    heated = np.zeros((0, 2))
+    if motor.thermal is not None:
+        heated = periodic_temperatures(motor.thermal, motor.resistance, squares, cycle.duration, ambient)
+    demands, missing = _motor_demands(entry, torque, speed, current, rms, heated, cycle.time, ambient)
+    ratios = cycle.inertia / (ratio**2 * entry.inertia) if entry.inertia else np.array([math.nan])
+    return SizedMotor(
+        entry.name, tuple(demands), tuple(missing), torque, speed, motor.torque_constant * rms,
+        float(np.abs(torque).max()), rms, float(np.abs(current).max()), float(np.abs(speed).max()),
+        average_speed(between(np.abs(speed)), cycle.duration), float(ratios.max()),
+        torque * speed + motor.heat(current), heated,
+    )  # fmt: skip
+
+
+def _motor_demands(
+    entry: CatalogMotor,
+    torque: Array,
+    speed: Array,
+    current: Array,
+    rms: float,
+    heated: Array,
+    time: Array,
+    ambient: float,
+) -> tuple[list[Demand], list[str]]:
+    """Demands on a motor, and the ratings it lacks."""
+    motor, thermal = entry.motor, entry.motor.thermal
+    hot = hot_motor(motor, ambient)
+    most = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(most > 0, np.abs(torque) / most, np.where(torque == 0, 0.0, math.inf))
+    worst, peak, fast = int(shares.argmax()), int(np.abs(current).argmax()), int(np.abs(speed).argmax())
+    demands = [
+        Demand("torque at its speed", float(np.abs(torque[worst])), float(most[worst]), "N m", float(time[worst])),
+        Demand("peak current", float(np.abs(current[peak])), motor.current_peak, "A", float(time[peak])),
+        Demand("speed", float(np.abs(speed[fast])) / _RPM, motor.speed / _RPM, "rpm", float(time[fast])),
+    ]
+    missing = [name for name in ("voltage", "current_peak") if not math.isfinite(getattr(motor, name))]
+    if heated.size and thermal is not None:
+        warmest = float(heated[:, 0].max())
+        demands.append(Demand("winding temperature", warmest, thermal.maximum, "degC", base=ambient))
+        if not math.isfinite(warmest):
+            bound = runaway_current(thermal, motor.resistance)
+            demands[-1] = Demand(f"thermal runaway above {printed(bound, 4)} A, rms current", rms, bound, "A")
+        missing += ["thermal: maximum"] if math.isinf(thermal.maximum) else []
+    elif math.isfinite(motor.current_continuous):
+        demands.append(Demand("rms current", rms, motor.current_continuous, "A"))
+    else:
+        missing.append("stall data only" if entry.stall_only else "thermal or current_continuous")
+    if not entry.inertia and not entry.stall_only:
+        missing.append("rotor: inertia")
+    return demands, missing
+
+
+# ── Supply
+
+
+class Supply(NamedTuple):
+    """Electrical supply of all drives of a cycle; electronics are not counted."""
+
+    peak: float
+    """W, largest power drawn."""
+    mean: float
+    """W, mean power drawn."""
+    drawn: float
+    """J drawn in a cycle."""
+    braked: float
+    """J in a cycle that the drives return: to the brake resistor, unless the supply takes them."""
+
+
+def supply_of(powers: Iterator[Array] | list[Array], duration: Array, *, shared: bool) -> Supply:
+    """Supply of drives from their powers (n,) at the nodes; ``shared``: one feeds another through a common link."""
+    each = np.array(list(powers))
+    flows = each.sum(axis=0)[None, :] if shared else each
+    taken, given = (np.maximum(sign * flows, 0.0).sum(axis=0) for sign in (1.0, -1.0))
+    drawn, braked = (float(between(x) @ duration) for x in (taken, given))
+    return Supply(float(taken.max()), drawn / float(duration.sum()), drawn, braked)
