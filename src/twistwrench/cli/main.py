@@ -102,6 +102,9 @@ _LONGEST = 80
 _HEARD: list[bool] = []
 """Not empty after Ctrl-C."""
 
+ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
+"""Entries of the context: words of the command line, and sentences of :func:`note`."""
+
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """The environment variable that shows where a fault of the program arose."""
 
@@ -124,10 +127,13 @@ class Commands(click.Group):
         ):
             return super().main(*args, **options)
 
-    def make_context(self, *args: Any, **options: Any) -> click.Context:
+    def make_context(self, info_name: str | None, args: list[str], **options: Any) -> click.Context:  # type: ignore[override]
         """Parse, with usage errors in one line."""
+        typed = list(args)
         with _own_endings():
-            return super().make_context(*args, **options)
+            context = super().make_context(info_name, args, **options)
+            context.meta[ARGUMENTS] = typed
+            return context
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run, with errors in one line."""
@@ -203,6 +209,20 @@ def _interrupt(*_: Any) -> None:
     raise KeyboardInterrupt
 
 
+def note(text: str) -> None:
+    """Write a note on standard error, and keep it for the command's report."""
+    click.echo(f"note: {text}", err=True)
+    context = click.get_current_context(silent=True)
+    if context is not None:
+        context.meta.setdefault(NOTES, []).append(text)
+
+
+def typed_words_and_notes() -> tuple[list[str], list[str]]:
+    """Words of the command line after the program's name, and the sentences of :func:`note`."""
+    meta = click.get_current_context().meta
+    return meta.get(ARGUMENTS, []), meta.get(NOTES, [])
+
+
 def _end(*_: Any) -> None:
     """End the program as an error does, so that scratch files are removed."""
     sys.exit(ExitCode.TERMINATED)
@@ -260,9 +280,7 @@ def plain_errors() -> Iterator[None]:
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
-        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
-            f"note: {with_option_names(str(message))}", err=True
-        )
+        warnings.showwarning = lambda message, *_args, **_rest: note(with_option_names(str(message)))
         try:
             yield
         except TwistWrenchError as error:
@@ -296,8 +314,9 @@ class Given(SimpleNamespace):
             form, name = param.metavar or "", str(param.name)
             path = getattr(self, name, None)
             if form.startswith("OUT") and path not in (None, "-"):
-                if form == "OUT.png":
+                if form == "OUT.png" or name == "report":
                     check_matplotlib()
+                if form == "OUT.png":
                     path = picture_path(path)
                     setattr(self, name, path)
                 files[param.opts[0] if isinstance(param, click.Option) else form] = path

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 
-import click
 import numpy as np
 
 from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, quantity, seconds, torque
@@ -29,7 +29,8 @@ from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
 from ..reports.torque_verdict import friction_words, notes_of
 from . import shared
-from .main import Given, option
+from .main import Given, note, option
+from .report import REPORT, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -46,6 +47,7 @@ _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
     option("--plot OUT.png", "Draw torques, limits, and the split of the worst joint."),
     shared.LIMITS,
     option("--motor-plot OUT.png", "Draw what each motor does in its speed–torque region."),
+    REPORT,
     option("--why", "Split the worst joint's peak by link, payload and rotor too."),
     examples=(
         "torques ur5 --trajectory demo --payload 10 --why",
@@ -62,20 +64,22 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     path = shared.motion_path(options, given.trajectory)
     given.logs = paths = shared.expand_paths(path, given.trajectory)
     if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
-        if given.plot or given.motor_plot or given.split or given.why:
+        if given.plot or given.motor_plot or given.split or given.why or given.report:
             raise ValueRangeError(
-                "--plot, --motor-plot, --split and --why are of one motion. Give one file, and no --workers."
+                "--plot, --motor-plot, --split, --why and --report are of one motion. Give one file, and no --workers."
             )
         return run_batch(BatchTorques(options, given), paths)
     if given.motor_plot is not None and options.actuators is None:
         raise ValueRangeError("--motor-plot draws the motors, and none are described. Add --actuators FILE.yaml.")
-    given.check_files({"--trajectory": path, "--limits": given.limits, **options.files})
+    files = {"--trajectory": path, "--limits": given.limits, **options.files}
+    given.check_files(files)
     with progress_bar(path.name) as progress:
         steps = Steps(progress, (_PLANNING_AND_SMOOTHING if given.smooth else _PLANNING, 1.0))
         report = analysis(options, given, path, steps, csv=given.csv, split=given.split)
     if given.smooth and not report.differentiation.derives:
-        click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
-    show(*report_view(report, degrees=options.degrees, why=given.why))
+        note("--smooth changes nothing: the file gives velocities and accelerations.")
+    blocks = list(report_view(report, degrees=options.degrees, why=given.why))
+    show(*blocks)
     if given.plot is not None:
         from ..plotting.torques import plot_report
 
@@ -89,7 +93,38 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
             )
         plot_motors(report, given.motor_plot)
     shared.show_written(given.csv, given.plot, given.motor_plot)
+    if given.report is not None:
+        write_torque_report(report, blocks, given, files)
     return report.verdict.exit_code
+
+
+def write_torque_report(
+    report: TorqueReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None]
+) -> None:
+    """Write the page of one motion: the worst moment, the plots, and what the torques count in."""
+    from ..plotting.torques import plot_motors, plot_report
+
+    load, facts, pictures = report.load, [], [drawn("Torques and limits", partial(plot_report, report))]
+    if report.worst is not None:
+        joint, states = report.joints[report.worst], report.around
+        share = f"{percent_of_limit(joint.share)} of its limit" if math.isfinite(joint.limit) else "no limit"
+        facts = [
+            (f"peak of {joint.joint}", f"{report.label(joint.peak)} {joint.unit}"),
+            ("limit", quantity(joint.limit, joint.unit)),
+            ("share of limit", percent_of_limit(joint.share) if math.isfinite(joint.limit) else MISSING),
+            ("time", f"{seconds(joint.time)} s"),
+        ]
+        q = states.q[int(np.argmin(np.abs(states.time - joint.time)))]
+        title = f"{report.robot} at t = {seconds(joint.time)} s; red: {joint.joint}, {share}"
+        pictures.append(robot_picture(load.with_load, q, joint.joint, f"{joint.joint}, {share}", title))
+    if report.motors:
+        pictures.append(drawn("Motors", partial(plot_motors, report)))
+    friction = friction_words(load.robot.model, counted=load.friction)
+    subject = f"{report.robot} · {Path(report.trajectory).name}"
+    write_report(
+        given, "torques", subject, blocks, files=files, facts=facts, pictures=pictures, robot=load.robot,
+        limits=report.limits, used=[("torques", friction)],
+    )  # fmt: skip
 
 
 # ── Many motions: a folder or a pattern, on processes or a cluster

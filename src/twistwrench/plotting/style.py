@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure
 
-__all__ = ["figure", "require_matplotlib", "save"]
+__all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 
 LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#6b7079", "#555b63", "#222222", "#d5d9df"
 """A curve, what is over a limit or in doubt, remarks, axes and zero lines, what is drawn over colours, and behind curves."""
@@ -136,6 +137,56 @@ def save(drawn: Figure, path: str | Path) -> Path:
     return target
 
 
+_PAGE = {
+    "#ffffff": "paper",
+    "#000000": "ink",
+    INK: "ink",
+    AXIS: "axis",
+    "#e6e8eb": "grid",
+    QUIET: "quiet",
+    PALE: "pale",
+    LINE: "curve",
+    OVER: "over",
+}
+"""Colours that a page replaces by its own, which are others on dark screens."""
+
+
+def page_svg(plot: Callable[[Path], object]) -> str:
+    """SVG of a plot for a page: text stays text, and two drawings of the same are equal byte for byte.
+
+    Parameters
+    ----------
+    plot : callable, which draws into the file of the path that it gets
+
+    Returns
+    -------
+    text : str, an element whose neutral colours are variables of the page's style
+
+    Examples
+    --------
+    >>> def plot(path):
+    ...     with figure(4, 3, "a title") as drawn:
+    ...         save(drawn, path)
+    >>> text = page_svg(plot)
+    >>> text[:4], "var(--paper)" in text, text == page_svg(plot)
+    ('<svg', True, True)
+    """
+    mpl = require_matplotlib("Drawing the report (--report)")
+    fixed = {"svg.fonttype": "none", "svg.hashsalt": "twistwrench", "path.simplify_threshold": 0.5}
+    with tempfile.TemporaryDirectory() as folder, mpl.rc_context(cast("Any", fixed)):
+        path = Path(folder) / "plot.svg"
+        plot(path)
+        text = path.read_text(encoding="utf-8")
+    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text[text.index("<svg") :], flags=re.DOTALL)
+    used = set(re.findall(r"#([\w-]+)[\")]", text))
+    text = re.sub(r' id="([\w.-]+)"', lambda found: found[0] if found[1] in used else "", text)
+    text = re.sub(r"#[0-9a-f]{6}\b", lambda found: f"var(--{_PAGE[found[0]]})" if found[0] in _PAGE else found[0], text)
+    text = re.sub(r"<[^>]*>", lambda found: _LONG.sub(r"\1", found[0]), text)
+    return re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
+
+
+_LONG = re.compile(r"(\d\.\d\d)\d+")
+"""Numbers of an element: hundredths of a point are enough."""
 _MINUS = re.compile(r"(?<![\w.-])-(?=[\d.])")
 
 

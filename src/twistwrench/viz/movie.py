@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, cast
@@ -37,6 +38,7 @@ FAR = 2.6
 _SHADOWS = 1500
 """Triangles whose shadow is drawn."""
 _ALPHA = {"looks": 1.0, "inertia": 0.3}
+_MARKED = (0.84, 0.20, 0.16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +219,54 @@ def draw(
     axes.autoscale_view()
     axes.set_axis_off()
     return camera
+
+
+def still(robot: Robot, q: ArrayLike, joint: str | None = None, label: str = "") -> bytes:
+    """Picture of a robot at one configuration, the link that a joint moves in red.
+
+    Parameters
+    ----------
+    q : (nq,) array_like, configuration
+    joint : str, optional, the joint that is marked
+    label : str, written beside it
+
+    Returns
+    -------
+    image : bytes, PNG with a transparent background
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> still(tw.robots.planar_2r(), [0.3, 0.5], "joint2", "joint2")[1:4]
+    b'PNG'
+    """
+    model, q = robot.model, np.asarray(q, float)
+    marked = [k for k, b in enumerate(model.bodies) if b.joint.name == joint]
+    scene = scene_of(robot)
+    shapes = [replace(s, colour=_MARKED) if s.body in marked and s.layer == "looks" else s for s in scene.shapes]
+    with style.figure(6.4, 4.6, "", "Drawing the report (--report)") as drawn:
+        axes = drawn.subplots()
+        scene = replace(scene, shapes=tuple(shapes)).decimated(_TRIANGLES)
+        camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest(scene, q))
+        for k in marked if label else ():
+            x, y = camera.project(scene.body_poses(q)[k, :3, 3])[0]
+            line = {"arrowstyle": "-", "color": style.OVER, "linewidth": 1.0}
+            look: dict[str, Any] = {"color": style.OVER, "fontsize": 11, "fontweight": "bold", "va": "center"}
+            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+            beside, side = (1.02, "left") if x > (left + right) / 2 else (-0.02, "right")
+            place: dict[str, Any] = {"xytext": (beside, (y - low) / (high - low)), "textcoords": "axes fraction"}
+            axes.annotate(label, (x, y), arrowprops=line, ha=side, **place, **look)
+        buffer = BytesIO()
+        drawn.savefig(buffer, format="png", dpi=150, transparent=True, bbox_inches="tight")
+    return buffer.getvalue()
+
+
+def _broadest(scene: Scene, q: Array) -> float:
+    """Azimuth from which the bodies of a robot lie farthest apart in the picture."""
+    poses = scene.body_poses(q)
+    points = np.concatenate([np.zeros((1, 3)), poses[np.isfinite(poses[:, 0, 3]), :3, 3]])
+    views = [Camera(points.mean(axis=0), FAR * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
+    return max(views, key=lambda view: float(np.prod(np.ptp(view.project(points)[0], axis=0)))).azimuth
 
 
 # ── The film

@@ -1,0 +1,140 @@
+"""``--report OUT.html`` of all commands: the report as one page, with where its numbers come from."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.files import replacing
+from ..joints.units import heading_unit
+from ..motion.coordinates import Coordinates
+from ..reports.blocks import Block, Table, numbers, words
+from ..reports.page import Picture, ReportPage
+from ..reports.robot_summary import StatedLimits
+from .main import Given, option, option_group, typed_words_and_notes
+from .shared import show_written
+
+if TYPE_CHECKING:
+    from ..model.limits import Limits
+    from ..robot import Robot
+
+REPORT = option_group(
+    option("--report OUT.html", "Write a report to hand on, as one page."),
+    option("--full-paths", "Keep the folders of files in --report."),
+)
+_SPLIT = ("+", ":=", "=")
+"""Signs between which a word of the command line may have paths."""
+
+
+def write_report(
+    given: Given,
+    command: str,
+    subject: str,
+    blocks: Sequence[Block],
+    *,
+    files: Mapping[str, str | Path | None],
+    facts: Iterable[tuple[str, str]] = (),
+    pictures: Iterable[Picture] = (),
+    robot: Robot | None = None,
+    limits: Limits | None = None,
+    used: Iterable[tuple[str, str]] = (),
+) -> None:
+    """Write the page of --report if there is one.
+
+    ``files`` are the inputs by argument, ``used`` further sentences of the provenance.
+    """
+    if given.report is None:
+        return
+    typed, notes = typed_words_and_notes()
+    shorten = str if given.full_paths else _without_folders([*typed, *map(str, filter(None, files.values()))])
+    page = ReportPage(
+        command,
+        subject,
+        blocks,
+        facts=list(facts),
+        pictures=list(pictures),
+        notes=notes,
+        provenance=[("command", shlex.join(["twistwrench", *typed])), *_provenance(files, robot), *used, *_versions()],
+        tables=[] if robot is None or limits is None else [_limits_table(robot, limits)],
+        shorten=shorten,
+    )
+    with replacing(given.report) as scratch:
+        scratch.write_text(page.html(), encoding="utf-8")
+    show_written(given.report)
+
+
+def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
+    """A plot as a picture of the page."""
+    from ..plotting.style import page_svg
+
+    return Picture(title, page_svg(plot))
+
+
+def robot_picture(robot: Robot, q: Any, joint: str | None, label: str, title: str) -> Picture:
+    """The robot at a configuration, with the link of a joint in red."""
+    from ..viz.movie import still
+
+    return Picture(title, still(robot, q, joint, label))
+
+
+def _without_folders(texts: Iterable[str]) -> Callable[[str], str]:
+    """Function that replaces the paths among words of the command line by their names, wherever they occur in a text."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        parts = [text]
+        for sign in _SPLIT:
+            parts = [piece for part in parts for piece in part.split(sign)]
+        for part in parts:
+            path = Path(part)
+            if path.name and path.parent.is_dir() and path.name != part:
+                pairs |= {part: path.name, str(path.resolve()): path.name}
+    longest_first = sorted(pairs, key=len, reverse=True)
+
+    def shorten(text: str) -> str:
+        for path in longest_first:
+            text = text.replace(path, pairs[path])
+        return text
+
+    return shorten
+
+
+def _provenance(files: Mapping[str, str | Path | None], robot: Robot | None) -> Iterator[tuple[str, str]]:
+    for name, path in files.items():
+        if path is not None and Path(path).is_file():
+            content = Path(path).read_bytes()
+            digest = hashlib.sha256(content).hexdigest()
+            yield name.partition(" ")[0], f"{path}, {len(content):,} bytes, SHA-256 {digest}"
+    if robot is not None:
+        yield "robot", f"{robot.name}: {', '.join(robot.model.velocity_names)}"
+
+
+def _versions() -> Iterator[tuple[str, str]]:
+    from .. import __version__
+
+    yield "versions", f"twistwrench {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    now = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now().astimezone()
+    yield "date", now.isoformat(sep=" ", timespec="seconds")
+
+
+def _limits_table(robot: Robot, limits: Limits) -> Table:
+    """Limits that the report compares with, and their source."""
+    turning = Coordinates.from_model(robot.model).angular_velocity
+    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(robot.nv, bool)
+    return Table(
+        "Limits used",
+        words("joint", robot.model.velocity_names),
+        numbers("torque", limits.effort, unit=heading_unit("tau", turning)),
+        numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
+        numbers("lower", limits.lower, unit=heading_unit("q", turning)),
+        numbers("upper", limits.upper),
+        words("source of the torque limit", ["--limits" if own else "robot's file" for own in stated]),
+    )

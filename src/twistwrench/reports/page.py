@@ -1,0 +1,272 @@
+"""The page of a report: the blocks that the terminal prints, with pictures, provenance and a glossary, in one file of HTML.
+
+It needs no network and no script, and is made for paper, phones and dark screens. What is printed is not worded again.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from .blocks import Block, Branch, Column, Line, Table
+
+POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
+"""Content-Security-Policy: no requests and no scripts."""
+_TERMS = {
+    "OK": "Nothing in the input or the results speaks against the answer.",
+    "UNSURE": "The data cannot tell. This is not a yes.",
+    "OVER LIMIT": "A limit is passed for certain.",
+    "LOOK AGAIN": "The input contradicts itself, so no number below can be trusted.",
+    "CONTACT": "A sensor reads more than its load explains.",
+    "STOPPED": "The computation ended before its duration.",
+    "peak": "The value of largest magnitude over the motion, with its sign.",
+    "rms": "Root mean square over the motion: the steady value that heats a motor as much.",
+    "share": "Magnitude divided by the limit; 100 % is the limit itself.",
+    "inertia": "Torque that accelerates the masses, M(q) ddq.",
+    "Coriolis": "Torque from velocities: Coriolis and centrifugal terms.",
+    "gravity": "Torque that holds the weight at rest.",
+    "payload": "A point mass carried at a frame of the robot.",
+    "friction": "Torque lost in a joint: viscous and Coulomb parts of its file.",
+    "ext. wrench": "Torque that balances moments and forces exerted on the robot.",
+    "σ": "Standard deviation.",
+    "γ": "Weight of the file's inertias against the log, when physically consistent bodies are fitted.",
+    "condition": "Ratio of the best to the worst determined direction of the parameters.",
+    "coverage": "Share of intervals that contain the true value.",
+    "held out": "Rows that the fit did not use, and that are only predicted.",
+    "deviation": "Standard deviation of an estimate.",
+    "drift": "Gain of energy that no work accounts for: the error of the simulation.",
+    "bias": "Reading of a sensor without any load.",
+    "limit curve": "Largest speed along a path at which some acceleration keeps all torque limits.",
+}
+"""Terms that a page explains if it uses them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture of a report: SVG as text, or PNG as bytes."""
+
+    title: str
+    """Shown below a PNG, and read out for both."""
+    content: str | bytes
+
+
+@dataclass(frozen=True, eq=False)
+class ReportPage:
+    """Content of a page; the first blocks, up to an empty line, are the verdict.
+
+    Examples
+    --------
+    >>> page = ReportPage("torques", "ur5", [Line(("OK", "bold green"), ": all limits kept."), "", "A line."])
+    >>> text = page.html()
+    >>> text[:15], "<h1>" in text
+    ('<!doctype html>', True)
+    """
+
+    command: str
+    """Name of the command."""
+    subject: str
+    """Robot, and what it does."""
+    blocks: Sequence[Block]
+    """The report as it is printed."""
+    facts: Sequence[tuple[str, str]] = ()
+    """Name and value of the numbers that decide the verdict."""
+    pictures: Sequence[Picture] = ()
+    notes: Sequence[str] = ()
+    """Sentences that the terminal shows on standard error."""
+    provenance: Sequence[tuple[str, str]] = ()
+    tables: Sequence[Table] = ()
+    """Tables of the provenance."""
+    shorten: Callable[[str], str] = field(default=str)
+    """Applied to every text: cuts folders from paths."""
+
+    def html(self) -> str:
+        """The page as text.
+
+        Returns
+        -------
+        text : str
+        """
+        end = next((k for k, b in enumerate(self.blocks) if b == "" or isinstance(b, Table)), len(self.blocks))
+        head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != ""]
+        doubts = [*filter(_is_doubt, self.blocks)]
+        shown = [b for b in body if not _is_doubt(b)]
+        parts = [
+            _verdict([b for b in head if not _is_doubt(b)], self.facts),
+            *map(_picture, sorted(self.pictures, key=lambda p: isinstance(p.content, str))),
+            "<h2>Numbers</h2>",
+            *map(_block, shown),
+        ]
+        if doubts or self.notes:
+            items = [_line(b, leave="! ") for b in doubts] + [html.escape(note) for note in self.notes]
+            parts.append(f"<h2>Doubts and notes</h2><ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
+        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(_table, self.tables))}")
+        text = "\n".join(self._cut(part) for part in parts)
+        terms = _terms_in(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", text, flags=re.DOTALL))
+        if terms:
+            text += f"\n<h2>Terms</h2>{_list(terms)}"
+        return _TEMPLATE.format(
+            policy=html.escape(POLICY),
+            title=html.escape(f"{self.command}: {self.subject}"),
+            style=(resources.files(__package__) / "page.css").read_text("utf-8"),
+            kind=html.escape(f"twistwrench {self.command} · {self.subject}"),
+            body=text,
+            data=self.shorten(self._data()).replace("<", "\\u003c"),
+        )
+
+    def _cut(self, part: str) -> str:
+        return part if "base64," in part else self.shorten(part)
+
+    def _data(self) -> str:
+        """Verdict, facts and tables as JSON."""
+        words = [_plain(b).split("\n") for b in self.blocks[:1]]
+        tables = [_columns(table) for table in (*self.blocks, *self.tables) if isinstance(table, Table)]
+        data: dict[str, Any] = {
+            "command": self.command,
+            "subject": self.subject,
+            "verdict": [w for ws in words for w in ws],
+        }
+        data |= {"facts": dict(self.facts), "provenance": dict(self.provenance), "tables": tables}
+        return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+_TEMPLATE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<link rel="icon" href="data:,">
+<style>
+{style}</style>
+</head>
+<body>
+<main>
+<p class="kind">{kind}</p>
+{body}
+</main>
+<script type="application/json" id="data">{data}</script>
+</body>
+</html>
+"""
+
+
+def _is_doubt(block: Block) -> bool:
+    """True if the block is one of :func:`.blocks.remarks`."""
+    return isinstance(block, Line) and block.pieces[:1] == [("! ", "yellow")]
+
+
+def _plain(block: Block | Any) -> str:
+    """The text of a line without styles."""
+    if isinstance(block, Line):
+        return "".join(piece if isinstance(piece, str) else piece[0] for piece in block.pieces)
+    return str(block)
+
+
+def _line(line: str | Line | Any, *, leave: str = "") -> str:
+    """HTML of a line, without pieces that are ``leave``."""
+    if not isinstance(line, Line):
+        return html.escape(str(line))
+    found = []
+    for piece in line.pieces:
+        text, style = (piece, "") if isinstance(piece, str) else piece
+        if text == leave or set(text) <= {"━", "─"}:  # bars of the terminal; their number stands beside
+            continue
+        escaped = html.escape(text)
+        found.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
+    return "".join(found)
+
+
+def _paragraphs(line: str | Line) -> list[str]:
+    """HTML of each line of a text."""
+    opened, lines = "", []
+    for part in _line(line).split("\n"):
+        lines.append(f"{opened}{part}")
+        tags = re.findall(r'<span class="[^"]*">|</span>', lines[-1])
+        opened = "" if not tags or tags[-1] == "</span>" else tags[-1]
+        lines[-1] += "</span>" if opened else ""
+    return lines
+
+
+def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
+    """The verdict as it is printed, and the numbers that decide it."""
+    first, *others = [text for block in head if isinstance(block, str | Line) for text in _paragraphs(block)] or [""]
+    decisive = "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in facts)
+    more = "".join(f"<p>{text}</p>" for text in others)
+    return f'<div class="verdict"><h1>{first}</h1>{more}</div>' + (
+        f'<dl class="facts">{decisive}</dl>' if decisive else ""
+    )
+
+
+def _picture(picture: Picture) -> str:
+    name = html.escape(picture.title)
+    if isinstance(picture.content, bytes):
+        data = base64.b64encode(picture.content).decode("ascii")
+        image = f'<img alt="{name}" src="data:image/png;base64,{data}">'
+        return f'<figure class="robot">{image}<figcaption>{name}</figcaption></figure>'
+    return f'<figure><div class="scroll" tabindex="0" role="img" aria-label="{name}">{picture.content}</div></figure>'
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Table):
+        return _table(block)
+    if isinstance(block, Branch):
+        return f"<ul><li>{_line(block.label)}{''.join(map(_block, block.branches))}</li></ul>"
+    return "".join(f"<p>{text}</p>" for text in _paragraphs(block) if text)
+
+
+def _table(table: Table) -> str:
+    """A table with its title as its caption; the narrow form of a column where it has one."""
+    columns = [c.narrow or c for c in table.columns]
+    columns = [c for c in columns if any(_line(c.show(value)) for value in c.values)]
+    kinds = ["number" if not c.words else "word whole" if c.whole else "word" for c in columns]
+    sides = [f' class="{kind}"' for kind in kinds]
+    heads = "".join(f'<th scope="col"{s}>{html.escape(c.head)}</th>' for s, c in zip(sides, columns, strict=True))
+    rows = []
+    for k, style in enumerate(table.styles):
+        cells = "".join(f"<td{s}>{_line(c.show(c.values[k]))}</td>" for s, c in zip(sides, columns, strict=True))
+        rows.append(f'<tr class="{style}">{cells}</tr>' if style else f"<tr>{cells}</tr>")
+    name = html.escape(table.title)
+    caption = f"<caption>{name}</caption>" if name else ""
+    return (
+        f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{name or "Table"}"><table>{caption}'
+        f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div></figure>"
+    )
+
+
+def _columns(table: Table) -> dict[str, Any]:
+    """A table as data: values with all their digits, words as they are shown."""
+    columns = [c.narrow or c for c in table.columns]
+    found = [{"name": " ".join(c.name.split()), "unit": c.unit, "values": _values(c)} for c in columns]
+    return {"title": table.title, "columns": found}
+
+
+def _values(column: Column) -> list[Any]:
+    values: list[Any] = []
+    for value in column.values:
+        if isinstance(value, float | int | np.number) and not isinstance(value, bool):
+            values.append(float(value) if np.isfinite(value) else None)
+        else:
+            values.append(None if value is None else _plain(value))
+    return values
+
+
+def _list(pairs: Iterable[tuple[str, str]]) -> str:
+    return f"<dl>{''.join(f'<dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd>' for k, v in pairs)}</dl>"
+
+
+def _terms_in(text: str) -> list[tuple[str, str]]:
+    """Terms that occur in a text as words."""
+    return [
+        (term, said)
+        for term, said in _TERMS.items()
+        if re.search(rf"(?<!\w){re.escape(term)}(?!\w)", html.unescape(text))
+    ]

@@ -1,0 +1,180 @@
+"""``--report``: one page for every command, with the words and numbers that were printed, and nothing from elsewhere."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+
+pytest.importorskip("matplotlib")
+DEMO = Path(tw.__file__).parent / "robots" / "ur5_demo.csv"
+VOID = {"meta", "link", "img", "br", "path", "use", "rect", "image"}
+COMMANDS = {
+    "torques": ["torques", "ur5", "--trajectory", "demo", "--payload", "10"],
+}
+"""A call of each command that has the option."""
+
+
+class Reader(HTMLParser):
+    """Texts by the element they stand in; complains of elements that are not closed."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.texts: dict[str, list[str]] = {}
+        self.links: list[str] = []
+        self.feed(page)
+        assert not self.open, self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.links += [value for name, value in attributes if name in ("src", "href", "xlink:href") and value]
+        if tag not in VOID:
+            self.open.append(tag)
+            self.texts.setdefault(tag, []).append("")
+
+    def handle_startendtag(self, tag, attributes):
+        self.links += [value for name, value in attributes if name in ("src", "href", "xlink:href") and value]
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        for tag in set(self.open):
+            self.texts[tag][-1] += data
+
+
+def spaced(text: str) -> str:
+    return " ".join(text.split())
+
+
+def run(*arguments: object, code: int | None = None) -> str:
+    result = CliRunner().invoke(main, list(map(str, arguments)), env={"COLUMNS": "200", "SOURCE_DATE_EPOCH": "86400"})
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    assert result.exit_code in ((0, 1) if code is None else (code,)), result.output
+    return result.output
+
+
+@pytest.fixture(scope="module", params=list(COMMANDS))
+def report(request, tmp_path_factory):
+    """Name of a command, its output, and its page."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    output = run(*COMMANDS[request.param], "--report", path)
+    return request.param, output, path.read_text("utf-8")
+
+
+def test_the_page_begins_with_the_verdict_word_for_word(report):
+    _, output, page = report
+    reader = Reader(page)
+    (first,) = reader.texts["h1"]
+    assert spaced(first)
+    assert spaced(output).startswith(spaced(first))
+
+
+def test_cells_of_the_page_are_those_printed(report):
+    _, output, page = report
+    numbers = page.partition("<h2>Provenance</h2>")[0]
+    cells = [spaced(cell) for cell in Reader(f"<p>{numbers.partition('<h2>Numbers</h2>')[2]}</p>").texts["td"]]
+    assert len(cells) > 10
+    for cell in cells:
+        assert all(word in output for word in cell.split()), cell
+
+
+def test_data_of_the_page_round_to_the_numbers_shown(report):
+    name, output, page = report
+    data = json.loads(re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[0])
+    assert data["command"] == name
+    assert spaced(output).startswith(spaced(data["verdict"][0]))
+    values = [x for table in data["tables"] for column in table["columns"] for x in column["values"]]
+    assert any(isinstance(x, float) for x in values)
+    for table in data["tables"]:
+        assert len({len(column["values"]) for column in table["columns"]}) == 1
+
+
+def test_the_page_needs_no_network_no_script_and_little_room(report):
+    _, _, page = report
+    assert len(page.encode()) <= 1_000_000
+    assert all(link.startswith(("#", "data:")) for link in Reader(page).links)
+    assert "default-src &#x27;none&#x27;" in page
+    assert not re.findall(r"<script(?! type=\"application/json\")|@import|url\((?!#)|\son\w+=", page)
+    assert page.count("<svg") >= 1
+    assert "var(--paper)" in page
+
+
+def test_pictures_have_their_texts_as_text(report):
+    _, _, page = report
+    for svg in re.findall(r"<svg.*?</svg>", page, re.DOTALL):
+        assert "<text" in svg
+        assert "metadata" not in svg
+    used, known = set(re.findall(r"url\(#([\w-]+)\)", page)), set(re.findall(r' id="([\w-]+)"', page))
+    assert used <= known
+
+
+def test_provenance_and_terms_stand_on_the_page(report):
+    name, _, page = report
+    terms = {spaced(text) for text in Reader(page).texts["dt"]}
+    assert {"command", "versions", "date"} <= terms
+    assert f"twistwrench {COMMANDS[name][0]}" in page
+    assert "1970-01-02 00:00:00+00:00" in page
+    body = re.sub(r"<h2>Terms</h2>.*", "", re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL), flags=re.DOTALL)
+    for term in ("γ", "Coriolis", "bias"):
+        assert (term in terms) <= (term in body)
+
+
+def test_two_pages_of_one_date_are_equal_byte_for_byte(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pages = []
+    for _ in range(2):
+        run(*COMMANDS["torques"], "--report", "a.html", code=1)
+        pages.append(Path("a.html").read_bytes())
+        Path("a.html").unlink()
+    assert pages[0] == pages[1]
+
+
+def test_the_page_of_torques_shows_the_robot_with_the_worst_joint(tmp_path):
+    run(*COMMANDS["torques"], "--report", tmp_path / "a.html")
+    page = (tmp_path / "a.html").read_text("utf-8")
+    (caption,) = Reader(page).texts["figcaption"]
+    assert caption == "ur5 at t = 1.808 s; red: shoulder_lift_joint, 111 % of its limit"
+    facts = page.partition('<dl class="facts">')[2].partition("</dl>")[0]
+    assert [spaced(x) for x in Reader(facts).texts["dd"]] == ["-167.0 N m", "150 N m", "111 %", "1.808 s"]
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_folders_are_left_out_unless_they_are_asked_for(tmp_path, whole):
+    folder = tmp_path / "customer name"
+    folder.mkdir()
+    shutil.copy(DEMO, folder / "log.csv")
+    page = folder / "r.html"
+    run("torques", "ur5", "--trajectory", folder / "log.csv", "--report", page, *["--full-paths"] * whole)
+    text = page.read_text("utf-8")
+    assert "log.csv" in text
+    assert ("customer name" in text) == whole
+
+
+def test_working_files_are_named_with_size_and_digest(tmp_path):
+    import hashlib
+
+    log = tmp_path / "log.csv"
+    shutil.copy(DEMO, log)
+    run("torques", "ur5", "--trajectory", log, "--report", tmp_path / "r.html")
+    said = f"log.csv, {log.stat().st_size:,} bytes, SHA-256 {hashlib.sha256(log.read_bytes()).hexdigest()}"
+    assert said in (tmp_path / "r.html").read_text("utf-8")
+
+
+def test_a_report_is_of_one_motion_and_is_not_begun_where_it_cannot_be_written(tmp_path):
+    for arguments, text in (
+        (("--workers", "2", "--report", tmp_path / "r.html"), "--report are of one motion"),
+        (("--report", tmp_path / "none" / "r.html"), "no such folder"),
+        (("--report", DEMO, "--trajectory", DEMO), "would overwrite"),
+    ):
+        assert text in spaced(run("torques", "ur5", "--trajectory", "demo", *arguments, code=2))
+    assert not list(tmp_path.iterdir())
