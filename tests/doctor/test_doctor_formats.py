@@ -244,7 +244,7 @@ def test_the_page_shows_the_findings_on_the_links(tmp_path):
 
     path = tmp_path / "sides.urdf"
     path.write_text(sides("0.1 -0.02 0.1"))
-    result = CliRunner().invoke(main, ["doctor", str(path), "--page", str(tmp_path / "p.html")])
+    result = CliRunner().invoke(main, ["doctor", str(path), "--report", str(tmp_path / "p.html")])
     assert result.exit_code == 1 and (tmp_path / "p.html").is_file(), result.output
     scene = findings_scene(tw.doctor(path))
     assert "they mirror each other" in scene.notes[0]

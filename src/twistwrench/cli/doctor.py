@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -15,6 +15,7 @@ from ..errors import ValueRangeError
 from ..reports.blocks import Block, Line, Table, numbers, words
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
+from .report import REPORT, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command, robot_source
 from .terminal import show
 
@@ -25,7 +26,7 @@ from .terminal import show
     option("--only CHECK", "Run this check only; may be repeated.", multiple=True),
     option("--force", "Replace the file of --fix if it is there.", "overwrite"),
     option("--fix OUT", "Write the file with the repairs, everything else byte for byte."),
-    option("--page OUT.html", "Write a page: links in the colours of the findings."),
+    REPORT,
     option("--plot OUT.png", "Draw shapes, and ellipsoids of inertia before and after."),
     option("--meshes DIR", "Look for meshes there too; may be repeated.", multiple=True),
     option(
@@ -43,7 +44,7 @@ from .terminal import show
     option("--strict", "Exit code 1 with notes too."),
     option("--model NAME", "Of an SDF world: this model."),
     option("--floating-base", "Let the base move freely, so that its own inertia counts."),
-    examples_=("doctor ur5", "doctor quadruped --page quadruped.html --json"),
+    examples_=("doctor ur5", "doctor quadruped --report quadruped.html --json"),
 )
 def doctor_command(given: Given) -> ExitCode:
     """Find errors of a robot file, their effect on M and on gravity torques, and the repair.
@@ -56,7 +57,8 @@ def doctor_command(given: Given) -> ExitCode:
                 f"--meshes {folder!r} is no folder. Give the one that holds the meshes or their package."
             )
     found = robot_source(given.source)
-    given.check_files({"ROBOT": given.source if Path(given.source).is_file() else None})
+    files = {"ROBOT": given.source if Path(given.source).is_file() else None}
+    given.check_files(files)
     if given.fix is not None:
         refuse_existing(given.fix, overwrite=given.overwrite)
     report = doctor(
@@ -68,10 +70,11 @@ def doctor_command(given: Given) -> ExitCode:
         floating_base=given.floating_base or None,
         model=given.model,
     )
+    blocks = list(doctor_view(report, every=given.strict))
     if given.json:
         click.echo(report.to_json(), nl=False)
     else:
-        show(*doctor_view(report, every=given.strict))
+        show(*blocks)
     if given.fix is not None:
         repaired = report.write(given.fix, overwrite=given.overwrite)
         click.echo(f"wrote {given.fix}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=given.json)
@@ -82,11 +85,27 @@ def doctor_command(given: Given) -> ExitCode:
             click.echo(f"wrote {plot_diagnosis(report, given.plot)}", err=given.json)
         else:
             click.echo("note: no finding changes an inertia, so there is nothing to draw.", err=True)
-    if given.page is not None:
-        from ..viz.page import write_findings_page
-
-        click.echo(f"wrote {write_findings_page(report, given.page)}", err=given.json)
+    if given.report is not None:
+        write_doctor_report(report, blocks, given, files)
     return report.exit_code(strict=given.strict)
+
+
+def write_doctor_report(
+    report: DoctorReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None]
+) -> None:
+    """Write the page: links in the colours of their findings, and inertias before and after the repairs."""
+    from ..plotting.identification import links_drawn, plot_diagnosis
+    from ..viz.page import findings_scene
+
+    pictures, scene = [], findings_scene(report)
+    if scene.robot.nv:
+        named = any(finding.where.startswith("link") for finding in report.findings)
+        colours = ", links in the colours of their findings: red error, orange warning, yellow note" if named else ""
+        title = f"{report.robot}{colours}"
+        pictures.append(robot_picture(scene.robot, None, None, "", title, scene))
+    if links_drawn(report):
+        pictures.append(drawn("Inertia before and after", lambda path: plot_diagnosis(report, path)))
+    write_report(given, "doctor", report.robot, blocks, files=files, pictures=pictures, robot=scene.robot)
 
 
 # ── The report

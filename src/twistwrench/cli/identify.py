@@ -14,8 +14,7 @@ import numpy as np
 
 from .. import identification
 from ..core.files import replacing
-from ..core.numbers import estimate, number, percent, percent_of_limit, plus_minus
-from ..core.text import listed
+from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Word
 from ..errors import UnknownNameError, ValueRangeError
@@ -24,11 +23,13 @@ from ..identification.payload import motor_side, read_motion
 from ..joints.units import heading_unit, units_of
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
+from ..plotting.identification import bodies_view, identification_pictures, identification_view
 from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..robot import Robot
 from ..typing import Array
 from . import shared
-from .main import Given, check_matplotlib, option
+from .main import Given, note, option
+from .report import REPORT, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -86,7 +87,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
         multiple=True,
     ),
     option("--csv OUT.csv", "Write the groups with their intervals as a table."),
-    option("--report OUT.html", "Write all of it as one page."),
+    REPORT,
     option("--plot OUT.png", "Draw measured and predicted torques, groups, and γ."),
     option("--json OUT.json", "Write everything found as JSON, in SI units."),
     option("--force", "Write the files in spite of the verdict LOOK AGAIN."),
@@ -107,8 +108,6 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     """
     given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
     inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
-    if given.report is not None:
-        check_matplotlib()
     # The one output that may be an input: it is replaced when it is whole.
     added = None if given.add == given.information else given.add
     outputs = given.check_files({**inputs, **options.files, "--add": added})
@@ -120,9 +119,29 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     with progress_bar("identifying") as progress:
         found = _identified(robot, options, given, {**fitting, "motor_side": side, "progress": progress})
     notes = write_robot(found, given, strength, options)
-    show(*identification_view(found, essential=given.essential))
+    blocks = list(identification_view(found, essential=given.essential))
+    show(*blocks)
     shared.show_written(given.information)
     write_results(found, given, notes)
+    if given.report is not None:
+        files = {**inputs, **options.files}
+        joints = {name: share for name, share in found.held_out.joints.items() if math.isfinite(share)}
+        worst = max(joints, key=lambda name: joints[name], default=None)
+        title = f"{found.original.name}; red: {worst}, the largest share left unexplained"
+        still = robot_picture(found.original, None, worst, worst or "", title)
+        pictures = [still, *identification_pictures(found)]
+        settings = [("fit", f"{found.settings}; weights {found.method}")]
+        write_report(
+            given,
+            "identify",
+            found.original.name,
+            blocks,
+            files=files,
+            details=list(bodies_view(found)),
+            pictures=pictures,
+            robot=found.original,
+            used=settings,
+        )
     return found.verdict.exit_code
 
 
@@ -303,86 +322,17 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
         shared.show_written(given.json)
     if given.plot is not None:
         shared.show_written(found.plot(given.plot))
-    if given.report is not None:
-        shared.show_written(found.report(given.report))
     if notes is None:
         if any((given.out, given.actuators_out, given.csv)):
             click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
         return
-    for note in notes:
-        click.echo(f"note: {note}", err=True)
+    for each in notes:
+        note(each)
     shared.show_written(given.out, given.actuators_out)
     low, high = found.interval().T
     columns = {"group": found.groups, "value": found.values, "deviation": found.standard_deviations}
     shared.write_csv(given.csv, columns | {"low": low, "high": high, "file": found.prior.mean})
     shared.show_written(given.csv)
-
-
-# ── The report
-
-
-_KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, each predicted from the others"}
-_VAGUE = 5
-
-
-def identification_view(found: identification.IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
-    """Verdict and its basis; with the essential groups if ``essential``."""
-    left = f"{percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}"
-    yield verdict(found.verdict.word, f"  {found.original.name}: {left}")
-    yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
-    yield from found.notes
-    yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
-    yield Table(
-        "Residuals of rows held out",
-        words("joint", found.held_out.joints),
-        numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
-        numbers(
-            "size", found.sigma, unit=heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
-        ),
-    )
-    if (payload := found.payload) is not None:
-        com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
-        mass = plus_minus(payload.mass, payload.mass_deviation)
-        yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
-        if payload.unidentifiable:
-            yield f"no torque of this robot tells {', '.join(payload.unidentifiable)}: taken as the file has it"
-    yield _groups(found)
-    if found.base.held.any():
-        yield f"{int(found.base.held.sum())} parameters were held at known values"
-    if vague := found.vague:
-        names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
-        yield f"vague, deviation beyond 30 %: {names}"
-    if essential:
-        yield _essential(found)
-    if found.untold:
-        yield "What this log cannot tell:"
-        yield from (f"• {sentence}" for sentence in found.untold.values())
-
-
-def _groups(found: identification.IdentifiedRobot) -> Table:
-    free = ~found.base.held
-    pairs = [estimate(x, d) for x, d in zip(found.values[free], found.standard_deviations[free], strict=True)]
-    low, high = found.interval()[free].T
-    return Table(
-        f"{int(free.sum())} groups of parameters",
-        words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
-        numbers("value", [value for value, _ in pairs]),
-        numbers("deviation", [deviation for _, deviation in pairs]),
-        numbers("95 % from", low),
-        numbers("to", high),
-        numbers("file", found.prior.mean[free]),
-    )
-
-
-def _essential(found: identification.IdentifiedRobot) -> str:
-    one = found.essential
-    names = "; ".join(
-        f"{name.split(' ')[0]} {number(value)}" for name, value in zip(one.names, one.values, strict=True)
-    )
-    return (
-        f"{len(one.names)} essential groups of {int((~found.base.held).sum())} predict rows held out to "
-        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): {names}"
-    )
 
 
 # ── ``excite``: a motion whose log tells most

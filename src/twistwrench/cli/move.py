@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +28,7 @@ from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..typing import Array
 from .main import Given, option
+from .report import REPORT, drawn, robot_picture, write_report
 from .shared import LIMITS, NO_FRICTION, PAYLOADS, RobotOptions, load_case, robot_command, show_written
 from .terminal import show
 
@@ -62,6 +63,7 @@ from .terminal import show
     option("--step SECONDS", "Between rows of --csv.", default=0.002),
     option("--csv OUT.csv", "Write the motion, as 'twistwrench torques' reads it."),
     option("--plot OUT.png", "Draw the motion; with --fastest, the phase plane too."),
+    REPORT,
     examples=(
         "move ur5 --to 0.9,-0.9,1.0,-0.4,1.2,1.0 --fastest",
         "move ur5 --from=-0.5,-1.9,1.9,-0.3,1.5,0 --by 0.1,0,-0.1 --csv move.csv",
@@ -72,7 +74,8 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 
     Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass.
     """
-    given.check_files({"--limits": given.limits, "--waypoints": given.waypoints, **options.files})
+    files = {"--limits": given.limits, "--waypoints": given.waypoints, **options.files}
+    given.check_files(files)
     load = load_case(options.load(), options, given)
     robot = load.with_load
     bounds = read_limits(given.limits, robot.model, degrees=options.degrees)
@@ -88,34 +91,64 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     for what, q in (("--from", begin), ("--to", end)):
         if (given.begin if what == "--from" else given.to) and (hint := degrees_hint(robot, q)):
             show(f"! {what}: {hint}")
+
+    def report(subject: str, blocks: list[Block], **shown: Any) -> None:
+        write_report(given, "move", subject, blocks, files=files, robot=robot, limits=bounds, **shown)
+
     path, trouble = _path_and_trouble(robot, begin, end, degrees=options.degrees, given=given)
     if path is None:
-        show(f"CANNOT: {trouble}")
-        return ExitCode.NO
+        return _cannot(trouble, report)
     friction = not given.no_friction and robot.model.friction.any
     try:
         moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
-        show(f"CANNOT: {problem}")
-        return ExitCode.NO
+        return _cannot(problem, report)
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
     doubts = limit_doubts(load.robot, bounds, [use.peak for use in uses]) + model_warnings(robot.model, uses)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     assumed = assumed_words(assumptions(robot.model, load.payloads, friction=load.friction))
     carried = " and ".join(f"{number(p.mass)} kg" for p in load.payloads)
-    show(
+    blocks = [
         *_verdict(moving, bounds, over, doubts, cannot, assumed),
         *_limited_accelerations(bounds, given),
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
-    )
+    ]
+    show(*blocks)
     if given.csv is not None:
         moving.to_csv(given.csv, given.step, degrees=options.degrees)
     if given.plot is not None:
         moving.plot(given.plot, bounds, friction=friction)
     show_written(given.csv, given.plot)
+    if given.report is not None:
+        pictures = [robot_picture(robot, *_worst_moment(moving, uses, bounds, friction=friction))]
+        pictures.append(drawn("Motion and limits", lambda path: moving.plot(path, bounds, friction=friction)))
+        facts = [("duration", f"{number(moving.duration, 6)} s")]
+        report(f"{robot.name} · {moving.path.name}", blocks, facts=facts, pictures=pictures)
     return ExitCode.FINE if not over and not doubts and trouble is None else ExitCode.NO
+
+
+def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:
+    """Say that the path cannot be followed."""
+    line = Line(("CANNOT", "bold red"), f": {problem}")
+    show(line)
+    report("no path", [line])
+    return ExitCode.NO
+
+
+def _worst_moment(
+    trajectory: Trajectory, uses: list[JointUse], bounds: Limits, *, friction: bool
+) -> tuple[Array, str, str, str]:
+    """Configuration where a joint is nearest to a limit of torque or velocity, that joint, its label and a title."""
+    robot, t = trajectory.robot, np.linspace(0.0, trajectory.duration, _SAMPLES)
+    q, dq, ddq = trajectory(t)
+    tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
+    shares = np.maximum(np.abs(tau) / bounds.effort, np.abs(dq) / bounds.velocity)
+    row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    label = f"{uses[k].joint}, {percent_of_limit(shares[row, k])} of a limit"
+    title = f"{robot.name} at t = {seconds(t[row])} s; red: {label}"
+    return q[row], uses[k].joint, label, title
 
 
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction: bool, whole: bool) -> Trajectory:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -17,7 +16,7 @@ from ..errors import ValueRangeError
 from ..joints.units import heading_unit, unit_of
 from ..model.limits import over_limit
 from ..motion.coordinates import Coordinates
-from ..reports.blocks import Block, Line, Table, numbers, share_bar, verdict, words
+from ..reports.blocks import Block, Line, Table, numbers, remarks, share_bar, verdict, words
 from ..reports.load_case import Payload, limit_doubts, unlimited
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, read_limits
 from ..reports.torque_verdict import assumed_words, assumptions, model_warnings
@@ -28,7 +27,8 @@ from ..statics.payload import LargestPayload, largest_payload, payload_map, plan
 from ..statics.torque_limits import unit_slips
 from ..typing import Array
 from . import shared
-from .main import Given, option
+from .main import Given, note, option
+from .report import REPORT, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -47,6 +47,7 @@ _SAMPLES = 200_000
     option("--samples N", f"Configurations drawn for the map.  [default: {_SAMPLES}]", type=int),
     option("--csv OUT.csv", "Write the table, a row per joint."),
     option("--plot OUT.png", "Draw the force polytope, ellipsoid, shares and map."),
+    REPORT,
     examples=("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),
 )
 def payload_command(options: RobotOptions, given: Given) -> ExitCode:
@@ -54,7 +55,8 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
 
     Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
     """
-    given.check_files({"--limits": given.limits, **options.files})
+    files = {"--limits": given.limits, **options.files}
+    given.check_files(files)
     if given.samples is not None and given.plane is None:
         raise ValueRangeError("--samples is about the map, and there is none. Add --map rz.")
     count = _SAMPLES if given.samples is None else given.samples
@@ -71,42 +73,53 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     name = str(robot.tip if given.frame is None else given.frame)
     where, carried = place_words(name, place), carried_words(robot, load.payloads)
     beyond = joints_beyond_stops(robot, q, allowed)
-    if beyond:
-        show(stops_view(beyond, degrees=options.degrees))
     loads = (np.abs(found.unloaded) + np.abs(found.per_kilogram))[: robot.nv]
     judged = not unlimited(robot.model, limits, loads)
     doubts = limit_doubts(load.robot, allowed, loads)
     if lacking := model_warnings(robot.model):
         doubts.append(f"{'; '.join(lacking)}: the payload may be less")
+    blocks: list[Block] = [stops_view(beyond, degrees=options.degrees)] if beyond else []
     if doubts:
-        show(verdict(Word.UNSURE, f": {'; '.join(doubts)}."))
+        blocks.append(verdict(Word.UNSURE, f": {'; '.join(doubts)}."))
     if hint := degrees_hint(robot, q):
-        show(f"! {hint}")
+        blocks += remarks([hint])
     if judged:
-        show(_verdict(found, carried, assumed))
-    show(*payload_view(robot, found, q, where, carried=carried, degrees=options.degrees, judged=judged))
+        blocks.append(_verdict(found, carried, assumed))
+    blocks += payload_view(robot, found, q, where, carried=carried, degrees=options.degrees, judged=judged)
     if judged:
-        show(*_forces(robot, q, name, limits))
-    if not judged and (given.plane or given.plot):
-        click.echo(
-            "note: --map and --plot need a torque limit of every joint that is loaded; none is written.", err=True
-        )
+        blocks += _forces(robot, q, name, limits)
+    elif given.plane or given.plot:
+        note("--map and --plot need a torque limit of every joint that is loaded; none is written.")
         given.plane = given.plot = None
     chart = None
     if given.plane is not None:
         chart = payload_map(robot, given.plane, samples=count, com=place, frame=given.frame, limits=limits)
-        show(f"map, {chart}")
-    show(Line((_CAUTION, "dim")))
+        blocks.append(f"map, {chart}")
+    blocks.append(Line((_CAUTION, "dim")))
+    show(*blocks)
     places = {"--com": place}
     places |= {f"--payload {text}": np.array(p.place) for text, p in zip(given.payloads, load.payloads, strict=True)}
     for slip in unit_slips(robot, q, allowed, places, degrees=options.degrees):
-        click.echo(f"note: {slip}", err=True)
+        note(slip)
     write_payload(robot, found, q, given.csv, degrees=options.degrees, judged=judged)
-    if given.plot is not None:
-        from ..plotting.payload import plot_payload
+    from ..plotting.payload import plot_payload
 
-        plot_payload(robot, q, found, given.plot, frame=name, where=where, carried=carried, limits=limits, chart=chart)
+    def plot(path: Path) -> None:
+        plot_payload(robot, q, found, path, frame=name, where=where, carried=carried, limits=limits, chart=chart)
+
+    if given.plot is not None:
+        plot(given.plot)
     shared.show_written(given.csv, given.plot)
+    if given.report is not None:
+        worst = found.joint_names[int(found.joint)] if judged and found.joint >= 0 else None
+        title = f"{robot.name} in this pose" + (f"; red: {worst}, which limits the payload" if worst else "")
+        pictures = [robot_picture(robot, q, worst, worst or "", title)]
+        pictures += [drawn("Forces and holding torques", plot)] if judged else []
+        subject, most = f"{robot.name} · payload at {where}", rounded_down(found.mass)
+        facts = [("largest payload", f"{most} kg"), ("limited by", worst)] if worst and found.holds else []
+        write_report(
+            given, "payload", subject, blocks, files=files, facts=facts, pictures=pictures, robot=robot, limits=allowed
+        )
     return ExitCode.FINE if found.holds and not beyond and not doubts else ExitCode.NO
 
 

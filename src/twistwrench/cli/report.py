@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.files import replacing
-from ..joints.units import heading_unit
-from ..motion.coordinates import Coordinates
-from ..reports.blocks import Block, Table, numbers, words
+from ..reports.blocks import Block
 from ..reports.page import Picture, ReportPage
-from ..reports.robot_summary import StatedLimits
+from ..reports.robot_summary import limits_table
 from .main import Given, option, option_group, typed_words_and_notes
 from .shared import show_written
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..robot import Robot
+    from ..viz.scene import Scene
 
 REPORT = option_group(
     option("--report OUT.html", "Write a report to hand on, as one page."),
@@ -41,6 +40,7 @@ def write_report(
     blocks: Sequence[Block],
     *,
     files: Mapping[str, str | Path | None],
+    details: Sequence[Block] = (),
     facts: Iterable[tuple[str, str]] = (),
     pictures: Iterable[Picture] = (),
     robot: Robot | None = None,
@@ -49,7 +49,8 @@ def write_report(
 ) -> None:
     """Write the page of --report if there is one.
 
-    ``files`` are the inputs by argument, ``used`` further sentences of the provenance.
+    ``files`` are the inputs by argument, ``details`` blocks that are not printed, ``used`` further sentences
+    of the provenance.
     """
     if given.report is None:
         return
@@ -59,11 +60,12 @@ def write_report(
         command,
         subject,
         blocks,
+        details=details,
         facts=list(facts),
         pictures=list(pictures),
         notes=notes,
         provenance=[("command", shlex.join(["twistwrench", *typed])), *_provenance(files, robot), *used, *_versions()],
-        tables=[] if robot is None or limits is None else [_limits_table(robot, limits)],
+        tables=[] if robot is None or limits is None else [limits_table(robot.model, limits)],
         shorten=shorten,
     )
     with replacing(given.report) as scratch:
@@ -78,11 +80,13 @@ def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
     return Picture(title, page_svg(plot))
 
 
-def robot_picture(robot: Robot, q: Any, joint: str | None, label: str, title: str) -> Picture:
-    """The robot at a configuration, with the link of a joint in red."""
+def robot_picture(
+    robot: Robot, q: Any, joint: str | None, label: str, title: str, scene: Scene | None = None
+) -> Picture:
+    """The robot at a configuration, None for one to look at, with the link of a joint in red."""
     from ..viz.movie import still
 
-    return Picture(title, still(robot, q, joint, label))
+    return Picture(title, still(robot, q, joint, label, scene=scene))
 
 
 def _without_folders(texts: Iterable[str]) -> Callable[[str], str]:
@@ -123,18 +127,3 @@ def _versions() -> Iterator[tuple[str, str]]:
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     now = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now().astimezone()
     yield "date", now.isoformat(sep=" ", timespec="seconds")
-
-
-def _limits_table(robot: Robot, limits: Limits) -> Table:
-    """Limits that the report compares with, and their source."""
-    turning = Coordinates.from_model(robot.model).angular_velocity
-    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(robot.nv, bool)
-    return Table(
-        "Limits used",
-        words("joint", robot.model.velocity_names),
-        numbers("torque", limits.effort, unit=heading_unit("tau", turning)),
-        numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
-        numbers("lower", limits.lower, unit=heading_unit("q", turning)),
-        numbers("upper", limits.upper),
-        words("source of the torque limit", ["--limits" if own else "robot's file" for own in stated]),
-    )

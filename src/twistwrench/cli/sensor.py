@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from ..sensing.identification import CAUSES
 from ..sensing.outliers import runs
 from ..typing import Array
 from .main import Given, command, option, replaced_option, with_option_names
+from .report import REPORT, drawn, write_report
 from .shared import show_written, write_csv
 from .terminal import show
 
@@ -77,10 +78,35 @@ def parse_count(text: str, option: str, *counts: int) -> list[float]:
     return parse_numbers(text, option, f"{' or '.join(map(str, counts))} numbers separated by commas", *counts)
 
 
-def _check_files(given: Given) -> None:
+def _check_files(given: Given) -> dict[str, str | Path | None]:
+    """Check the files of a command, and return its inputs."""
     log, sensor = given.log, getattr(given, "sensor", None)
     inputs = {"LOG": log and _path(log, _LOGS), "--sensor": sensor and _path(sensor, _SENSORS)}
     given.check_files(inputs, **({"save": given.save} if hasattr(given, "save") else {}))
+    return inputs
+
+
+def _draw(
+    given: Given,
+    command: str,
+    log: ReadingLog,
+    found: Identification | Compensation,
+    marked: tuple[Array, str],
+    blocks: list[Block],
+    files: Mapping[str, str | Path | None],
+) -> None:
+    """Write the plot, with readings ``marked`` by a word, and the report if they are requested."""
+    from ..plotting.explanation import plot_compensation
+
+    def plot(path: Path) -> None:
+        plot_compensation(log, found.sensor, found.noise, path, marked=marked[0], mark=marked[1])
+
+    if given.plot is not None:
+        plot(given.plot)
+    show_written(given.csv, given.plot)
+    if given.report is not None:
+        pictures = [drawn("Readings before and after", plot)]
+        write_report(given, f"sensor {command}", Path(log.name).name, blocks, files=files, pictures=pictures)
 
 
 # ── ``sensor compensate``
@@ -99,6 +125,7 @@ def _check_files(given: Given) -> None:
     ),
     CSV,
     PLOT,
+    REPORT,
     examples_=("sensor compensate demo --sensor demo",),
     short_help="Take weight, inertia and bias off a log; find contacts.",
 )
@@ -108,17 +135,14 @@ def compensate_command(given: Given) -> ExitCode:
     Exit code 1 if --contacts finds one, or, LOOK AGAIN, if the sensor file does not explain the log: another tool, unit,
     sign or orientation, or a log in motion whose moments hold an inertia that was not identified.
     """
-    _check_files(given)
+    files = _check_files(given)
     file = read_sensor_file(_path(given.sensor, _SENSORS))
     readings = read_readings(given.log, given.gravity)
     found = compensation(readings, file.sensor, file.noise, given.false_alarms, file.uncertainty)
-    show(*compensation_view(found))
+    blocks = list(compensation_view(found))
+    show(*blocks)
     write_readings(readings, found.rest, given.csv)
-    if given.plot is not None:
-        from ..plotting.explanation import plot_compensation
-
-        plot_compensation(readings, file.sensor, file.noise, given.plot, marked=found.hits, mark="contact")
-    show_written(given.csv, given.plot)
+    _draw(given, "compensate", readings, found, (found.hits, "contact"), blocks, files)
     return found.verdict.exit_code
 
 
@@ -146,6 +170,7 @@ def compensate_command(given: Given) -> ExitCode:
     option("--save SENSOR.json", "Write the sensor for `compensate`."),
     CSV,
     PLOT,
+    REPORT,
     examples_=("sensor identify demo", "sensor identify demo --save hand.json"),
     short_help="Find mass, centre of mass and bias from a log.",
 )
@@ -156,7 +181,7 @@ def identify_command(given: Given) -> ExitCode:
     no body has the inertia found; UNSURE if orientations are few, if what is left is not white, or if --assume with one of
     its causes would explain it.
     """
-    _check_files(given)
+    files = _check_files(given)
     readings = read_readings(given.log, given.gravity)
     found = identify(
         readings,
@@ -165,15 +190,13 @@ def identify_command(given: Given) -> ExitCode:
         outliers="keep" if given.keep_outliers else "trim",
         **given.pick("sign", "inertia", "assume"),
     )
-    show(*sensor_identification_view(found, readings))
+    blocks = list(sensor_identification_view(found, readings))
+    show(*blocks)
     if given.save is not None:
         write_sensor(found.sensor, given.save, found.noise, found.uncertainty)
     write_readings(readings, found.rest(readings), given.csv)
-    if given.plot is not None:
-        from ..plotting.explanation import plot_compensation
-
-        plot_compensation(readings, found.sensor, found.noise, given.plot, marked=~found.kept, mark="left out")
-    show_written(given.save, given.csv, given.plot)
+    show_written(given.save)
+    _draw(given, "identify", readings, found, (~found.kept, "left out"), blocks, files)
     return found.verdict.exit_code
 
 
@@ -189,6 +212,7 @@ def identify_command(given: Given) -> ExitCode:
     option("--mass", "About how heavy the load is [kg].", default=1.0),
     GRAVITY_OPTION,
     option("--csv OUT.csv", "Write the poses."),
+    REPORT,
     examples_=("sensor poses", "sensor poses demo --count 3"),
     short_help="Propose the orientations to read next.",
 )
@@ -197,7 +221,7 @@ def poses_command(given: Given) -> ExitCode:
 
     Exit code 1, LOOK AGAIN, if these cannot tell the mass or the centre of mass.
     """
-    _check_files(given)
+    files = _check_files(given)
     if not (given.mass > 0 and math.isfinite(given.mass)):
         raise ValueRangeError(f"--mass {given.mass!r} is no mass. Give about how many kilograms the load has.")
     past = None if given.log is None else read_readings(given.log, given.gravity)
@@ -209,9 +233,11 @@ def poses_command(given: Given) -> ExitCode:
     doubted = undetermined(proposal, given.mass, None if given.within >= 90 else given.within)
     unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
     poses = np.concatenate([quat, unit], axis=1)
-    show(*proposal_view(proposal, poses, given.mass, doubted))
+    blocks = list(proposal_view(proposal, poses, given.mass, doubted))
+    show(*blocks)
     write_csv(given.csv, dict(zip(_POSE, poses.T, strict=True)))
     show_written(given.csv)
+    write_report(given, "sensor poses", given.log or "from nothing", blocks, files=files)
     return ExitCode.NO if doubted else ExitCode.FINE
 
 

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
 from ..core.numbers import number, residual, seconds
@@ -24,7 +23,8 @@ from ..robot import Robot
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
 from . import shared
-from .main import Given, option, with_option_names
+from .main import Given, note, option, with_option_names
+from .report import REPORT, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -61,6 +61,7 @@ _CONTACT = "1e5,0.3,0.5"
     option("--csv OUT.csv", "Write a motion that the torques command reads."),
     option("--npz OUT.npz", "Write all arrays in NumPy's format."),
     option("--plot OUT.png", "Draw joints, energies and drift."),
+    REPORT,
     examples=("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
 )
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
@@ -76,7 +77,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     failure: BaseException | None = None
     q0 = parse_configuration(loaded, given.at, given.configuration, degrees=options.degrees)
     if hint := degrees_hint(loaded, q0):
-        show(f"! {hint}")
+        show(*remarks([hint]))
     dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
     settings: dict[str, Any] = {
         **given.pick("method", "rtol", "every"),
@@ -97,15 +98,25 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         result, failure = getattr(interrupt, "result", None), interrupt
         if result is None:
             raise
-    show(*simulation_view(loaded, result, degrees=options.degrees, friction=friction))
+    blocks = list(simulation_view(loaded, result, degrees=options.degrees, friction=friction))
+    show(*blocks)
     to_csv = partial(result.to_csv, degrees=options.degrees)
     for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
         if path is not None and failure is not None and Path(path).is_file():
-            click.echo(
-                f"note: {path} is kept as it was: the motion is not complete. Name another file for it.", err=True
-            )
+            note(f"{path} is kept as it was: the motion is not complete. Name another file for it.")
         elif path is not None:
             shared.show_written(write(path))
+    if given.report is not None:
+        end = f"{number(result.times[-1], 6)} s"
+        pictures = [robot_picture(loaded, result.q[-1], None, "", f"{loaded.name} at the end, t = {end}")]
+        pictures.append(drawn("Joints, energies and drift", result.plot))
+        facts = [("simulated", end), ("drift of the energy that moved", residual(result.relative_drift))]
+        used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
+        subject, shown = f"{loaded.name} · {end}", [*blocks, *(remarks([hint]) if hint else [])]
+        write_report(
+            given, "simulate", subject, shown, files=options.files, facts=facts, pictures=pictures, robot=loaded,
+            limits=loaded.limits, used=used,
+        )  # fmt: skip
     if isinstance(failure, KeyboardInterrupt):
         raise failure
     return ExitCode.FINE if failure is None and result.completed else ExitCode.NO

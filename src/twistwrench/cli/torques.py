@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +103,7 @@ def write_torque_report(
     """Write the page of one motion: the worst moment, the plots, and what the torques count in."""
     from ..plotting.torques import plot_motors, plot_report
 
-    load, facts, pictures = report.load, [], [drawn("Torques and limits", partial(plot_report, report))]
+    load, facts, pictures = report.load, [], [drawn("Torques and limits", lambda path: plot_report(report, path))]
     if report.worst is not None:
         joint, states = report.joints[report.worst], report.around
         share = f"{percent_of_limit(joint.share)} of its limit" if math.isfinite(joint.limit) else "no limit"
@@ -118,7 +117,7 @@ def write_torque_report(
         title = f"{report.robot} at t = {seconds(joint.time)} s; red: {joint.joint}, {share}"
         pictures.append(robot_picture(load.with_load, q, joint.joint, f"{joint.joint}, {share}", title))
     if report.motors:
-        pictures.append(drawn("Motors", partial(plot_motors, report)))
+        pictures.append(drawn("Motors", lambda path: plot_motors(report, path)))
     friction = friction_words(load.robot.model, counted=load.friction)
     subject = f"{report.robot} · {Path(report.trajectory).name}"
     write_report(

@@ -290,10 +290,12 @@ class IdentifiedRobot:
         ValueRangeError
             The file cannot be written.
         """
-        from ..plotting.identification import identification_page
+        from ..plotting.identification import bodies_view, identification_pictures, identification_view
+        from ..reports.page import ReportPage
 
-        target = as_path(path)
-        page = identification_page(self)
+        target, blocks = as_path(path), list(identification_view(self))
+        pictures, details = identification_pictures(self), list(bodies_view(self))
+        page = ReportPage("identify", self.original.name, blocks, details=details, pictures=pictures).html()
         with replacing(target) as scratch:
             scratch.write_text(page, encoding="utf-8")
         return target

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import html
-import io
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,11 +12,13 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..bodies.mesh import hull_faces
-from ..core.numbers import number, percent
-from ..core.tables import html_table
+from ..core.numbers import estimate, number, percent, plus_minus
+from ..core.text import listed
 from ..errors import ValueRangeError
-from ..joints.units import unit_of, units_of
+from ..joints.units import heading_unit, unit_of, units_of
 from ..motion.coordinates import Coordinates
+from ..reports.blocks import Block, Line, Table, numbers, verdict, words
+from ..reports.page import Picture
 from ..typing import Array
 from ..viz.scene import equal_inertia_ellipsoid
 from . import style
@@ -213,81 +213,44 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
         return style.save(drawn, path)
 
 
-def identification_page(found: IdentifiedRobot) -> str:
-    """HTML page of the identification, in one file."""
-    return "\n".join(_page(found)) + "\n"
+def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
+    """Pictures of the report: torques, residuals, friction, groups, the pull to the file, and bodies."""
+    names, count = found.held_out.names, len(found.base.unknown.bodies)
+    friction = len(frictional(found))
+    height = 2.3 * style.panel_grid(max(friction, 1), _ABREAST)[0]
+    plots: list[tuple[str, float, float, Callable[[Any], None]]] = [
+        ("Torques of rows held out", 10.0, 2.1 * len(names) + 0.6, lambda drawn: _torques(drawn, found)),
+        ("Residuals", 10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found)),
+        ("Residuals in time", 10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, names), found)),
+        ("Groups of parameters", 10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found)),
+        ("Bodies that can exist: pull to the file", 7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found)),
+        (
+            "Bodies in the file and identified",
+            9.0,
+            2.5 * count,
+            lambda d: draw_bodies(d.subplots(count, 3, squeeze=False), found),
+        ),
+    ]
+    if friction:
+        panels = ("Friction", 10.0, height, lambda d: draw_friction(style.panels(d, friction, _ABREAST), found))
+        plots.insert(3, panels)
+    return [Picture(name, style.page_svg(_plot(wide, high, draw, name))) for name, wide, high, draw in plots]
 
 
-def _page(found: IdentifiedRobot) -> Iterator[str]:
-    name, verdict = html.escape(found.original.name), found.verdict.word
-    yield "<!doctype html>"
-    yield f"<html lang='en'><meta charset='utf-8'><title>{name}: {verdict}</title>"
-    yield (
-        "<style>body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem}"
-        "table{border-collapse:collapse}td,th{padding:.15rem .7rem;text-align:right;border-bottom:1px solid #e6e8eb}"
-        "td:first-child,th:first-child{text-align:left}svg{max-width:100%;height:auto}.no{color:#c0392b}</style>"
-    )
-    yield f"<h1>{verdict}: identification of {name}</h1>"
-    yield f"<p>{percent(found.held_out.all, 3)} of the torques are left unexplained in rows held out.</p><ul>"
-    for doubt in found.doubts:
-        yield f"<li{' class=no' if doubt.refuses else ''}>{html.escape(doubt.sentence)}</li>"
-    for note in found.notes:
-        yield f"<li>{html.escape(note)}</li>"
-    yield (
-        f"</ul><p>{found.settings}; weights {found.method}; deviations from blocks of "
-        f"{number(found.covariance.block)} s.</p>"
-    )
-    yield "<h2>Torques of rows held out</h2>"
-    names = found.held_out.names
-    yield _svg(10.0, 2.1 * len(names) + 0.6, lambda drawn: _torques(drawn, found))
-    yield "<h2>Residuals</h2>"
-    yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
-    yield "<h3>In time</h3>"
-    yield _svg(10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, names), found))
-    if count := len(frictional(found)):
-        yield "<h2>Friction</h2>"
-        height = 2.3 * style.panel_grid(count, _ABREAST)[0]
-        yield _svg(10.0, height, lambda drawn: draw_friction(style.panels(drawn, count, _ABREAST), found))
-    yield "<h2>Groups of parameters</h2>"
-    yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
-    rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
-    cells = ((group, *map(float, (value, sigma, *ends, before))) for group, value, sigma, ends, before in rows)
-    yield html_table("", ("group [SI units]", "value", "deviation", "95 % from", "to", "file"), cells)
-    yield "<h2>Bodies that can exist</h2>"
-    yield _svg(7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found))
-    consistent = found.consistent
-    yield (
-        f"<p>Pull γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} left in fifths held out, weighted; "
-        f"by the file's own bodies with friction {percent(consistent.of_file, 3)}.</p>"
-    )
-    unknown, inertias = found.base.unknown, consistent.inertias
-    count = len(unknown.bodies)
-    yield _svg(9.0, 2.5 * count, lambda drawn: draw_bodies(drawn.subplots(count, 3, squeeze=False), found))
-    bodies = ((unknown.model.bodies[i], inertias[i]) for i in unknown.bodies)
-    links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(number(x) for x in G.com)) for b, G in bodies)
-    yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
-    yield "<h2>What this log cannot tell</h2><ul>"
-    yield from (f"<li>{html.escape(sentence)}</li>" for sentence in found.untold.values())
-    yield "</ul></html>"
+def _plot(width: float, height: float, draw: Callable[[Any], None], title: str) -> Callable[[Path], None]:
+    """Function that draws a figure into a file."""
+
+    def plot(path: Path) -> None:
+        with style.figure(width, height, title, _PURPOSE) as drawn:
+            draw(drawn)
+            style.save(drawn, path)
+
+    return plot
 
 
 def _rows(drawn: Any, names: Sequence[str]) -> list[Any]:
     """A panel for each name, below each other."""
     return style.panels(drawn, len(names), 1, sharex=True)
-
-
-def _svg(width: float, height: float, draw: Any) -> str:
-    """A picture as an element of a page."""
-    mpl = style.require_matplotlib(_PURPOSE)
-    with (
-        style.figure(width, height, "", _PURPOSE) as drawn,
-        mpl.rc_context(cast("Any", dict(style.STYLE) | {"svg.fonttype": "none"})),
-    ):
-        draw(drawn)
-        buffer = io.StringIO()
-        drawn.savefig(buffer, format="svg")
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
 
 
 def _torques(drawn: Any, found: IdentifiedRobot) -> None:
@@ -366,3 +329,86 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.set_ylabel("% left, held out")
     axes.set_ylim(bottom=0)
     axes.legend()
+
+
+# ── The report in blocks
+
+_KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, each predicted from the others"}
+_VAGUE = 5
+
+
+def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
+    """Verdict and its basis; with the essential groups if ``essential``."""
+    left = f"{percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}"
+    yield verdict(found.verdict.word, f"  {found.original.name}: {left}")
+    yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
+    yield from found.notes
+    yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
+    yield Table(
+        "Residuals of rows held out",
+        words("joint", found.held_out.joints),
+        numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
+        numbers(
+            "size", found.sigma, unit=heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
+        ),
+    )
+    if (payload := found.payload) is not None:
+        com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
+        mass = plus_minus(payload.mass, payload.mass_deviation)
+        yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
+        if payload.unidentifiable:
+            yield f"no torque of this robot tells {', '.join(payload.unidentifiable)}: taken as the file has it"
+    yield _groups_table(found)
+    if found.base.held.any():
+        yield f"{int(found.base.held.sum())} parameters were held at known values"
+    if vague := found.vague:
+        names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
+        yield f"vague, deviation beyond 30 %: {names}"
+    if essential:
+        yield _essential(found)
+    if found.untold:
+        yield "What this log cannot tell:"
+        yield from (f"• {sentence}" for sentence in found.untold.values())
+
+
+def _groups_table(found: IdentifiedRobot) -> Table:
+    free = ~found.base.held
+    pairs = [estimate(x, d) for x, d in zip(found.values[free], found.standard_deviations[free], strict=True)]
+    low, high = found.interval()[free].T
+    return Table(
+        f"{int(free.sum())} groups of parameters",
+        words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
+        numbers("value", [value for value, _ in pairs]),
+        numbers("deviation", [deviation for _, deviation in pairs]),
+        numbers("95 % from", low),
+        numbers("to", high),
+        numbers("file", found.prior.mean[free]),
+    )
+
+
+def _essential(found: IdentifiedRobot) -> str:
+    one = found.essential
+    names = "; ".join(
+        f"{name.split(' ')[0]} {number(value)}" for name, value in zip(one.names, one.values, strict=True)
+    )
+    return (
+        f"{len(one.names)} essential groups of {int((~found.base.held).sum())} predict rows held out to "
+        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): {names}"
+    )
+
+
+def bodies_view(found: IdentifiedRobot) -> Iterator[Block]:
+    """Physically consistent bodies beside those of the file, and how well they predict."""
+    consistent, unknown = found.consistent, found.base.unknown
+    yield (
+        f"Pull γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} left in fifths held out, weighted; "
+        f"by the file's own bodies with friction {percent(consistent.of_file, 3)}."
+    )
+    pairs = [(unknown.model.bodies[i], consistent.inertias[i]) for i in unknown.bodies]
+    yield Table(
+        "Bodies that can exist",
+        words("link", [body.link for body, _ in pairs]),
+        numbers("mass", [float(G.mass) for _, G in pairs], unit="kg"),
+        numbers("in the file", [float(body.inertia.mass) for body, _ in pairs], unit="kg"),
+        words("centre of mass [m]", [", ".join(number(x) for x in G.com) for _, G in pairs]),
+    )

@@ -142,7 +142,7 @@ _PAGE = {
     "#000000": "ink",
     INK: "ink",
     AXIS: "axis",
-    "#e6e8eb": "grid",
+    **dict.fromkeys(("#e6e8eb", "#f2f2f2", "#e6e6e6", "#e5e5e5", "#ececec"), "grid"),  # also panes of figures in space
     QUIET: "quiet",
     PALE: "pale",
     LINE: "curve",
@@ -177,7 +177,9 @@ def page_svg(plot: Callable[[Path], object]) -> str:
         path = Path(folder) / "plot.svg"
         plot(path)
         text = path.read_text(encoding="utf-8")
-    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(
+        r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", text[text.index("<svg") :], flags=re.DOTALL
+    )
     used = set(re.findall(r"#([\w-]+)[\")]", text))
     text = re.sub(r' id="([\w.-]+)"', lambda found: found[0] if found[1] in used else "", text)
     text = re.sub(r"#[0-9a-f]{6}\b", lambda found: f"var(--{_PAGE[found[0]]})" if found[0] in _PAGE else found[0], text)

@@ -76,6 +76,8 @@ class ReportPage:
     """Robot, and what it does."""
     blocks: Sequence[Block]
     """The report as it is printed."""
+    details: Sequence[Block] = ()
+    """Blocks that only the page has."""
     facts: Sequence[tuple[str, str]] = ()
     """Name and value of the numbers that decide the verdict."""
     pictures: Sequence[Picture] = ()
@@ -96,13 +98,15 @@ class ReportPage:
         """
         end = next((k for k, b in enumerate(self.blocks) if b == "" or isinstance(b, Table)), len(self.blocks))
         head, body = self.blocks[:end], [b for b in self.blocks[end:] if b != ""]
+        head = head or [f"{self.command}: {self.subject}"]
         doubts = [*filter(_is_doubt, self.blocks)]
         shown = [b for b in body if not _is_doubt(b)]
         parts = [
             _verdict([b for b in head if not _is_doubt(b)], self.facts),
             *map(_picture, sorted(self.pictures, key=lambda p: isinstance(p.content, str))),
-            "<h2>Numbers</h2>",
+            "<h2>Results</h2>",
             *map(_block, shown),
+            *(["<h2>Details</h2>", *map(_block, self.details)] if self.details else []),
         ]
         if doubts or self.notes:
             items = [_line(b, leave="! ") for b in doubts] + [html.escape(note) for note in self.notes]
@@ -126,8 +130,8 @@ class ReportPage:
 
     def _data(self) -> str:
         """Verdict, facts and tables as JSON."""
-        words = [_plain(b).split("\n") for b in self.blocks[:1]]
-        tables = [_columns(table) for table in (*self.blocks, *self.tables) if isinstance(table, Table)]
+        words = [_plain(b).split("\n") for b in self.blocks[:1] if isinstance(b, str | Line)]
+        tables = [_columns(table) for table in (*self.blocks, *self.details, *self.tables) if isinstance(table, Table)]
         data: dict[str, Any] = {
             "command": self.command,
             "subject": self.subject,
@@ -178,7 +182,7 @@ def _line(line: str | Line | Any, *, leave: str = "") -> str:
     found = []
     for piece in line.pieces:
         text, style = (piece, "") if isinstance(piece, str) else piece
-        if text == leave or set(text) <= {"━", "─"}:  # bars of the terminal; their number stands beside
+        if text == leave or set(text) <= set("━─█·"):  # bars of the terminal; their number stands beside
             continue
         escaped = html.escape(text)
         found.append(f'<span class="{style}">{escaped}</span>' if style else escaped)

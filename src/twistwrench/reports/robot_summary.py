@@ -16,15 +16,15 @@ from ..core.files import as_path
 from ..core.numbers import number, printed
 from ..core.tables import CsvWriter
 from ..errors import UnknownNameError, ValueRangeError
-from ..joints.units import unit_of
+from ..joints.units import heading_unit, unit_of
 from ..model.limits import Limits
 from ..model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
 from ..motion.csv_reader import CsvFile, Dialect, table_errors
 from ..typing import Array
+from . import blocks
 
 if TYPE_CHECKING:
-    from ..model.model import Body
     from ..robot import Robot
 
 COLUMNS = (
@@ -359,3 +359,18 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
             f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
         )
     return value
+
+
+def limits_table(model: Model, limits: Limits) -> blocks.Table:
+    """Limits that a report compares with, and their source."""
+    turning = Coordinates.from_model(model).angular_velocity
+    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
+    return blocks.Table(
+        "Limits used",
+        blocks.words("joint", model.velocity_names),
+        blocks.numbers("torque", limits.effort, unit=heading_unit("tau", turning)),
+        blocks.numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
+        blocks.numbers("lower", limits.lower, unit=heading_unit("q", turning)),
+        blocks.numbers("upper", limits.upper),
+        blocks.words("source of the torque limit", ["--limits" if own else "robot's file" for own in stated]),
+    )

@@ -24,6 +24,7 @@ from ..reports.spoken_verdict import verdict_text
 from ..typing import Array
 from .colours import share_colours
 from .drawn_motion import DrawnMotion, motion_of
+from .page_data import starting_pose
 from .scene import Scene, Shape, scene_of
 
 if TYPE_CHECKING:
@@ -221,12 +222,14 @@ def draw(
     return camera
 
 
-def still(robot: Robot, q: ArrayLike, joint: str | None = None, label: str = "") -> bytes:
+def still(
+    robot: Robot, q: ArrayLike | None = None, joint: str | None = None, label: str = "", *, scene: Scene | None = None
+) -> bytes:
     """Picture of a robot at one configuration, the link that a joint moves in red.
 
     Parameters
     ----------
-    q : (nq,) array_like, configuration
+    q : (nq,) array_like, optional, configuration; None: neutral, within the limits
     joint : str, optional, the joint that is marked
     label : str, written beside it
 
@@ -240,9 +243,9 @@ def still(robot: Robot, q: ArrayLike, joint: str | None = None, label: str = "")
     >>> still(tw.robots.planar_2r(), [0.3, 0.5], "joint2", "joint2")[1:4]
     b'PNG'
     """
-    model, q = robot.model, np.asarray(q, float)
+    model, q = robot.model, starting_pose(robot) if q is None else np.asarray(q, float)
     marked = [k for k, b in enumerate(model.bodies) if b.joint.name == joint]
-    scene = scene_of(robot)
+    scene = scene_of(robot) if scene is None else scene
     shapes = [replace(s, colour=_MARKED) if s.body in marked and s.layer == "looks" else s for s in scene.shapes]
     with style.figure(6.4, 4.6, "", "Drawing the report (--report)") as drawn:
         axes = drawn.subplots()

@@ -1,4 +1,4 @@
-"""The page that shows a robot and its motion in any browser, without a network, and the page of the doctor's findings."""
+"""The page that shows a robot and its motion in any browser, without a network, and the scene of the doctor's findings."""
 
 from __future__ import annotations
 
@@ -458,12 +458,6 @@ def findings_scene(report: DoctorReport) -> Scene:
     shapes = [replace(s, colour=colours.get(s.body, s.colour)) for s in kept]
     notes = [f"{finding}. Effect: {finding.effect}." for finding in report.findings[:_NOTES]]
     return replace(scene, shapes=(*shapes, *ellipsoids), remarks=(*notes, *scene.remarks))
-
-
-def write_findings_page(report: DoctorReport, path: str | Path) -> Path:
-    """Write a page with the robot, its links in the colours of what the doctor found; it needs nothing but a browser."""
-    scene = findings_scene(report)
-    return write_page(scene.robot, path, scene=scene)
 
 
 complete(globals())
