@@ -24,8 +24,8 @@ from ..reports.spoken_verdict import verdict_text
 from ..typing import Array
 from .colours import share_colours
 from .drawn_motion import DrawnMotion, motion_of
-from .page_data import starting_pose
 from .scene import Scene, Shape, scene_of
+from .starting_pose import starting_pose
 
 if TYPE_CHECKING:
     from ..reports.torque_report import TorqueReport
