@@ -284,6 +284,7 @@ BAD = {
     "pair of unknown gear": (("pairs",), [["B", "H"]], "gear of the catalogue"),
     "joint that is not there": (("actuators",), {"knee": {"motor": "B", "gear": "G"}}, "knee"),
     "drive without motor": (("actuators",), {"hinge": {"gear": "G"}}, "has no motor"),
+    "motors of nothing": (("motors",), {}, "no entry 'motors:'"),
     "no motors": (("motors",), None, "no entry 'motors:'"),
     "no gears": (("gears",), None, "no entry 'gears:'"),
     "motors as a list": (("motors",), ["B"], "expected entries"),
@@ -338,8 +339,24 @@ def test_robots_with_actuators_and_missing_files_are_refused():
     driven = PENDULUM.with_actuators({"actuators": {"hinge": {"ratio": 5}}})
     with pytest.raises(tw.ModelError, match="has actuators already"):
         tw.size_drives(driven, SWING, GOOD)
-    with pytest.raises(tw.NotFoundError):
+    with pytest.raises(tw.NotFoundError, match="no catalogue"):
         tw.size_drives(PENDULUM, SWING, "nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    "given", [(5, SWING, GOOD), (PENDULUM, SWING.q, GOOD), (PENDULUM, SWING, 5), (UR5, SWING, GOOD)]
+)
+def test_arguments_of_another_type_are_refused(given):
+    with pytest.raises(tw.TwistWrenchError, match=r"size_drives|motors come from|the motion is of robot"):
+        tw.size_drives(*given)
+
+
+def test_a_motor_that_is_too_fast_is_said_to_be_so():
+    content = broken(("gears", "G", "ratio"), 900)
+    content["motors"]["B"]["speed"] = "3000 rpm"
+    content["actuators"] = {"hinge": {"motor": "B", "gear": "G"}}
+    s = tw.size_drives(PENDULUM, SWING, content)
+    assert any("speed 13500 rpm of 3000 (450 %)" in reason for reason in s.verdict.reasons), s.verdict
 
 
 # ── The command ──

@@ -156,16 +156,18 @@ Source = str | os.PathLike[str] | Mapping[str, Any]
 _MOST_BYTES = 2**18
 """Larger files are refused: YAML is read slowly, and a robot of a hundred motors takes 40 kB."""
 
+_BELOW = {"actuators": "joints", "motors": "motors of the catalogue"}
+
 _MOST_LEVELS = 50
 """Deeper nesting is refused; an actuator file needs five levels, and YAML takes quadratic time for more."""
 
 
-def read_yaml(source: Source) -> tuple[object, str]:
+def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuators") -> tuple[object, str]:
     """Content of YAML, and a name of its source for messages. Raises NotFoundError and ModelError."""
     if isinstance(source, Mapping):
-        return source, "the actuators given"
+        return source, f"the {entry} given"
     if not isinstance(source, str | os.PathLike):
-        raise ModelError(f"actuators come from a path, YAML text or a mapping, not from {type(source).__name__}.")
+        raise ModelError(f"{entry} come from a path, YAML text or a mapping, not from {type(source).__name__}.")
     text, origin = str(source), "the text given"
     if "\n" not in text and ":" not in Path(text).name:
         path = Path(source)
@@ -175,7 +177,7 @@ def read_yaml(source: Source) -> tuple[object, str]:
             found = False
         if not found:
             raise NotFoundError(
-                f"no actuator file {text[:200]!r}. It is YAML with an entry 'actuators:', and the joints below it."
+                f"no {what} {text[:200]!r}. It is YAML with an entry '{entry}:', and the {_BELOW[entry]} below it."
             )
         origin = str(path)
         with third_party_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):

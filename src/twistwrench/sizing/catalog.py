@@ -77,7 +77,9 @@ def read_catalog(source: Source | Catalog) -> Catalog:
     """
     if isinstance(source, Catalog):
         return source
-    content, origin = ({"motors": SERVOS}, "the table of servos") if source == "servos" else read_yaml(source)
+    content, origin = (
+        ({"motors": SERVOS}, "the table of servos") if source == "servos" else read_yaml(source, "catalogue", "motors")
+    )
     try:
         return _catalog(Section(content, ""))
     except (ModelError, UnknownNameError, ValueRangeError) as error:
@@ -86,7 +88,7 @@ def read_catalog(source: Source | Catalog) -> Catalog:
 
 def _catalog(file: Section) -> Catalog:
     file.only("robot", "motors", "gears", "pairs", "actuators")
-    if "motors" not in file.content:
+    if not file.content.get("motors"):
         raise ModelError("it has no entry 'motors:' with the motors of the catalogue below it.")
     listed = file.section("motors")
     motors = {str(name): _motor(str(name), listed.section(name)) for name in listed.content}

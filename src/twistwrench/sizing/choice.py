@@ -15,10 +15,11 @@ from ..core import arguments
 from ..core.files import replacing
 from ..core.numbers import in_file, number
 from ..core.verdict import Verdict
-from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..formats.yaml import Source
 from ..motion.motion import Motion
 from ..reports.motors import Demand
+from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .catalog import Catalog, Pair, read_catalog
 from .drives import CatalogMotor, Cycle, Gear, SizedGear, SizedMotor, Supply, sized_gear, sized_motor, supply_of
@@ -130,7 +131,7 @@ class SizingProblem:
         carried, rotor = robot.drive_torques(q, dq, ddq)
         torque = np.array(carried[:, k])
         if self.friction:
-            torque = torque + robot.friction_forces(dq, load=carried + rotor)[:, k]
+            torque = torque + robot.friction_forces(dq, load=carried)[:, k]
         if self.brake and motion is None:
             torque[self.holding] = 0.0
         mass = robot.mass_matrix(q)[:, k, k] - 1.0  # without the probe
@@ -326,6 +327,10 @@ def size_drives(
     >>> print(s.verdict)
     UNSURE: hinge, motor servo: stall data only
     """
+    require_robot(robot, "size_drives")
+    for given in (motion, *([] if emergency is None else [emergency])):
+        if not isinstance(given, Motion):
+            raise ShapeError(f"size_drives: a motion is a tw.Motion, got {arguments.shown(given)}.")
     listed = read_catalog(catalog)
     arguments.positive(pause, "size_drives: pause", "s", zero=True)
     arguments.positive(1.0 if life is None else life, "size_drives: life", "h")

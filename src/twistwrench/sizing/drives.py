@@ -354,13 +354,15 @@ def _motor_demands(
 ) -> tuple[list[Demand], list[str]]:
     """Demands on a motor, and the ratings it lacks."""
     motor, thermal = entry.motor, entry.motor.thermal
-    hot = hot_motor(motor, ambient)
+    hot = replace(hot_motor(motor, ambient), speed=math.inf)  # speeds are a demand of their own
     most = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(most > 0, np.abs(torque) / most, np.where(torque == 0, 0.0, math.inf))
     worst, peak, fast = int(shares.argmax()), int(np.abs(current).argmax()), int(np.abs(speed).argmax())
     demands = [
-        Demand("torque at its speed", float(np.abs(torque[worst])), float(most[worst]), "N m", float(time[worst])),
+        Demand(
+            "torque at its speed", float(np.abs(torque[worst])), max(float(most[worst]), 0.0), "N m", float(time[worst])
+        ),
         Demand("peak current", float(np.abs(current[peak])), motor.current_peak, "A", float(time[peak])),
         Demand("speed", float(np.abs(speed[fast])) / _RPM, motor.speed / _RPM, "rpm", float(time[fast])),
     ]
