@@ -231,14 +231,15 @@ def test_finding_46_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path
     assert 0 < int(done.stdout) < count * len(paths)
 
 
-def test_finding_40_columns_of_lists_are_remarked(tmp_path):
+def test_finding_40_columns_of_lists_are_read_or_remarked(tmp_path):
+    """Lists of as many numbers are columns; those of several lengths are not read, and a note says so."""
     pytest.importorskip("pyarrow")
     import pyarrow
     import pyarrow.feather
     import pyarrow.parquet
 
     t = np.arange(50) * 0.01
-    table = pyarrow.table({"time": t, "joint1": t, "joint2": t, "torque": [[1.0, 2.0]] * 50})
+    table = pyarrow.table({"time": t, "joint1": t, "joint2": t, "torque": [[1.0, 2.0], [1.0]] * 25})
     for name, write in (("a.parquet", pyarrow.parquet.write_table), ("a.feather", pyarrow.feather.write_feather)):
         write(table, tmp_path / name)
         said = "'torque' (list<element: double>)" if name == "a.parquet" else "'torque' (list<"
@@ -246,6 +247,9 @@ def test_finding_40_columns_of_lists_are_remarked(tmp_path):
         (found,) = json.loads(run("log", "info", "--json", tmp_path / name).stdout)
         assert "torque" in found["notes"][0]
         assert "'torque'" in run("torques", "planar_2r", "--trajectory", tmp_path / name).output
+        write(table.set_column(3, "torque", [[[1.0, 2.0]] * 50]), tmp_path / name)
+        motion = tw.Motion.from_file(tmp_path / name, tw.robots.planar_2r())
+        assert (motion.tau == [1.0, 2.0]).all()
 
 
 # ── exit codes: a fault of the system is not one of the program ──

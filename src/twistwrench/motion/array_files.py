@@ -505,19 +505,22 @@ def _arrow(path: Path) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
 def _lists(
     path: Path, name: str, rows: int, portions: Callable[[], Iterator[Array]], names: Sequence[str]
 ) -> StoredArray:
-    """Array (n, k) of a column of lists; without a shape if they are not numbers."""
+    """Array (n, k) of a column of lists; without a shape if they are not numbers, or of several lengths at first."""
     first = next(portions(), np.zeros(0))
     width = np.asarray(first[0]).size if len(first) else 0
-    if not width or np.asarray(first[0]).dtype.kind not in "iufb":
+    alike = all(cell is not None and len(cell) == width for cell in first)
+    if not (width and alike) or np.asarray(first[0]).dtype.kind not in "iufb":
         return StoredArray((), np.dtype(object), portions)
 
     def stacked() -> Iterator[Array]:
+        row = 0
         for portion in portions():
-            if odd := [k for k, cell in enumerate(portion) if cell is None or len(cell) != width]:
+            if odd := [k for k, cell in enumerate(portion, row + 1) if cell is None or len(cell) != width]:
                 raise TrajectoryError(
-                    f"{path}: a list of {name!r} has not {width} numbers, as the first has: row {odd[0] + 1}."
+                    f"{path}: row {odd[0]} of {name!r} is not a list of {width} numbers, as the first row is."
                 )
             yield np.array([np.asarray(cell, float) for cell in portion]).reshape(-1, width)
+            row += len(portion)
 
     if name == _STATE:
         names = names if len(names) == width else [str(k + 1) for k in range(width)]
