@@ -508,7 +508,7 @@ def _lists(
     """Array (n, k) of a column of lists; without a shape if they are not numbers, or of several lengths at first."""
     first = next(portions(), np.zeros(0))
     width = np.asarray(first[0]).size if len(first) else 0
-    alike = all(cell is not None and len(cell) == width for cell in first)
+    alike = all(cell is not None and np.size(cell) == width for cell in first)
     if not (width and alike) or np.asarray(first[0]).dtype.kind not in "iufb":
         return StoredArray((), np.dtype(object), portions)
 
