@@ -224,7 +224,8 @@ def _block(block: Block) -> str:
         return _table(block)
     if isinstance(block, Branch):
         return f"<ul><li>{_line(block.label)}{''.join(map(_block, block.branches))}</li></ul>"
-    return "".join(f"<p>{text}</p>" for text in _paragraphs(block) if text)
+    start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
+    return "".join(f"{start}{text}</p>" for text in _paragraphs(block) if text)
 
 
 def _table(table: Table) -> str:
