@@ -365,6 +365,10 @@ def limits_table(model: Model, limits: Limits) -> blocks.Table:
     """Limits that a report compares with, and their source."""
     turning = Coordinates.from_model(model).angular_velocity
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
+    known = np.isfinite(limits.effort)
+    sources = [
+        ("--limits" if own else "robot's file") if has else "none" for own, has in zip(stated, known, strict=True)
+    ]
     return blocks.Table(
         "Limits used",
         blocks.words("joint", model.velocity_names),
@@ -372,5 +376,5 @@ def limits_table(model: Model, limits: Limits) -> blocks.Table:
         blocks.numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
         blocks.numbers("lower", limits.lower, unit=heading_unit("q", turning)),
         blocks.numbers("upper", limits.upper),
-        blocks.words("source of the torque limit", ["--limits" if own else "robot's file" for own in stated]),
+        blocks.words("source of the torque limit", sources),
     )

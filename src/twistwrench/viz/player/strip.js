@@ -34,13 +34,15 @@ class Strip {
         for (let i = best; i < first(bin + 1); i++) if (Math.abs(tau[nv * i + k]) > Math.abs(tau[nv * best + k])) best = i;
         points.push([x(best), y(Math.abs(tau[nv * best + k]) / scales[k])]);
       }
+      const { lines } = robot.colours, dashes = [[], [6, 2], [2, 2], [6, 2, 2, 2]][Math.floor(k / lines.length) % 4]; // as in plots
       const line = (colour, thick) => {
+        draw.setLineDash(dashes);
         Object.assign(draw, { strokeStyle: colour, lineWidth: thick, globalAlpha: over ? 1 : 0.8 });
         draw.beginPath();
         points.forEach(([a, b]) => draw.lineTo(a, b));
         draw.stroke();
       };
-      line(robot.colours.lines[k % robot.colours.lines.length], over ? 1.6 : 1);
+      line(lines[k % lines.length], over ? 1.6 : 1);
       if (!over) continue;
       draw.save(); // beyond the limit it is red, down to the line
       draw.beginPath();
