@@ -157,6 +157,7 @@ LEFT_OVER = {
     "seven for six": ([f"fer_joint{k}" for k in range(1, 8)], PANDA),
     "two arms": ([f"{side}_joint{k}" for side in ("left", "right") for k in range(1, 7)], PANDA),
     "two that end alike": ([*(f"A{k}" for k in range(1, 7)), "A7"], KUKA),
+    "one of another robot": (["other_a1", *(f"robot_a{k}" for k in range(2, 7))], [f"a{k}" for k in range(1, 7)]),
     "commanded": ([f"target_joint{k}" for k in range(1, 7)], PANDA),
     "temperatures": ([f"temp_joint{k}" for k in range(1, 7)], PANDA),
 }

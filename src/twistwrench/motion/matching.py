@@ -291,12 +291,16 @@ def by_ending(found: Sequence[Candidate], names: Sequence[str], others: Sequence
     >>> [c.column for c in by_ending(kuka, ["joint_a1", "joint_a2"])]
     [0, 1]
     """
-    taken = []
+    taken, prefixes = list[Candidate](), set[tuple[str, ...]]()
     for name in names:
-        fitting = [c for c in found if _ends(c.words, tuple(_words(name)))]
+        words = tuple(_words(name))
+        fitting = [c for c in found if _ends(c.words, words)]
         if len(fitting) != 1:
             return None
         taken += fitting
+        prefixes |= {c.words[: -len(words)] for c in fitting if len(c.words) > len(words)}
+    if len(prefixes) > 1:  # columns of several robots
+        return None
     known = [c.words for c in found if any(_ends(c.words, tuple(_words(name))) for name in others)]
     if len({c.column for c in taken}) < len(taken) or _left_over(
         [c.words for c in taken], [c.words for c in found], known
