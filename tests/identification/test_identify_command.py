@@ -136,3 +136,11 @@ def test_a_robot_without_a_bundled_log_is_told_those_that_have_one():
     found = CliRunner().invoke(main, ["identify", "ur5", "demo"])
     assert found.exit_code == 2
     assert "no log is bundled with 'ur5'. With: planar_2r. Give the path of a CSV file instead." in found.output
+
+
+def test_an_actuator_file_of_other_joints_is_refused(logs, tmp_path):
+    """It would say nothing of these joints, and its ratios would be lost."""
+    file = tmp_path / "drives.yaml"
+    file.write_text("actuators:\n  joint_5: {ratio: 100}\n", "utf-8")
+    result = run("planar_2r", logs, "--cutoff", 10, "--actuators", file)
+    assert result.exit_code == 2 and "no joint named 'joint_5'. Did you mean 'joint2'" in result.output

@@ -270,3 +270,64 @@ def test_bad_input_is_one_clear_error():
         identify(arm, log.motion, friction=("sticky",))
     with pytest.raises(tw.ValueRangeError, match="above 0"):
         identify(arm, log.motion, cutoff=-1.0)
+
+
+# ── Faults of columns, two at once, and inertias that cannot be
+
+
+def columns_changed(log, change):
+    """The log with positions and torques changed, whose rates are those of the changed positions."""
+    q, tau = log.motion.q.copy(), log.motion.tau.copy()
+    change(q, tau)
+    return tw.Motion(log.motion.time, q, tau=tau, robot=log.motion.robot, in_seconds=True)
+
+
+def test_a_scaled_position_is_named_with_its_factor():
+    def change(q, _tau):
+        q[:, 1] *= 1.1
+
+    found = identify(tw.robots.planar_3r(), columns_changed(known_log(tw.robots.planar_3r(), 3), change), **GIVEN)
+    (scale,) = (doubt for doubt in found.doubts if doubt.kind == "position-scale")
+    assert found.verdict.word == "LOOK AGAIN" and scale.joints == ("joint2",)
+    assert scale.value == pytest.approx(1.1, abs=0.01)
+    assumed = identify(
+        tw.robots.planar_3r(),
+        columns_changed(known_log(tw.robots.planar_3r(), 3), change),
+        assume="position-scale:joint2",
+        **GIVEN,
+    )
+    assert assumed.verdict.ok
+
+
+def test_values_of_two_causes_are_estimated_at_once():
+    """Each interval holds its truth, which the value estimated while the other is in the log does not."""
+
+    def change(q, _tau):
+        q[:, 0] += np.radians(6.0)
+        q[:, 1] -= np.radians(5.0)
+
+    found = identify(tw.robots.planar_3r(), columns_changed(known_log(tw.robots.planar_3r(), 3), change), **GIVEN)
+    zeros = {doubt.joints: doubt for doubt in found.doubts if doubt.kind == "zero"}
+    assert set(zeros) == {("joint1",), ("joint2",)}
+    for joint, truth in (("joint1", 6.0), ("joint2", -5.0)):
+        low, high = zeros[joint,].interval
+        assert low <= truth <= high and high - low < 2.0
+
+
+def test_an_inertia_that_cannot_be_makes_the_verdict_unsure(tmp_path):
+    """Negative in a group with links, so that no parameter of its own says so; a file that can exist is still written."""
+    log = known_log(tw.robots.planar_2r(), 1)
+    inertia = 3.0 * np.asarray(log.robot.mass_matrix(np.zeros(2)))[0, 0]
+    tau = log.motion.tau - inertia * log.motion.ddq * [1.0, 0.0]
+    found = identify(log.robot, log.changed(tau=tau), **GIVEN)
+    assert found.verdict.word == "UNSURE" and kinds(found) == {"negative-inertia"}
+    assert "kinetic energy of -" in found.doubts[0].sentence
+    found.write(tmp_path / "arm.urdf", tmp_path / "drives.yaml")
+    assert not any(body.inertia.defects() for body in tw.load(tmp_path / "arm.urdf").model.bodies)
+
+
+def test_held_out_is_printed_as_a_table():
+    found = identify(tw.robots.planar_2r(), known_log(tw.robots.planar_2r(), 1).motion, **GIVEN)
+    lines = str(found.held_out).splitlines()
+    assert [line.split()[0] for line in lines] == ["joint1", "joint2", "all"]
+    assert float(lines[-1].split()[1]) == pytest.approx(100 * found.held_out.all, rel=0.01)

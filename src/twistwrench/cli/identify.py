@@ -82,8 +82,8 @@ def parse_friction(text: str) -> tuple[str, ...]:
     FRICTION_LAWS,
     option(
         "--assume CAUSE",
-        "Take this cause off the logs, its value an unknown of the fit: gain:JOINT, zero:JOINT, tilt, late, load-friction or "
-        "another name of the report; may be repeated.",
+        "Take this cause off the logs, its value an unknown of the fit: gain:JOINT, position-scale:JOINT, zero:JOINT, tilt, "
+        "late, load-friction or another name of the report; may be repeated.",
         multiple=True,
     ),
     option("--csv OUT.csv", "Write the groups with their intervals as a table."),
@@ -200,6 +200,8 @@ def _robot(options: RobotOptions, log: str, columns: dict[str, str], *, lock_mis
     if lock_missing:
         held = partial(joints_without_column, open_motion_file(log), columns=columns)
     robot, _ = replace(options, actuators=None).load_and_locked(held=held)
+    if options.actuator_file:
+        options.load_and_locked(held=held)  # raises if the file names other joints
     return robot, options.actuator_file and motor_side(robot.model, options.actuator_file)
 
 

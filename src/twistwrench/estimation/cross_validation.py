@@ -67,11 +67,18 @@ class HeldOut:
         Examples
         --------
         >>> rows = HeldOutRows(np.arange(4.0), np.zeros(4), np.full((4, 1), 2.0), np.ones((4, 1)))
-        >>> HeldOut.from_rows("test", rows, ["elbow"]).all
-        0.5
+        >>> print(HeldOut.from_rows("test", rows, ["elbow"]))
+        elbow      50 %
+        all        50 %
         """
         left = rows.measured - rows.predicted
         return cls(kind, (left**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
+
+    def __str__(self) -> str:
+        """Return a table: the residual of each joint, and of all."""
+        shares = {**self.joints, "all": self.all}
+        width = max(map(len, shares))
+        return "\n".join(f"{name:<{width}}  {100 * share:6.3g} %" for name, share in shares.items())
 
     def __add__(self, other: HeldOut) -> HeldOut:
         return HeldOut(

@@ -40,7 +40,7 @@ JOINTS_OF_CAUSE: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(_PAIRS, (2,)),
     **dict.fromkeys(_DISCRETE, (1,)),
     **dict.fromkeys(("stribeck", "late", "tilt"), (0,)),
-    **dict.fromkeys(("gain", "zero"), (1,)),
+    **dict.fromkeys(("gain", "position-scale", "zero"), (1,)),
     **dict.fromkeys(("load-friction", "warming"), (0, 1)),
     "drift": (1,),
     "elasticity": (0, 1),

@@ -349,10 +349,11 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
 
 
 def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
-    """Gain and zero of each joint, tilt of the base, delay and low-pass of all torques; also far from none if ``wide``."""
+    """Gain, scale and zero of each joint, tilt of the base, delay and low-pass; also far from none if ``wide``."""
     turning = [bool(b.joint.turning[0]) for b in s.base.unknown.model.leaders]
     for k in range(len(s.gain)):
         yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, 1, _GAINS if wide else (0.0,))
+        yield Cause("position-scale", (k,), lambda s, beta, k=k: positions_times(s, k, 1.0 / _factor(beta)), 1e-3)
         if turning[k]:
             yield Cause("zero", (k,), lambda s, beta, k=k: zero(s, k, float(beta[0])), 1e-3)
     if s.gravity.any():
@@ -419,6 +420,21 @@ def _through(s: LogStates) -> Array:
     return (s.time - s.time.min()) / length if length else np.full(len(s.time), 0.5)
 
 
+_SHORTEST, _GAP = 0.3, 0.2
+"""Least length of a run of rows, and most of a gap in it [s]."""
+
+
+def runs(time: Array, piece: Array, high: Array) -> list[tuple[int, int]]:
+    """Runs of rows of one piece that are high, but for short gaps, of 0.3 s at least."""
+    places = np.flatnonzero(high)
+    if not places.size:
+        return []
+    ends = np.flatnonzero((np.diff(time[places]) > _GAP) | (np.diff(piece[places]) != 0))
+    begins, stops = np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(places) - 1]])
+    runs = [(int(places[a]), int(places[b]) + 1) for a, b in zip(begins, stops, strict=True)]
+    return [(a, b) for a, b in runs if time[b - 1] - time[a] >= _SHORTEST]
+
+
 def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
     """β (k,) and its interval, of half the widths (k,), in the unit of the table; the size of β that is a vector."""
     size = float(np.linalg.norm(value)) if len(value) > 1 else float(value[0])
@@ -434,5 +450,5 @@ _TO_UNITS: Mapping[str, Callable[[float], float]] = {
     **dict.fromkeys(("late", "late-joint"), lambda seconds: 1e3 * seconds),
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
     **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
-    "gain": lambda x: float(np.exp(np.clip(x, -30.0, 30.0))),
+    **dict.fromkeys(("gain", "position-scale"), lambda x: float(np.exp(np.clip(x, -30.0, 30.0)))),
 }

@@ -37,6 +37,7 @@ _DONE = 1e-10
 _THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
 """Shares that a prior body has at least: of its own second moments, of the robot's mass, and of its reach as a radius."""
 _SMALL_DRIVE = 1e-3
+_ROUNDING = 1e-13  # ratio of the eigenvalues of a pseudo-inertia below which it has no Cholesky factor
 _HOLD = 1e6  # weight that holds known values, in units of the residuals, per size that they could have
 
 
@@ -162,7 +163,8 @@ class PositiveProblem:
         values = self._values(J, x)
         relative, share = self._inverse @ J, x[self._drives] / self.prior.drives[self._drives]
         sign, size = np.linalg.slogdet(relative)
-        if (sign <= 0).any() or (np.linalg.eigvalsh(J)[:, 0] <= 0).any() or (share <= 0).any():
+        eigenvalues = np.linalg.eigvalsh(J)
+        if (sign <= 0).any() or (eigenvalues[:, 0] <= _ROUNDING * eigenvalues[:, -1]).any() or (share <= 0).any():
             return math.inf
         divergence = float((np.trace(relative, axis1=1, axis2=2) - size - 4.0).sum())
         divergence += float((share - np.log(share) - 1.0).sum())

@@ -54,9 +54,10 @@ _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Preference among causes that explain as much: the first."""
 _POSITIVE = ("elasticity", "load-friction", "low-pass", "stribeck")
 _STATES = 200
-_PUSHED, _SHORTEST, _GAP, _MOST_PUSHED, _BY_FORCE = 5.0, 0.3, 0.2, 0.25, 0.5
-"""Times the usual residual, least length of a push and most of a gap in it [s], most of the rows, and least share of squares
-that one force explains."""
+_PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
+"""Times the usual residual, most of the rows, and least share of squares that one force explains, of a push."""
+_SWAYS = 0.5
+"""Share of the squares of all joints that a base that sways explains at least: it moves all of them."""
 _ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
 """Direction of gravity along no axis, so that groups are those of any mounting."""
 _HIGHEST, _SLOWEST = 10.0, 0.1
@@ -338,32 +339,36 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
 
 
 def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
-    """Values of several causes, each anew with the others taken off: the first was estimated before these were known.
+    """Values of several causes, estimated at once: each was estimated before the later ones were known.
 
     A cause that was found again, for its rest, is one with the first.
     """
-    if sum(one.correct is not None for one in found) < 2:
+    first: dict[tuple[str, tuple[int, ...]], int] = {}
+    begin: dict[int, Array] = {}
+    for k, one in enumerate(found):
+        mine = first.setdefault((one.kind, one.joints), k)
+        if one.correct is not None and one.value is not None:
+            begin[mine] = one.value + begin.get(mine, 0.0)
+    moved = {k: off for k in first.values() if (off := found[k].correct) is not None}
+    if len(moved) < 2 or not begin:
         return found
+    ends = np.cumsum([0, *(len(beta) for beta in begin.values())]).tolist()
+    place = {k: slice(a, b) for k, (a, b) in zip(begin, pairwise(ends), strict=True)}
+
+    def correct(s: LogStates, beta: Array) -> LogStates:
+        for k, off in moved.items():
+            s = off(s, beta=beta[place[k]]) if k in place else off(s)
+        return s
+
     last = found[-1].fit
-    alike = [(one.kind, one.joints) for one in found]
-    found = [one for k, one in enumerate(found) if alike.index(alike[k]) == k]
-    moved = {k: one.correct for k, one in enumerate(found) if one.correct is not None}
     s = start.states.changed(rows=last.states.rows, friction_speed=last.states.friction_speed)
-    fit = last.refit(s)
-    for k in moved:
-        one = found[k]
-        if one.value is None:
-            continue
-
-        def correct(s: LogStates, beta: Array, k: int = k) -> LogStates:
-            for j, off in moved.items():
-                s = off(s, beta=beta) if j == k else off(s)
-            return s
-
-        again = _refined(fit, Cause(one.kind, one.joints, correct, one.step, len(one.value)), one.value)
-        moved[k] = partial(moved[k], beta=again.value)
-        found[k] = replace(one, value=again.value, deviation=again.deviation, correct=moved[k])
-    return found
+    step = min(found[k].step for k in begin)
+    cause = Cause("", (), correct, step, ends[-1])
+    refined = _refined(last.refit(s), cause, np.concatenate(list(begin.values())))
+    for k, part in place.items():
+        value, deviation = np.asarray(refined.value)[part], np.asarray(refined.deviation)[part]
+        found[k] = replace(found[k], value=value, deviation=deviation, correct=partial(moved[k], beta=value))
+    return [found[k] for k in first.values()]
 
 
 def law_changes(fit: CauseFit) -> Array:
@@ -417,7 +422,7 @@ def _push(fit: CauseFit) -> FoundCause | None:
     for _ in range(2):  # at first the push is in the fit as well
         sigma = MAD * np.median(np.abs(left), axis=0) + np.sqrt(fit.floor)
         size = np.sqrt(((left / sigma)[:, fit.live] ** 2).mean(axis=1))
-        runs = _runs(s.time[s.rows], s.piece[s.rows], size > _PUSHED * np.median(size))
+        runs = causes.runs(s.time[s.rows], s.piece[s.rows], size > _PUSHED * np.median(size))
         kept = np.ones(len(s.rows), bool)
         for a, b in runs:
             kept[a:b] = False
@@ -460,20 +465,11 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     waves = (np.cos(2 * np.pi * hertz * time), np.sin(2 * np.pi * hertz * time))
     columns = [column * wave[:, None] for column in e for wave in waves]
     refit = fit.refit(s, *columns)
+    if float((refit.left**2).sum()) > (1.0 - _SWAYS) * float((fit.left**2).sum()):
+        return [], 1
     size = float(np.linalg.norm(refit.x[-len(columns) :]))
     S = fit.gained(refit)
     return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=size)], 1
-
-
-def _runs(time: Array, piece: Array, high: Array) -> list[tuple[int, int]]:
-    """Runs of rows of one piece that are high, but for short gaps, of 0.3 s at least."""
-    places = np.flatnonzero(high)
-    if not places.size:
-        return []
-    ends = np.flatnonzero((np.diff(time[places]) > _GAP) | (np.diff(piece[places]) != 0))
-    begins, stops = np.concatenate([[0], ends + 1]), np.concatenate([ends, [len(places) - 1]])
-    runs = [(int(places[a]), int(places[b]) + 1) for a, b in zip(begins, stops, strict=True)]
-    return [(a, b) for a, b in runs if time[b - 1] - time[a] >= _SHORTEST]
 
 
 def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:

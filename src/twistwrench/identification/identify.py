@@ -81,10 +81,10 @@ def identify(
         A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
     stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
     assume : str or sequence of str, causes that are taken off the logs, with values that are unknowns of the fit
-        ``gain:JOINT``, ``zero:JOINT``, ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``; ``load-friction``, ``warming`` and
-        ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``, ``both-signs``, ``degrees`` and
-        ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and ``exchanged-positions``, each with ``:JOINT:JOINT``;
-        ``mounting``; ``time-scale``. The logs are then kept in memory.
+        ``gain:JOINT``, ``position-scale:JOINT``, ``zero:JOINT``, ``drift:JOINT``, ``tilt``, ``late``, ``stribeck``;
+        ``load-friction``, ``warming`` and ``elasticity``, with ``:JOINT`` or of all joints; ``torque-sign``, ``position-sign``,
+        ``both-signs``, ``degrees`` and ``zero-turn``, each with ``:JOINT``; ``exchanged-torques`` and
+        ``exchanged-positions``, each with ``:JOINT:JOINT``; ``mounting``; ``time-scale``. The logs are then kept in memory.
     progress : callable, optional, called with the share that is done
 
     Returns

@@ -143,7 +143,11 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
     if cause.rivals:
         others = listed(
             dict.fromkeys(
-                f"{one.kind} of {listed([names[k] for k in one.joints])}" if one.joints else one.kind
+                f"{one.kind} of {listed([names[k] for k in one.joints])}"
+                if one.joints
+                else f"another {one.kind}"
+                if one.kind == cause.kind
+                else one.kind
                 for one in cause.rivals
             ),
             3,
@@ -213,6 +217,9 @@ _UNEXPLAINED_JOINT = 0.6
 _NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
 """Deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts. Without
 noise deviations hold the errors of filters only by chance, and these make such small ones."""
+_CHANCE, _POSES, _PART = 1e-6, 50, 0.3
+"""Chance that noise makes a kinetic energy negative in some direction of one pose; poses that are tried; share of the largest
+part in a direction from which a joint is named."""
 _NOTABLE = 0.1
 """Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
 _SPOILED = ("buffered", "saturated")
@@ -230,7 +237,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
         *causes,
         *([] if seen.payload_only or known else _without(seen)),
         *([] if known else _unexciting(seen) or _undetermined(seen)),
-        *_negative(seen, known=known),
+        *(_negative(seen, known=known) or ([] if known else _negative_energy(seen))),
         *_unexplained(seen, known=known),
     ]
     return tuple(sorted(found, key=lambda one: ("refuse", "unsure", "note").index(one.level)))
@@ -334,6 +341,35 @@ def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
             values = ", ".join(f"{seen.base.names[k]} = {plus_minus(seen.x[k], seen.deviations[k])}" for k in which[:4])
             found.append(doubt(kind, [owner[k] for k in which], values=values))
     return found
+
+
+def _negative_energy(seen: FittedLog) -> list[Doubt]:
+    """Kinetic energy ½ q̇' M(q) q̇ below zero at some pose of the logs, at velocities q̇ as fast as theirs."""
+    from scipy.special import chdtri
+
+    base, speed = seen.base, seen.settings.friction_speed
+    q, n = np.concatenate([motion.q for motion in seen.motions]), len(seen.names)
+    q = q[:: max(1, len(q) // _POSES)]
+    still = np.zeros((len(q), n))
+    holding = base.unknown.columns(base.kept, q, still, still, speed)
+    moving = np.stack(
+        [base.unknown.columns(base.kept, q, still, still + e, speed) - holding for e in np.eye(n)], axis=2
+    )
+    fast = np.sqrt((seen.speed**2).mean(axis=0)) * ~seen.dead
+    M = np.einsum("mijr,r,i,j->mij", moving, seen.x, fast, fast)
+    energies, directions = np.linalg.eigh(0.5 * (M + M.swapaxes(1, 2)))
+    dq = directions[..., 0] * fast
+    w = 0.5 * np.einsum("mijr,mi,mj->mr", moving, dq, dq)
+    deviation = np.sqrt(np.maximum(np.einsum("mr,rs,ms->m", w, seen.covariance, w), 0.0))
+    sure = np.sqrt(chdtri(n, _CHANCE))
+    k = int(np.argmin(w @ seen.x + sure * deviation))
+    energy = float(w[k] @ seen.x)
+    if energy >= -sure * deviation[k] or -energy <= _NEGLIGIBLE * 0.5 * energies[k, -1]:
+        return []
+    share = np.abs(directions[k, :, 0])
+    names = [seen.names[j] for j in np.argsort(-share) if share[j] > _PART * share.max()]
+    values = f"a kinetic energy of {plus_minus(energy, float(deviation[k]))} J in a motion of {listed(names, 4)}"
+    return [doubt("negative-inertia", names, values=values)]
 
 
 def _unexplained(seen: FittedLog, *, known: bool) -> list[Doubt]:
