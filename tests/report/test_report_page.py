@@ -27,6 +27,7 @@ COMMANDS = {
     "sensor compensate": ["sensor", "compensate", "demo-motion", "--sensor", "demo", "--contacts", "1e-6"],
     "sensor poses": ["sensor", "poses", "demo", "--count", "3"],
     "doctor": ["doctor", "quadruped"],
+    "size": ["size", "ur5", "demo", "--catalog", "demo", "--pause", "0.8", "--masses-included"],
 }
 """A call of each command that has the option."""
 

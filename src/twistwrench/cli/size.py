@@ -18,7 +18,8 @@ from ..reports.motors import Demand
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
 from . import shared
-from .main import Given, option
+from .main import Given, note, option
+from .report import REPORT, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -48,6 +49,7 @@ _DIGITS = 3
     shared.NO_FRICTION,
     option("--csv OUT.csv", "Write a row for each figure with its limit."),
     option("--plot OUT.png", "Draw the cycle in each motor's speed–torque region, and its temperature."),
+    REPORT,
     option("--out-actuators OUT.yaml", "Write the drives as an actuator file."),
     examples=("size ur5 demo --catalog demo --pause 0.8 --ambient 40 --masses-included",),
     robot_first=True,
@@ -66,24 +68,25 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         else shared.bundled(given.catalog, options.source, ".drives.yaml", "catalogue")
     )
     read = {"MOTION": path, "--catalog": source if source != "servos" else None, "--emergency": given.emergency}
-    given.check_files({**read, **options.files})
+    files = {**read, **options.files}
+    given.check_files(files)
     if options.actuators is not None:
         raise ValueRangeError(
             "the catalogue describes the drives, and --actuators describes others. Leave --actuators out."
         )
     robot, log = shared.open_motion(options, given, path)
-    drawn = read_motion(shared.load_case(robot, options, given), log, smoothing=given.smooth)
+    cycle = read_motion(shared.load_case(robot, options, given), log, smoothing=given.smooth)
     for sentence in log.notes:
-        click.echo(f"note: {sentence}", err=True)
-    if not drawn.verdict.ok:
-        show(*_spoken(drawn.verdict))
-        return drawn.verdict.exit_code
-    robot = drawn.load.with_load
-    motion = Motion(drawn.time, drawn.q, drawn.dq, drawn.ddq, robot=robot, in_seconds=True)
+        note(sentence)
+    if not cycle.verdict.ok:
+        show(*_spoken(cycle.verdict))
+        return cycle.verdict.exit_code
+    robot = cycle.load.with_load
+    motion = Motion(cycle.time, cycle.q, cycle.dq, cycle.ddq, robot=robot, in_seconds=True)
     emergency = None
     if given.emergency is not None:
         stop = read_motion(
-            drawn.load, shared.open_motion(options, given, shared.motion_path(options, given.emergency))[1]
+            cycle.load, shared.open_motion(options, given, shared.motion_path(options, given.emergency))[1]
         )
         emergency = Motion(stop.time, stop.q, stop.dq, stop.ddq, robot=robot, in_seconds=True)
     found = size_drives(
@@ -92,15 +95,22 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
         **given.pick("pause", "ambient", "life", "brake"),
     )  # fmt: skip
     found = found.choose() if given.choose and not found.choice else found
-    show(*size_view(found, ambient=given.ambient))
+    blocks = list(size_view(found, ambient=given.ambient))
+    show(*blocks)
     _write_figures(given.csv, found)
-    if given.plot is not None:
-        from ..plotting.torques import plot_sizing
+    from ..plotting.torques import plot_sizing
 
+    if given.plot is not None:
         plot_sizing(found, given.plot)
     if given.out_actuators is not None:
         found.write_actuators(given.out_actuators)
     shared.show_written(given.csv, given.plot, given.out_actuators)
+    if given.report is not None:
+        pictures = [
+            robot_picture(robot, cycle.q[0], None, "", f"{robot.name} at the beginning of the motion"),
+            drawn("Drives", lambda path: plot_sizing(found, path)),
+        ]
+        write_report(given, "size", f"{robot.name} · {path.name}", blocks, files=files, pictures=pictures, robot=robot)
     return found.verdict.exit_code
 
 

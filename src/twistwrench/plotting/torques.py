@@ -300,7 +300,7 @@ def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
     most, least = motor.greatest_torque(speed), motor.greatest_torque(-speed)
     within = np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))
     time: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": span[0], "vmax": span[1]}
-    points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, **time)
+    points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, rasterized=True, **time)
     if not within.all():
         axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
