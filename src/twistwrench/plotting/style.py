@@ -137,7 +137,11 @@ def save(drawn: Figure, path: str | Path) -> Path:
     return target
 
 
+SHORT, LONG = "#f8e3b5", "#c3e3d3"
+"""Regions of a motor: intermittent and continuous; drawn one over the other, so opaque."""
 _PAGE = {
+    SHORT: "short",
+    LONG: "long",
     "#ffffff": "paper",
     "#000000": "ink",
     INK: "ink",
@@ -277,10 +281,10 @@ def draw_joints(
 
 
 def time_colours() -> Any:
-    """Colormap of time, from light to dark, legible on white."""
+    """Colormap of time, from amber over purple to violet, legible on light and dark."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list("time", (AMBER, PURPLE, LINE))
+    return LinearSegmentedColormap.from_list("time", (AMBER, PURPLE, VIOLET))
 
 
 # ── Grids of panels

@@ -190,8 +190,6 @@ def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
 # ── Operating points of motors. Modern Robotics figure 8.10
 
 _ABREAST = 3
-_SHORT, _LONG = "#f8e3b5", "#c3e3d3"
-"""Colours of a motor's peak and continuous regions; drawn one over the other, so opaque."""
 
 
 def plot_motors(report: TorqueReport, path: str | Path) -> Path:
@@ -289,7 +287,7 @@ def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
     w = np.linspace(-top, top, 401)
     bounds = [motor.torque_constant * x for x in (motor.current_continuous, motor.current_peak) if math.isfinite(x)]
     reach = 1.1 * max([*bounds, float(np.abs(torque).max(initial=0.0))]) or 1.0
-    spells = ((motor.current_peak, _SHORT, "intermittent"), (motor.current_continuous, _LONG, "continuous"))
+    spells = ((motor.current_peak, style.SHORT, "intermittent"), (motor.current_continuous, style.LONG, "continuous"))
     for current, colour, name in spells:
         high = np.clip(motor.greatest_torque(w, current), -reach, reach)
         low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
