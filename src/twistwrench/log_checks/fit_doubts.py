@@ -123,7 +123,7 @@ _LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
 """Delay [s] from which it is told; difference [s], and as a share, below which two delays are one."""
 _OF_FILE = 0.1, 10.0
 """Times the file's bodies that no log of all torques is below or above."""
-_TOLD = 0.5
+_TOLD = 0.75
 """Share of the residual of drives alone, below which the file's bodies must bring it for their gain to be meaningful."""
 
 
@@ -217,6 +217,8 @@ _UNEXPLAINED_JOINT = 0.6
 _NEGATIVE, _NEGLIGIBLE = 4.0, 1e-3
 """Deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts. Without
 noise deviations hold the errors of filters only by chance, and these make such small ones."""
+_MANY = 0.5
+"""Share of the joints that controllers compensate friction of: of all, as a rule."""
 _CHANCE, _POSES, _PART = 1e-6, 50, 0.3
 """Chance that noise makes a kinetic energy negative in some direction of one pose; poses that are tried; share of the largest
 part in a direction from which a joint is named."""
@@ -339,7 +341,15 @@ def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
     ):
         if which := [k for k in owner if mine[k]]:
             values = ", ".join(f"{seen.base.names[k]} = {plus_minus(seen.x[k], seen.deviations[k])}" for k in which[:4])
-            found.append(doubt(kind, [owner[k] for k in which], values=values))
+            joints = sorted({owner[k] for k in which}, key=seen.names.index)
+            if kind == "friction-compensated" and len(joints) <= _MANY * (~seen.dead).sum():
+                said = (
+                    f"friction cannot be negative, but the fit gives {values}: the logs determine too little of it, or the "
+                    "controller compensates it."
+                )
+                found.append(doubt("unexciting", joints, said=said))
+            else:
+                found.append(doubt(kind, joints, values=values))
     return found
 
 
