@@ -259,6 +259,8 @@ def with_option_names(text: str, command: click.Command | None = None) -> str:
 
     def replacement(found: re.Match[str]) -> str:
         name, word, truth = found["name"], found["word"], found["truth"]
+        if truth == "False" and name in known and known[name].secondary_opts:
+            return known[name].secondary_opts[0]
         if truth == "False":
             name = f"no_{name}"
         option = known.get(name)
