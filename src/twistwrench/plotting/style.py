@@ -6,6 +6,7 @@ import contextlib
 import math
 import re
 import tempfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -188,9 +189,15 @@ def page_svg(plot: Callable[[Path], object]) -> str:
     text = re.sub(r' id="([\w.-]+)"', lambda found: found[0] if found[1] in used else "", text)
     text = re.sub(r"#[0-9a-f]{6}\b", lambda found: f"var(--{_PAGE[found[0]]})" if found[0] in _PAGE else found[0], text)
     text = re.sub(r"<[^>]*>", lambda found: _LONG.sub(r"\1", found[0]), text)
-    return re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
+    text = re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
+    # Matplotlib's names hash coordinates with all their digits, and the last differs between runs.
+    names = dict.fromkeys(name for _, name in _NAMES.findall(text))
+    numbers = {name: str(k) for k, name in enumerate(names)}
+    text = _NAMES.sub(lambda found: f"{found[1]}{numbers[found[2]]}", text)
+    return _NAMES.sub(rf"\g<1>p{zlib.crc32(text.encode()):08x}-\g<2>", text)
 
 
+_NAMES = re.compile(r'(\bid="|href="#|url\(#)([\w.-]+)')
 _LONG = re.compile(r"(\d\.\d\d)\d+")
 """Numbers of an element: hundredths of a point are enough."""
 _MINUS = re.compile(r"(?<![\w.-])-(?=[\d.])")
