@@ -160,11 +160,14 @@ def _book() -> dict[str, str]:
         neighbours = {f"← {n}": f"{n}.html" for n in before} | {"All pages": "../book-pages.html"}
         neighbours |= {f"{n} →": f"{n}.html" for n in after}
         found[f"book/{number}.html"] = page_text(robot, section=number, neighbours=neighbours)
-        rows.append(f"| {number} | [{section.title}](book/{number}.html) | {robot.name} |")
+        rows.append(
+            f'<a href="book/{number}.html"><img src="book/{number}.webp" alt="" width="360" height="225" loading="lazy">'
+            f"<b>{number}</b> {section.title}</a>"
+        )
     found["book-pages.md"] = (
         "# Pages to drag\n\nSections of *Modern Robotics*, each a page of its own that computes while its reader drags the tip "
         "of a robot or moves a slider. They need no network; save one, and it runs from a file.\n\n"
-        "| section | page | robot |\n|---|---|---|\n" + "\n".join(rows) + "\n\n"
+        '<div class="thumbnails">\n' + "\n".join(rows) + "\n</div>\n\n"
         "For your own arm: `twistwrench view my_arm.urdf --section 8.3 --html page.html`; [what the pages show](viewer.md).\n"
     )
     return found

@@ -84,7 +84,7 @@ def test_search_works_without_a_server(site):
 def test_sections_of_the_book_are_pages_to_drag(site):
     text = (site / "book-pages.html").read_text("utf-8")
     for page in (site / "book").glob("*.html"):
-        assert f"book/{page.name}" in text
+        assert f"book/{page.name}" in text and (page.parent / f"{page.stem}.webp").exists()
         assert "const PROGRAMS" in page.read_text("utf-8")
     assert (site / "book" / "8.1.3.html").exists()
 
