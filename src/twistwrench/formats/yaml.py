@@ -35,7 +35,7 @@ UNITS: dict[str, dict[str, float]] = {
         "mN m": 1e-3,
         "kN m": 1e3,
         "kgf cm": 0.0980665,
-        "ozf in": 0.45359237 / 16 * 9.80665 * 0.0254,
+        "ozf in": 0.007061551814226043,
     },
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "viscous": {"N m s/rad": 1.0, "mN m s/rad": 1e-3},
