@@ -199,10 +199,14 @@ def _robot(options: RobotOptions, log: str, columns: dict[str, str], *, lock_mis
     held = None
     if lock_missing:
         held = partial(joints_without_column, open_motion_file(log), columns=columns)
-    robot, _ = replace(options, actuators=None).load_and_locked(held=held)
-    if options.actuator_file:
-        options.load_and_locked(held=held)  # raises if the file names other joints
-    return robot, options.actuator_file and motor_side(robot.model, options.actuator_file)
+    robot, locked = replace(options, actuators=None).load_and_locked(held=held)
+    file = options.actuator_file
+    if file is None:
+        return robot, None
+    known = (*robot.model.velocity_names, *locked)
+    if others := [name for name in actuator_content(file).get("actuators") or () if name not in known]:
+        raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', others[0], known)}")
+    return robot, motor_side(robot.model, file)
 
 
 def _number(text: str, option: str) -> float | None:
