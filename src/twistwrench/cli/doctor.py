@@ -15,7 +15,7 @@ from ..errors import ValueRangeError
 from ..reports.blocks import Block, Line, Table, numbers, words
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
-from .report import REPORT, drawn, robot_picture, write_report
+from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command, robot_source
 from .terminal import show
 
@@ -27,6 +27,7 @@ from .terminal import show
     option("--force", "Replace the file of --fix if it is there.", "overwrite"),
     option("--fix OUT", "Write the file with the repairs, everything else byte for byte."),
     REPORT,
+    PAGE,
     option("--plot OUT.png", "Draw shapes, and ellipsoids of inertia before and after."),
     option("--meshes DIR", "Look for meshes there too; may be repeated.", multiple=True),
     option(
@@ -85,7 +86,7 @@ def doctor_command(given: Given) -> ExitCode:
             click.echo(f"wrote {plot_diagnosis(report, given.plot)}", err=given.json)
         else:
             click.echo("note: no finding changes an inertia, so there is nothing to draw.", err=True)
-    if given.report is not None:
+    if given.report is not None or given.html is not None:
         write_doctor_report(report, blocks, given, files)
     return report.exit_code(strict=given.strict)
 
@@ -93,17 +94,18 @@ def doctor_command(given: Given) -> ExitCode:
 def write_doctor_report(
     report: DoctorReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None]
 ) -> None:
-    """Write the page: links in the colours of their findings, and inertias before and after the repairs."""
+    """Write --html and --report: links in the colours of their findings, and inertias before and after the repairs."""
     from ..plotting.identification import links_drawn, plot_diagnosis
     from ..viz.page import findings_scene
 
     pictures, scene = [], findings_scene(report)
-    if scene.robot.nv:
+    link = write_viewer(given, scene.robot, scene=scene)
+    if given.report is not None and scene.robot.nv:
         named = any(finding.where.startswith("link") for finding in report.findings)
         colours = ", links in the colours of their findings: red error, orange warning, yellow note" if named else ""
         title = f"{report.robot}{colours}"
-        pictures.append(robot_picture(scene.robot, None, None, "", title, scene))
-    if links_drawn(report):
+        pictures.append(robot_picture(scene.robot, None, None, "", title, scene, link))
+    if given.report is not None and links_drawn(report):
         pictures.append(drawn("Inertia before and after", lambda path: plot_diagnosis(report, path)))
     write_report(given, "doctor", report.robot, blocks, files=files, pictures=pictures, robot=scene.robot)
 

@@ -28,7 +28,7 @@ from ..robot import Robot
 from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, follow_poses, joint_line, spline
 from ..typing import Array
 from .main import Given, option
-from .report import REPORT, drawn, robot_picture, write_report
+from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import LIMITS, NO_FRICTION, PAYLOADS, RobotOptions, load_case, robot_command, show_written
 from .terminal import show
 
@@ -64,6 +64,7 @@ from .terminal import show
     option("--csv OUT.csv", "Write the motion, as 'twistwrench torques' reads it."),
     option("--plot OUT.png", "Draw the motion; with --fastest, the phase plane too."),
     REPORT,
+    PAGE,
     examples=(
         "move ur5 --to 0.9,-0.9,1.0,-0.4,1.2,1.0 --fastest",
         "move ur5 --from=-0.5,-1.9,1.9,-0.3,1.5,0 --by 0.1,0,-0.1 --csv move.csv",
@@ -121,8 +122,14 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.plot is not None:
         moving.plot(given.plot, bounds, friction=friction)
     show_written(given.csv, given.plot)
+    link = ""
+    if given.html is not None:
+        from ..viz.drawn_motion import motion_of
+
+        judged = replace(load, robot=Robot(replace(load.robot.model, limits=bounds)))
+        link = write_viewer(given, judged.robot, motion=motion_of(judged, moving.sample(given.step)))
     if given.report is not None:
-        pictures = [robot_picture(robot, *_worst_moment(moving, uses, bounds, friction=friction))]
+        pictures = [robot_picture(robot, *_worst_moment(moving, uses, bounds, friction=friction), link=link)]
         pictures.append(drawn("Motion and limits", lambda path: moving.plot(path, bounds, friction=friction)))
         facts = [("duration", f"{number(moving.duration, 6)} s")]
         report(f"{robot.name} · {moving.path.name}", blocks, facts=facts, pictures=pictures)

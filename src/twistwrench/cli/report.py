@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -29,6 +30,7 @@ REPORT = option_group(
     option("--report OUT.html", "Write a report to hand on, as one page."),
     option("--full-paths", "Keep the folders of files in --report."),
 )
+PAGE = option("--html OUT.html", "Write the page that shows it in a browser; --report in the same folder links to it.")
 _SPLIT = ("+", ":=", "=")
 """Signs between which a word of the command line may have paths."""
 
@@ -81,12 +83,24 @@ def drawn(title: str, plot: Callable[[Path], object]) -> Picture:
 
 
 def robot_picture(
-    robot: Robot, q: Any, joint: str | None, label: str, title: str, scene: Scene | None = None
+    robot: Robot, q: Any, joint: str | None, label: str, title: str, scene: Scene | None = None, link: str = ""
 ) -> Picture:
-    """The robot at a configuration, None for one to look at, with the link of a joint in red."""
+    """The robot at a configuration, None for one to look at, with the link of a joint in red, and a ``link`` below it."""
     from ..viz.movie import still
 
-    return Picture(title, still(robot, q, joint, label, scene=scene))
+    return Picture(title, still(robot, q, joint, label, scene=scene), link)
+
+
+def write_viewer(given: Given, robot: Robot, state: str = "", **shown: Any) -> str:
+    """Write the page of --html if there is one; returns the address, with the ``state``, for a report beside it, else empty."""
+    if given.html is None:
+        return ""
+    from ..viz.page import write_page
+
+    path = write_page(robot, given.html, **shown)
+    show_written(path)
+    beside = given.report is not None and Path(given.report).resolve().parent == path.resolve().parent
+    return f"{quote(path.name)}{state}" if beside else ""
 
 
 def _without_folders(texts: Iterable[str]) -> Callable[[str], str]:

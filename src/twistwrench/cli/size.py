@@ -19,7 +19,7 @@ from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, drawn, robot_picture, write_report
+from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import show
 
@@ -50,6 +50,7 @@ _DIGITS = 3
     option("--csv OUT.csv", "Write a row for each figure with its limit."),
     option("--plot OUT.png", "Draw the cycle in each motor's speed–torque region, and its temperature."),
     REPORT,
+    PAGE,
     option("--out-actuators OUT.yaml", "Write the drives as an actuator file."),
     examples=("size ur5 demo --catalog demo --pause 0.8 --ambient 40 --masses-included",),
     robot_first=True,
@@ -105,9 +106,10 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.out_actuators is not None:
         found.write_actuators(given.out_actuators)
     shared.show_written(given.csv, given.plot, given.out_actuators)
+    link = write_viewer(given, cycle.load.robot, motion=cycle)
     if given.report is not None:
         pictures = [
-            robot_picture(robot, cycle.q[0], None, "", f"{robot.name} at the beginning of the motion"),
+            robot_picture(robot, cycle.q[0], None, "", f"{robot.name} at the beginning of the motion", link=link),
             drawn("Drives", lambda path: plot_sizing(found, path)),
         ]
         write_report(given, "size", f"{robot.name} · {path.name}", blocks, files=files, pictures=pictures, robot=robot)

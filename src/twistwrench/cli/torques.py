@@ -29,7 +29,7 @@ from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueRepor
 from ..reports.torque_verdict import friction_words, notes_of
 from . import shared
 from .main import Given, note, option
-from .report import REPORT, drawn, robot_picture, write_report
+from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
 
@@ -47,6 +47,7 @@ _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
     shared.LIMITS,
     option("--motor-plot OUT.png", "Draw what each motor does in its speed–torque region."),
     REPORT,
+    PAGE,
     option("--why", "Split the worst joint's peak by link, payload and rotor too."),
     examples=(
         "torques ur5 --trajectory demo --payload 10 --why",
@@ -63,9 +64,10 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     path = shared.motion_path(options, given.trajectory)
     given.logs = paths = shared.expand_paths(path, given.trajectory)
     if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
-        if given.plot or given.motor_plot or given.split or given.why or given.report:
+        if any((given.plot, given.motor_plot, given.split, given.why, given.report, given.html)):
             raise ValueRangeError(
-                "--plot, --motor-plot, --split, --why and --report are of one motion. Give one file, and no --workers."
+                "--plot, --motor-plot, --split, --why, --report and --html are of one motion. Give one file, and no "
+                "--workers."
             )
         return run_batch(BatchTorques(options, given), paths)
     if given.motor_plot is not None and options.actuators is None:
@@ -92,13 +94,19 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
             )
         plot_motors(report, given.motor_plot)
     shared.show_written(given.csv, given.plot, given.motor_plot)
+    link = ""
+    if given.html is not None:
+        from ..viz.drawn_motion import reported_motion
+
+        time = f"#t={number(report.joints[report.worst].time, 6)}" if report.worst is not None else ""
+        link = write_viewer(given, report.load.robot, time, motion=reported_motion(report))
     if given.report is not None:
-        write_torque_report(report, blocks, given, files)
+        write_torque_report(report, blocks, given, files, link)
     return report.verdict.exit_code
 
 
 def write_torque_report(
-    report: TorqueReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None]
+    report: TorqueReport, blocks: Sequence[Block], given: Given, files: Mapping[str, str | Path | None], link: str
 ) -> None:
     """Write the page of one motion: the worst moment, the plots, and what the torques count in."""
     from ..plotting.torques import plot_motors, plot_report
@@ -115,7 +123,7 @@ def write_torque_report(
         ]
         q = states.q[int(np.argmin(np.abs(states.time - joint.time)))]
         title = f"{report.robot} at t = {seconds(joint.time)} s; red: {joint.joint}, {share}"
-        pictures.append(robot_picture(load.with_load, q, joint.joint, f"{joint.joint}, {share}", title))
+        pictures.append(robot_picture(load.with_load, q, joint.joint, f"{joint.joint}, {share}", title, link=link))
     if report.motors:
         pictures.append(drawn("Motors", lambda path: plot_motors(report, path)))
     friction = friction_words(load.robot.model, counted=load.friction)

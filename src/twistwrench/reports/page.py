@@ -56,6 +56,8 @@ class Picture:
     title: str
     """Shown below a PNG, and read out for both."""
     content: str | bytes
+    link: str = ""
+    """Address of the page that shows the same in a browser."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +217,8 @@ def _picture(picture: Picture) -> str:
     if isinstance(picture.content, bytes):
         data = base64.b64encode(picture.content).decode("ascii")
         image = f'<img alt="{name}" src="data:image/png;base64,{data}">'
-        return f'<figure class="robot">{image}<figcaption>{name}</figcaption></figure>'
+        link = f' · <a href="{html.escape(picture.link)}">Open in viewer</a>' if picture.link else ""
+        return f'<figure class="robot">{image}<figcaption>{name}{link}</figcaption></figure>'
     return f'<figure><div class="scroll" tabindex="0" role="img" aria-label="{name}">{picture.content}</div></figure>'
 
 

@@ -132,7 +132,11 @@ class DrawnMotion:
 
 
 def motion_of(
-    robot: Robot, time: Any, q: ArrayLike | None = None, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+    robot: Robot | LoadCase,
+    time: Any,
+    q: ArrayLike | None = None,
+    dq: ArrayLike | None = None,
+    ddq: ArrayLike | None = None,
 ) -> DrawnMotion:
     """Motion to be shown: from a :class:`twistwrench.Motion`, or a result that has one, or from arrays.
 
@@ -140,7 +144,7 @@ def motion_of(
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, or a LoadCase with what it carries
     time : (n,) array_like [s], or a Motion, or a result with one
     q : (n, nq) array_like, configurations
     dq : (n, nv) array_like, optional, velocities [rad/s, m/s]; derived by a spline where left out
@@ -167,8 +171,9 @@ def motion_of(
             )
         time, q, dq, ddq = taken.time, taken.q, taken.dq, taken.ddq
         doubts = taken.contradictions
-    model = robot.model
-    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=robot.coordinate_names)
+    load = robot if isinstance(robot, LoadCase) else LoadCase(robot)
+    model = load.robot.model
+    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=load.robot.coordinate_names)
     if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
         raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
     if (np.diff(t) <= 0).any():
@@ -193,7 +198,7 @@ def motion_of(
     moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
     states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
-    motion = _gathered(LoadCase(robot), iter([states]))
+    motion = _gathered(load, iter([states]))
     refused = tuple(map(str, doubts))
     told = tuple(f"{Word.LOOK_AGAIN}: {said}" for said in refused)
     motion = replace(motion, refused=refused, warnings=(*told, *motion.warnings))
