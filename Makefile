@@ -79,6 +79,9 @@ bridges: $(VENV)/.dev
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+outputs: $(VENV)/.dev
+	$(BIN)/python docs/outputs.py
+
 release-check: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet build twine
 	$(BIN)/python tools/release_check.py

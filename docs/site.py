@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
 _LIVE = re.compile(r"^<!-- live: (\S+), (.+) -->$", re.MULTILINE)
 """A page that computes, within a page of the site: its name, and its title."""
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
+_FORMULA = re.compile(r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</(?:span|div)>', re.DOTALL)
+"""LaTeX as Arithmatex marks it: \\(inline\\) and \\[displayed\\]."""
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
 _SHIM = "https://unpkg.com/iframe-worker/shim"
 _MODULES = (
@@ -66,13 +69,17 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Roles of docstrings, :meth:`~twistwrench.Robot.add`, as the names they show."""
+    """Replace formulas by MathML, and roles of docstrings, :meth:`~twistwrench.Robot.add`, by the names they show."""
+    from latex2mathml.converter import convert
 
     def shown(found: re.Match[str]) -> str:
         text, tilde, name = found[1], found[2], found[3]
         return f"<code>{text or (name.rpartition('.')[2] if tilde else name)}</code>"
 
-    return _ROLE.sub(shown, html)
+    def formula(found: re.Match[str]) -> str:
+        return convert(unescape(found[2]), display="inline" if found[1] == "(" else "block")
+
+    return _FORMULA.sub(formula, _ROLE.sub(shown, html))
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:

@@ -19,6 +19,7 @@ BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 EXIT = re.compile(r"\bexit=(\d+)")
 """Behind the language of a block of commands: what they end with, where that is not 0."""
 
+OUTPUTS = runpy.run_path(str(ROOT / "docs" / "outputs.py"))
 WANTS = {"bridges.md": ("jax", "casadi"), "coming-from.md": ("pinocchio", "mujoco", "modern_robotics")}
 """Other packages that a page is about."""
 
@@ -37,13 +38,19 @@ def marked_blocks(page: Path, language: str) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
-def test_python_blocks_run_one_after_another(page, capsys, tmp_path, monkeypatch):
+def test_python_blocks_run_and_print_what_is_shown(page, tmp_path, monkeypatch):
     for name in WANTS.get(page.name, ()):
         pytest.importorskip(name)
     monkeypatch.chdir(tmp_path)
-    scope: dict[str, object] = {}
-    for text in blocks(page, "python"):
-        exec(compile(text, str(page), "exec"), scope)
+    for block, printed in OUTPUTS["outputs"](page.read_text("utf-8"), page.name):
+        shown = block["shown"] or ""
+        assert OUTPUTS["agree"](shown, printed), f"shown:\n{shown}\nprinted:\n{printed}\n`make outputs` writes it there"
+
+
+def test_outputs_agree_to_the_digits_shown():
+    agree = OUTPUTS["agree"]
+    assert agree("[0. 1.23]", "[0.   1.24]") and agree("a\n…\nb 3", "a\n x\nb 3") and agree("gap 2e-14", "gap 3e-15")
+    assert not agree("1.23", "1.25") and not agree("a", "a b") and not agree("", "x") and not agree("a … b", "a c")
 
 
 CODES = {
