@@ -438,7 +438,6 @@ STILL = (
     ("excite", "still.urdf"),
     ("simulate", "still.urdf"),
     ("identify", "still.urdf", "ok.csv"),
-    ("plot", "still.urdf", "--what", "split", "--trajectory", "ok.csv"),
 )
 
 

@@ -629,7 +629,7 @@ def test_pictures_of_what_contradicts_itself_are_drawn_and_end_with_1(run, tmp_p
     bad = write_motion(tmp_path / "m.csv", arm, T, (Q, np.degrees(DQ)), ("", ".vel"))
     good = write_motion(tmp_path / "g.csv", arm, T, (Q, DQ), ("", ".vel"))
     for command, out in (
-        ("plot", ["--what", "phase", "--out", tmp_path / "a.png"]),
+        ("torques", ["--plot", tmp_path / "a.png"]),
         ("view", ["--html", tmp_path / "a.html"]),
     ):
         code, text = run(command, robot, "--trajectory", bad, *out)

@@ -399,10 +399,11 @@ def test_the_shell_films_and_draws(tmp_path):
     pytest.importorskip("matplotlib")
     result = run("view", "ur5", "--trajectory", "demo", "--movie", tmp_path / "a.gif", "--speed", 60)
     assert result.exit_code == 0, result.output
-    for what in ("split", "power", "phase"):
-        result = run("plot", "ur5", "--trajectory", "demo", "--payload", 5, "--what", what, "--out", tmp_path / what)
-        assert result.exit_code == 0, result.output
-        assert (tmp_path / f"{what}.png").is_file()
+    kinds = ("torques", "causes", "power", "phase")
+    plots = [word for kind in kinds for word in ("--plot", f"{kind}={tmp_path / kind}")]
+    result = run("torques", "ur5", "--trajectory", "demo", "--payload", 5, "--joint", "elbow_joint", *plots)
+    assert result.exit_code == 0, result.output
+    assert all((tmp_path / f"{kind}.png").is_file() for kind in kinds)
 
 
 def test_the_shell_tells_of_limits_that_are_passed(tmp_path):
@@ -423,13 +424,14 @@ def test_the_shell_tells_of_limits_that_are_passed(tmp_path):
         (("view", "ur5", "--wrench-on-robot", "nose:0,0,0,0,0,1", "--html", "a.html"), "no frame named 'nose'"),
         (("view", "ur5", "--payload", "heavy", "--html", "a.html"), "payload 'heavy': expected MASS"),
         (("view", "ur6", "--html", "a.html"), "no bundled robot of that name"),
-        (("plot", "ur5", "--trajectory", "demo", "--what", "split", "--out", "a.jpg"), "Choose one of .png"),
+        (("torques", "ur5", "--trajectory", "demo", "--plot", "causes=a.jpg"), "Choose one of .png"),
+        (("torques", "ur5", "--trajectory", "demo", "--plot", "phase=a.png", "--joint", "x"), "no joint named 'x'"),
         (
-            ("plot", "ur5", "--trajectory", "demo", "--what", "phase", "--joint", "x", "--out", "a.png"),
-            "no joint named 'x'",
+            ("torques", "ur5", "--trajectory", "demo", "--plot", "power=a.png", "--joint", "elbow_joint"),
+            "Add one of them",
         ),
-        (("plot", "ur5", "--trajectory", "demo", "--what", "power", "--joint", "x", "--out", "a.png"), "Leave it out"),
-        (("plot", "ur5", "--trajectory", "demo", "--what", "art", "--out", "a.png"), "art"),
+        (("torques", "ur5", "--trajectory", "demo", "--plot", "art=a.png"), "Kinds: torques, causes"),
+        (("torques", "ur5", "--trajectory", "demo", "--plot", "a.png", "--plot", "b.png"), "given twice"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_no_file(tmp_path, monkeypatch, arguments, words):

@@ -410,7 +410,6 @@ _COMMANDS = {
     "log": _Entry("log", "What is in the log of a motion."),
     "move": _Entry("move", "A motion from one configuration to another, also the fastest."),
     "payload": _Entry("payload", "The largest payload at a pose, and the joint that limits it."),
-    "plot": _Entry("view", "Pictures of a motion: causes of torques, power, phase planes."),
     "robots": _Entry("info", "The robots that have a name."),
     "sensor": _Entry("sensor", "Six-axis sensors: identify a tool, take its weight off readings."),
     "size": _Entry("size", "Motors and gears for a motion that repeats, chosen from a catalogue."),

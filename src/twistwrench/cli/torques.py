@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.files import picture_path
 from ..core.numbers import MISSING, deviation, number, percent, percent_of_limit, quantity, seconds, torque
 from ..core.text import listed
 from ..core.third_party import Failure, workers_of
@@ -28,7 +29,7 @@ from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
 from ..reports.torque_verdict import friction_words, notes_of
 from . import shared
-from .main import Given, note, option
+from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
@@ -37,15 +38,23 @@ _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """Time to estimate the noise of a motion, and to fit the smoothing, relative to the analysis."""
 
 
+_PLOTS = ("torques", "causes", "power", "phase", "motors")
+
+
 @robot_command(
     "torques",
     shared.loaded_motion_options(required=True),
     shared.worker_options,
     option("--csv OUT.csv", "Write time and torques."),
     option("--split", "Write the causes of the torques too."),
-    option("--plot OUT.png", "Draw torques, limits, and the split of the worst joint."),
+    option(
+        "--plot [KIND=]OUT.png",
+        f"Draw the motion (.png, .pdf or .svg); KIND is {', '.join(_PLOTS)}; may be repeated.  [default KIND: torques]",
+        "plots",
+        multiple=True,
+    ),
+    option("--joint JOINT", "Draw this joint only, in causes and phase; may be repeated.", "joints", multiple=True),
     shared.LIMITS,
-    option("--motor-plot OUT.png", "Draw what each motor does in its speed–torque region."),
     REPORT,
     PAGE,
     option("--why", "Split the worst joint's peak by link, payload and rotor too."),
@@ -64,16 +73,18 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     path = shared.motion_path(options, given.trajectory)
     given.logs = paths = shared.expand_paths(path, given.trajectory)
     if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
-        if any((given.plot, given.motor_plot, given.split, given.why, given.report, given.html)):
+        if any((given.plots, given.split, given.why, given.report, given.html)):
             raise ValueRangeError(
-                "--plot, --motor-plot, --split, --why, --report and --html are of one motion. Give one file, and no "
-                "--workers."
+                "--plot, --split, --why, --report and --html are of one motion. Give one file, and no --workers."
             )
         return run_batch(BatchTorques(options, given), paths)
-    if given.motor_plot is not None and options.actuators is None:
-        raise ValueRangeError("--motor-plot draws the motors, and none are described. Add --actuators FILE.yaml.")
+    plots = _parse_plots(given.plots)
+    if "motors" in plots and options.actuators is None:
+        raise ValueRangeError("--plot motors=… draws the motors, and none are described. Add --actuators FILE.yaml.")
+    if given.joints and not {"causes", "phase"} & plots.keys():
+        raise ValueRangeError("--joint selects panels of --plot causes=… and phase=…. Add one of them.")
     files = {"--trajectory": path, "--limits": given.limits, **options.files}
-    given.check_files(files)
+    given.check_files(files, **{f"plot {kind}": picture for kind, picture in plots.items()})
     with progress_bar(path.name) as progress:
         steps = Steps(progress, (_PLANNING_AND_SMOOTHING if given.smooth else _PLANNING, 1.0))
         report = analysis(options, given, path, steps, csv=given.csv, split=given.split)
@@ -81,19 +92,9 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         note("--smooth changes nothing: the file gives velocities and accelerations.")
     blocks = list(report_view(report, degrees=options.degrees, why=given.why))
     show(*blocks)
-    if given.plot is not None:
-        from ..plotting.torques import plot_report
-
-        plot_report(report, given.plot)
-    if given.motor_plot is not None:
-        from ..plotting.torques import plot_motors
-
-        if not report.motors:
-            raise ValueRangeError(
-                f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot."
-            )
-        plot_motors(report, given.motor_plot)
-    shared.show_written(given.csv, given.plot, given.motor_plot)
+    for kind, picture in plots.items():
+        _plot(report, kind, picture, given.joints)
+    shared.show_written(given.csv, *plots.values())
     link = ""
     if given.html is not None:
         from ..viz.drawn_motion import reported_motion
@@ -103,6 +104,38 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.report is not None:
         write_torque_report(report, blocks, given, files, link)
     return report.verdict.exit_code
+
+
+def _parse_plots(texts: Sequence[str]) -> dict[str, str]:
+    """Pictures by their kind; raises before a long run if one cannot be drawn."""
+    found: dict[str, str] = {}
+    for text in texts:
+        kind, sign, path = text.partition("=")
+        kind, path = (kind, path) if sign else ("torques", text)
+        if kind not in _PLOTS or not path:
+            raise ValueRangeError(f"--plot {text!r} is not KIND=OUT.png. Kinds: {', '.join(_PLOTS)}.")
+        if kind in found:
+            raise ValueRangeError(f"--plot {kind} is given twice. Keep one of them.")
+        found[kind] = picture_path(path)
+    if found:
+        check_matplotlib()
+    return found
+
+
+def _plot(report: TorqueReport, kind: str, path: str, joints: Sequence[str]) -> None:
+    """Draw a report, its motors, or its motion."""
+    from ..plotting import motion as of_motion
+    from ..plotting.torques import plot_motors, plot_report
+    from ..viz.drawn_motion import reported_motion
+
+    if kind == "motors" and not report.motors:
+        raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
+    if kind in ("torques", "motors"):
+        (plot_report if kind == "torques" else plot_motors)(report, path)
+    elif kind == "power":
+        of_motion.plot_power(reported_motion(report), path)
+    else:
+        (of_motion.plot_split if kind == "causes" else of_motion.plot_phase)(reported_motion(report), path, joints)
 
 
 def write_torque_report(

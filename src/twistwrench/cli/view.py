@@ -1,4 +1,4 @@
-"""The commands ``twistwrench view`` and ``plot``: pages, films and pictures of a motion."""
+"""The command ``twistwrench view``: pages and films of a robot and its motion."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from ..motion.motion_log import MotionLog
 from ..robot import Robot
 from ..viz.drawn_motion import DrawnMotion
 from .main import Given, option
-from .shared import LIMITS, RobotOptions, load_case, loaded_motion_options, motion_path, open_motion, robot_command
-
-_KINDS = ("split", "power", "phase")
+from .shared import LIMITS, RobotOptions, load_case, loaded_motion_options, motion_path, robot_command
 
 
 @robot_command(
@@ -79,36 +77,6 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
         if not given.no_browser and not open_browser(path_of_page.as_uri()):
             click.echo("note: no browser could be opened. Open the file in one.", err=True)
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
-
-
-@robot_command(
-    "plot",
-    loaded_motion_options(required=True),
-    option("--what", "Causes of torques, power and energy, or phase planes.", choices=_KINDS, required=True),
-    option("--out OUT.png", "The picture: .png, .pdf or .svg.", required=True),
-    option("--joint JOINT", "Of this joint alone; may be repeated.", "joints", multiple=True),
-    examples=("plot ur5 --trajectory demo --payload 5 --what power --out power.png",),
-)
-def plot_command(options: RobotOptions, given: Given) -> ExitCode:
-    """Draw a motion: what each torque is made of, power and energy, or the phase plane of each joint.
-
-    Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is drawn all the same.
-    """
-    from ..plotting.motion import PICTURES
-    from ..plotting.style import require_matplotlib
-    from ..viz.drawn_motion import read_motion
-
-    path = motion_path(options, given.trajectory)
-    require_matplotlib("Drawing (plot)")
-    if given.joints and given.what == "power":
-        raise ValueRangeError("--joint chooses panels, and the picture of power has none. Leave it out.")
-    given.check_files({"--trajectory": path, **options.files})
-    robot, trajectory = open_motion(options, given, path)
-    motion = read_motion(load_case(robot, options, given), trajectory, smoothing=given.smooth)
-    _print_notes(trajectory, motion)
-    PICTURES[given.what](motion, given.out, *([given.joints] if given.joints else []))
-    click.echo(f"wrote {given.out}")
-    return motion.verdict.exit_code
 
 
 def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Robot, dict[str, Any], DrawnMotion | None]:

@@ -226,10 +226,6 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     return _panels(motion, path, joints, "velocity over position", draw, seen, "", shades)
 
 
-PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_power, "phase": plot_phase}
-"""Pictures by their names in the shell."""
-
-
 def _panels(
     motion: DrawnMotion,
     path: str | Path,

@@ -206,7 +206,7 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
     rows, columns = style.panel_grid(len(motors), _ABREAST)
-    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--motor-plot)") as drawn:
+    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--plot motors)") as drawn:
         axes = style.panels(drawn, len(motors), _ABREAST)
         keys: dict[str, Any] = {}
         for k, (axis, motor) in enumerate(zip(axes, motors, strict=True)):
