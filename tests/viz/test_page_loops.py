@@ -213,6 +213,64 @@ def test_a_slider_stops_where_no_closed_pose_exists(tmp_path):
         assert np.abs(robot.constraint_error(np.array(found["q"]))).max() < 1e-10
 
 
+DRAG = """(m, given) => { const viewer = { robot: m.robot, mechanics: m, loops: new Loops(m), holds: true, q: m.robot.start, shown: { keep: false },
+      stage: {}, setCoordinates(q) { this.q = q; } }, grasp = new Grasp(viewer);
+    return given.map((goal) => { for (let k = 0; k < 20; k++) grasp.reach(goal); return viewer.q; }); }"""
+
+
+def test_the_tip_of_a_closed_robot_is_dragged(closed):
+    robot, page, header = closed
+    tip, start, rng = header["frames"][header["tip"]]["name"], np.array(header["start"]), np.random.default_rng(2)
+    goals = [robot.consistent(robot.robot.add(start, 0.05 * rng.normal(size=robot.nv)), within=2.0) for _ in range(4)]
+    places = [robot.robot.forward_kinematics(q, tip)[:3, 3] for q in goals]
+    found = [np.array(q) for q in under_node(page, DRAG, [p.tolist() for p in places])]
+    for q, p in zip(found, places, strict=True):
+        assert np.abs(robot.constraint_error(q)).max() < 1e-10
+        np.testing.assert_allclose(robot.robot.forward_kinematics(q, tip)[:3, 3], p, atol=1e-5 * header["size"])
+    (far,) = under_node(page, DRAG, [[9.0, 9.0, 9.0]])  # out of reach
+    assert np.abs(robot.constraint_error(np.array(far))).max() < 1e-10
+    assert not robot.robot.limits.exceeded(robot.robot.model.positions(np.array(far))).any()
+
+
+LET_GO = """(m, given) => { const fall = new Fall(m, given.q, given.dq, given.stops, new Loops(m));
+    const found = given.times.map((t) => { while (fall.time < t - 1e-9) { fall.step(); if (Math.round(fall.time / fall.h) % 8 === 0) fall.keep(); }
+      fall.advance(0); return [fall.q, fall.dq, fall.at, fall.kinetic + fall.potential]; });
+    return { found, drift: fall.drift, at: fall.resistance?.at }; }"""
+
+
+@pytest.mark.parametrize("name", ["four-bar", pytest.param("platform", marks=pytest.mark.slow)])
+def test_a_closed_robot_let_go_moves_as_simulate_says(tmp_path, name):
+    """Both integrate to round-off here: RK4 with 0.5 ms in the page, the library with 0.1 ms."""
+    robot, motors = CLOSED[name]
+    page = write_page(robot, tmp_path / "page.html", actuated=motors)
+    header = read_page(page)[0]
+    given = {"q": header["start"], "dq": [0.0] * robot.nv, "stops": False, "times": [0.02, 0.04]}
+    gone = under_node(page, LET_GO, given)
+    expected = robot.simulate(header["start"], np.zeros(robot.nv), 0.04, 1e-4)
+    for (q, dq, *_), row in zip(gone["found"], (200, 400), strict=True):
+        np.testing.assert_allclose(q, expected.q[row], atol=1e-9)
+        np.testing.assert_allclose(dq, expected.dq[row], atol=1e-8)
+        assert np.abs(robot.constraint_error(np.array(q))).max() < 1e-10
+    assert gone["drift"] < 1e-7
+
+
+def test_a_standing_robot_let_go_sinks_on_its_feet(standing):
+    """Its energy goes to friction alone, its feet stay, and no joint passes its stops."""
+    robot, page, header = standing
+    start = {"q": header["start"], "dq": [0.0] * robot.nv}
+    assert under_node(page, LET_GO, {**start, "stops": False, "times": [0.1]})["drift"] < 1e-7
+    gone = under_node(page, LET_GO, {**start, "stops": True, "times": [0.1, 0.2, 0.3]})
+    energies = [energy for *_, energy in gone["found"]]
+    assert energies == sorted(energies, reverse=True)
+    q = np.array(gone["found"][-1][0])
+    assert q[6] < header["start"][6] - 0.01
+    ends = [(q[b.q_index], robot.limits.lower[b.v_index], robot.limits.upper[b.v_index]) for b in robot.model.leaders]
+    assert all(low - 0.02 <= x <= high + 0.02 for x, low, high in ends if np.isfinite([low, high]).all())
+    for c in contacts_of(robot, header["standing"]):
+        p, p0 = ((robot.forward_kinematics(x, c.frame) @ [*c.point, 1.0])[:3] for x in (q, np.array(header["start"])))
+        np.testing.assert_allclose(p, p0, atol=1e-9)
+
+
 def test_a_page_of_a_closed_robot_in_chromium(show):
     """A slider drags the crank all the way round; the others follow, and are not sliders."""
     robot = four_bar().close("rocker_pin", "coupler_pin", "vx vz")
@@ -228,6 +286,14 @@ def test_a_page_of_a_closed_robot_in_chromium(show):
     page.open(page.run("location.href").split("#")[0] + f"#q={','.join(map(str, np.round(q, 6)))}")
     assert page.wait("!!window.viewer")
     assert np.abs(robot.constraint_error(np.array(page.run("viewer.q")))).max() < 1e-10
+    u, v = page.run("viewer.stage.project(viewer.grasp.tip)")
+    page.drag((u, v), (u - 30, v - 20))
+    dragged = np.array(page.run("viewer.q"))
+    assert np.abs(dragged - np.round(q, 6)).max() > 0.01
+    assert np.abs(robot.constraint_error(dragged)).max() < 1e-10
+    page.run("document.getElementById('let-go').click()")
+    assert page.wait("viewer.fall && viewer.fall.time > 0.2")
+    assert np.abs(robot.constraint_error(np.array(page.run("viewer.q")))).max() < 1e-9
     assert page.complaints == []
 
 
@@ -241,7 +307,10 @@ def test_a_standing_robot_in_chromium(show):
     )
     said = page.run("document.getElementById('stands').textContent + document.getElementById('stopped').textContent")
     assert "centre of mass is not above its feet" in said or "Stopped" in said
-    page.run("document.getElementById('show-feet').click()")
+    page.run("viewer.address.reset(); document.getElementById('let-go').click()")
+    assert page.wait("viewer.fall && viewer.fall.time > 0.02")
+    assert "lost to friction" in page.run("document.getElementById('fall').textContent")
+    page.run("document.getElementById('let-go').click(); document.getElementById('show-feet').click()")
     tau = page.run("viewer.tau")
     np.testing.assert_allclose(tau, robot.holding_torques(np.array(page.run("viewer.q"))), atol=1e-9)
     assert page.complaints == []

@@ -195,11 +195,10 @@ def test_a_change_of_the_load_begins_a_new_account(tmp_path):
 @pytest.mark.parametrize(
     ("robot", "why"),
     [
-        (tw.robots.quadruped(), "floats has no floor"),
         (LONG, f"more than {LARGEST} operations, too much for a page"),
         (tw.load('<robot name="stone"><link name="stone"/></robot>'), "Nothing of it moves"),
     ],
-    ids=["quadruped", "chain", "stone"],
+    ids=["chain", "stone"],
 )
 def test_what_cannot_be_let_go_says_why(tmp_path, robot, why):
     page = write_page(robot, tmp_path / "page.html")

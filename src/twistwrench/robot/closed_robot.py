@@ -45,6 +45,7 @@ from .task_space_methods import ActuationMethods
 
 if TYPE_CHECKING:
     from ..simulation.closed import ClosedRollout, ClosedSimulation
+    from ..viz.page import ShownPage
     from .explanation import Explanation
     from .ik_search import LoopClosureSolver
 
@@ -497,6 +498,37 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
             b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=held, by=("q", "dq"))(q, dq)
         slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
         return constrained_derivatives(slopes, dq, ddq, driven)
+
+    def show(
+        self,
+        q: ArrayLike | None = None,
+        *,
+        actuated: Iterable[str] | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        embed: bool = False,
+        control: str | None = None,
+    ) -> ShownPage:
+        """Show the robot's page with its loops closed: in a notebook below the cell, elsewhere in the browser.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, optional, where it starts
+        actuated, wrench_on_robot, embed, control : those of :func:`twistwrench.viz.write_page`
+
+        Returns
+        -------
+        page : ShownPage
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> held.show(actuated=["joint1"])  # doctest: +SKIP
+        """
+        from ..viz.page import show
+
+        return show(self, q=q, actuated=actuated, wrench_on_robot=wrench_on_robot, embed=embed, control=control)
 
     def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
         """Compiled kernel of quantities with constraints, at the independent ones of this robot.

@@ -408,7 +408,9 @@ def _switches(
     """Initial switches, and the buttons: only those with an effect."""
     tips = data["tips"] or [data]
     has_tip = "jacobian0" in data["programs"] and any(tip["forceScale"] > 0 for tip in tips)
-    grasped = data["payload"] is not None and book is None and not (data["loops"] and data["loops"]["actuated"])
+    grasped = data["payload"] is not None and book is None
+    closed = data["loops"]["dependent"] if data["loops"] else None
+    free = closed.count(False) if closed else len(data["torques"])
     layers = {shape.layer for shape in scene.shapes}
     known = (
         ("looks", "Robot", True, True),
@@ -420,7 +422,7 @@ def _switches(
         ("ellipsoid", "Force ellipsoid", has_tip, False),
         ("polytope", "Force polytope", has_tip, False),
         ("mass", "Mass ellipsoid", any(tip["massScale"] > 0 for tip in tips), False),
-        ("keep", "Keep orientation", grasped, data["tips"] != [] or len(data["torques"]) >= 6),
+        ("keep", "Keep orientation", grasped, free >= 6),
         ("stops", "Stops and friction", book is None and "mass" in data["programs"] and not data["fall"]["why"], True),
         ("feet", "Feet on the floor", data["standing"] is not None, True),
         ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),

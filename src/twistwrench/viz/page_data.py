@@ -102,7 +102,7 @@ class PagePrograms:
             "moving": mass,
             "payload": round_above(mass / 2 or 1.0) if self.tips else None,
             "push": round_above(weight or 10.0) if self.tips else None,
-            "fall": {"why": why, "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist(), **resistance(robot)},
+            "fall": {"why": why, "step": STEP if self.loops is None else 4 * STEP, "a": [row.tolist() for row in a], "b": b.tolist(), **resistance(robot)},
         }
 
     def tips_data(self, names: Sequence[str]) -> list[dict[str, Any]]:
@@ -142,8 +142,7 @@ class PagePrograms:
                 asked["mass"] = "mass_matrix", load
         if self._why_it_stays is None:
             asked["rates"] = "coordinate_rates", {}
-            asked["acceleration"] = "forward_dynamics", {**pushed, **load}
-            asked["kinetic"] = "kinetic_energy", load
+            asked |= self._accelerations
             asked["potential"] = "potential_energy", load
         if any(b.inertia.mass > 0 for b in model.bodies):
             asked["centre"] = "center_of_mass", load
@@ -185,6 +184,15 @@ class PagePrograms:
         """The options that make wrenches on the robot inputs."""
         return {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
+    @property
+    def _accelerations(self) -> dict[str, tuple[str, dict[str, Any]]]:
+        """Programs of its motion when it is let go; with loops, the parts of the equation that the page solves."""
+        given, mass = {**self.pushed, **self.load}, ("mass_matrix", self.load)
+        if self.loops is None:
+            return {"mass": mass, "acceleration": ("forward_dynamics", given)}
+        closing = {"constraints": self.loops.closures}
+        return {"mass": mass, "inverse": ("inverse_dynamics", given), "closing_bias": ("constraint_bias", closing)}
+
     @cached_property
     def _has_inverse(self) -> bool:
         """True if the mass matrix has an inverse."""
@@ -199,14 +207,10 @@ class PagePrograms:
         """Why it cannot be let go, a sentence, or None where it can."""
         if not self.robot.nv:
             return "Nothing of it moves."
-        if self.loops is not None and not self.loops.feet:
-            return "Its loops are kept closed, so it cannot be let go."
-        if any(not b.joint.driven for b in self.robot.model.bodies):
-            return "A base that floats has no floor to fall on here, so it cannot be let go."
         if not self._has_inverse:
             return "Some joint moves nothing that has mass, so it cannot be let go."
-        if len(self.robot.program("forward_dynamics", **self.pushed, **self.load).instructions) > LARGEST:
-            return f"Its forward dynamics takes more than {LARGEST} operations, too much for a page, so it cannot be let go."
+        if any(len(self.robot.program(q, **given).instructions) > LARGEST for q, given in self._accelerations.values()):
+            return f"Its dynamics takes more than {LARGEST} operations, too much for a page, so it cannot be let go."
         return None
 
 
@@ -220,8 +224,9 @@ def resistance(robot: Robot) -> dict[str, Any]:
             stops[body.v_index] = {"q": body.q_index, "least": low, "most": high}
     assumed = not (friction.viscous.any() or friction.coulomb.any())
     effort = model.limits.effort
-    viscous = np.full(model.nv, DAMPING) if assumed else friction.viscous
-    coulomb = np.where(np.isfinite(effort), DRY * effort, 0.0) if assumed else friction.coulomb
+    driven = np.array([body.joint.driven for body in model.leaders for _ in range(body.joint.nv)], bool)
+    viscous = DAMPING * driven if assumed else friction.viscous
+    coulomb = np.where(driven & np.isfinite(effort), DRY * effort, 0.0) if assumed else friction.coulomb
     dry = f", dry friction {percent(DRY)} of the limits" if coulomb.any() else ""
     return {
         "coarse": COARSE,

@@ -1,13 +1,13 @@
-// A robot let go: its motion under gravity, springs, wrenches and constant torques, without contact; with stops and friction, or
-// without them and with an account of its energy.
+// A robot let go: its motion under gravity, springs, wrenches and constant torques, with its loops closed or its feet held where
+// they are, else without contact; with stops and friction, or without them and with an account of its energy.
 "use strict";
 
 const LONGEST_FRAME = 8; // ms of computing a frame; a robot that takes longer falls slower than the clock
 
 class Fall {
-  constructor(mechanics, q, dq = [], stops = false) {
+  constructor(mechanics, q, dq = [], stops = false, loops = null) {
     const { fall, coordinates, torques } = mechanics.robot;
-    Object.assign(this, { mechanics, h: stops ? fall.coarse : fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
+    Object.assign(this, { mechanics, loops, h: stops ? fall.coarse : fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
     this.resistance = stops ? new Resistance(fall, torques.length) : null;
     this.y = new Float64Array(this.nq + this.nv + 1); // q, dq, and the work of wrenches and motors
     this.y.set(q);
@@ -23,7 +23,7 @@ class Fall {
 
   get q() { return Array.from(this.y.subarray(0, this.nq)); }
   get dq() { return Array.from(this.y.subarray(this.nq, this.nq + this.nv)); }
-  get kinetic() { return this.mechanics.run.kinetic(this.y, this.y.subarray(this.nq), ...this.mechanics.load)[0]; }
+  get kinetic() { return this.mechanics.kinetic(this.y, this.dq); }
   get potential() { return this.mechanics.run.potential(this.y, ...this.mechanics.load)[0]; }
   get work() { return this.y[this.nq + this.nv]; }
 
@@ -43,8 +43,16 @@ class Fall {
     y.set(along(b));
     this.time += h;
     if (!this.resistance) return;
-    this.resistance.slow(y, this.nq, mechanics.massMatrix(y), h);
+    this.resistance.slow(y, this.nq, mobility(mechanics.massMatrix(y), this.nv, this.loops ? this.loops.jacobian(y) : []), h, !this.loops);
     this.calm = this.dq.every((v) => Math.abs(v) < 2e-3) ? this.calm + h : 0; // rad/s, m/s
+  }
+
+  keep() { // loops as closed as they were, which the steps leave by their error; what is at its stop stays there
+    const { y, nq, nv, loops, resistance } = this, every = new Array(nv).fill(true);
+    const q = loops.closed(this.q, every.map((_, k) => !resistance?.at[k])) ?? loops.closed(this.q, every) ?? this.q;
+    const rows = loops.jacobian(q), v = this.dq, off = rows.map((row) => inner(row, v));
+    y.set(q);
+    dampedStep(v.map((_, k) => rows.map((row) => row[k])), off, 1e-13).forEach((x, k) => { y[nq + k] -= x; });
   }
 
   get rests() { return this.calm > 0.2; }
@@ -57,8 +65,9 @@ class Fall {
     for (let k = 0; this.behind >= this.h; k++) {
       this.step();
       this.behind -= this.h;
-      if (k % 16 === 15 && performance.now() - begun > LONGEST_FRAME) this.behind = 0;
+      if (k % 4 === 3 && performance.now() - begun > LONGEST_FRAME) this.behind = 0;
     }
+    if (this.loops) this.keep();
     this.drift = Math.max(this.drift, Math.abs(this.kinetic + this.potential - this.work - this.begin));
     this.spent = performance.now() - begun;
   }
@@ -73,14 +82,14 @@ class Resistance {
     this.at = new Array(n).fill(0); // the stop that a joint is at: -1 the lower, 1 the upper
   }
 
-  slow(y, nq, M, h) {
-    const { n, p, stops, viscous, coulomb } = this, v = y.subarray(nq, nq + n), L = cholesky(M, n);
-    const W = Array.from({ length: n }, (_, k) => raised(L, lowered(L, Array.from({ length: n }, (_, i) => Number(i === k)))));
+  slow(y, nq, W, h, halts) { // W = M^-1; where loops are closed, of what moves along them, and joints at stops are put back later
+    const { n, p, stops, viscous, coulomb } = this, v = y.subarray(nq, nq + n);
     stops.forEach((stop, k) => { this.at[k] = !stop ? 0 : y[stop.q] <= stop.least ? -1 : y[stop.q] >= stop.most ? 1 : 0; });
     for (let k = 0; k < n; k++) for (let i = 0; i < n; i++) v[i] += W[k][i] * p[k];
     for (let sweep = 0; sweep < 60; sweep++) {
       let change = 0;
       for (let k = 0; k < n; k++) {
+        if (!(W[k][k] > 1e-12)) continue;
         const w = W[k][k], free = v[k] - w * p[k], dry = w * h * coulomb[k];
         let after = Math.abs(free) <= dry ? 0 : (free - Math.sign(free) * dry) / (1 + w * h * viscous[k]);
         if (this.at[k] && after * this.at[k] > 0) after = 0;
@@ -91,6 +100,13 @@ class Resistance {
       }
       if (change < 1e-8) break;
     }
-    stops.forEach((stop, k) => { if (this.at[k]) y[stop.q] = this.at[k] < 0 ? stop.least : stop.most; });
+    if (halts) stops.forEach((stop, k) => { if (this.at[k]) y[stop.q] = this.at[k] < 0 ? stop.least : stop.most; });
   }
+}
+
+// By rows, what takes impulses to velocities that keep A v = 0: M^-1 - M^-1 A' (A M^-1 A')^-1 A M^-1. MR section 8.7.
+function mobility(M, n, A) {
+  const { L, Y, R } = constrainedMass(M, n, A), units = Array.from({ length: n }, (_, k) => lowered(L, Array.from({ length: n }, (__, i) => Number(i === k))));
+  const Z = units.map((u) => lowered(R, Y.map((y) => inner(y, u))));
+  return units.map((u, i) => units.map((w, j) => inner(u, w) - inner(Z[i], Z[j])));
 }

@@ -4,11 +4,11 @@
 class Grasp {
   constructor(viewer) {
     this.viewer = viewer;
-    const { robot, loops } = viewer, { run } = viewer.mechanics;
-    this.can = run.jacobian0 !== undefined && run.rates !== undefined && robot.tip !== null && !loops?.actuated;
+    const { robot } = viewer, { run } = viewer.mechanics;
+    this.can = run.jacobian0 !== undefined && run.rates !== undefined && robot.tip !== null;
     if (!this.can) return;
     viewer.stage.grasp = (x, y, near) => this.hold(x, y, near);
-    this.ends = new Map(robot.hands.map((hand) => [hand.q, [hand.least ?? -Infinity, hand.most ?? Infinity]]));
+    this.ends = new Map(robot.hands.map((hand) => [hand.q, [hand.least ?? -Infinity, hand.most ?? Infinity, hand.v]]));
   }
 
   get tip() { return place(this.viewer.mechanics.tipPose(this.viewer.q)); }
@@ -26,21 +26,54 @@ class Grasp {
     };
   }
 
-  moves(k) { return this.viewer.robot.torques[k].driven && !this.viewer.loops?.legs[k]; } // a base stays, and feet on the floor
+  moves(k) { // a base stays, and feet on the floor
+    const { robot, loops } = this.viewer;
+    return (robot.torques[k].driven || Boolean(loops?.actuated)) && !loops?.legs[k];
+  }
 
   // Moves the tip to a point, and where its orientation is kept, turns it back to that of the pose `held`.
   reach(wanted, held) {
-    const { robot, mechanics, shown } = this.viewer, { size } = robot;
+    const { robot, mechanics, shown, holds } = this.viewer, { size } = robot;
     let q = this.viewer.q;
     for (let turn_ = 0; turn_ < 8; turn_++) {
       const rows = tipError(mechanics.tipPose(q), wanted, shown.keep ? held : null, TURN * size), far = Math.hypot(...rows);
       if (far < 1e-6 * size) break;
       const columns = mechanics.tipColumns(q, shown.keep ? TURN * size : 0);
+      if (holds) {
+        const next = this.along(q, columns, times(Math.min(1, (0.1 * size) / far), rows), damping(far, size));
+        if (!next) break;
+        q = next;
+        continue;
+      }
       const v = dampedStep(columns.map((column, k) => (this.moves(k) ? column : times(0, column))), times(Math.min(1, (0.1 * size) / far), rows), damping(far, size));
       const rates = mechanics.run.rates(q, v);
       q = q.map((x, k) => { const [least, most] = this.ends.get(k) || [-Infinity, Infinity]; return Math.min(most, Math.max(least, x + rates[k])); });
     }
     this.viewer.setCoordinates(q);
+  }
+
+  // A step of the tip with loops closed: v = N z, A N = 0, up to where the first joint reaches its limit; null where there is none.
+  along(q, columns, off, extra) {
+    const { loops, mechanics: { run } } = this.viewer, n = columns.length, A = loops.jacobian(q), still = columns.map((_, k) => !this.moves(k));
+    for (let turn_ = 0; turn_ < n; turn_++) {
+      const fixed = still.flatMap((yes, k) => (yes ? [columns.map((_, i) => Number(i === k))] : [])), N = nullSpace([...A, ...fixed], n);
+      if (!N.length) return null;
+      const z = dampedStep(N.map((b) => b.map((x, k) => times(x, columns[k])).reduce(add)), off, extra), v = N.map((b, j) => times(z[j], b)).reduce(add);
+      const rates = run.rates(q, v), [share, at] = this.room(q, rates);
+      if (share < 1e-3) { at.forEach((k) => { still[k] = true; }); continue; }
+      const tried = loops.moved(q, times(share, v)), found = loops.closed(tried, still.map((yes) => !yes));
+      return found && found.every((x, k) => Math.abs(x - tried[k]) < LEAP) ? found : null;
+    }
+    return null;
+  }
+
+  room(q, rates) { // the share of a step, up to 1, after which the first joint is at a limit, and its velocities
+    let found = [1, []];
+    for (const [k, [least, most, v]] of this.ends) {
+      const share = rates[k] > 0 ? (most - q[k]) / rates[k] : rates[k] < 0 ? (least - q[k]) / rates[k] : 1;
+      if (share < found[0]) found = [Math.max(0, share), v];
+    }
+    return found;
   }
 }
 

@@ -90,7 +90,7 @@ class LoadPanel {
     if (margin) this.most.textContent = `The joints' torque limits allow up to ${roundedDown(margin.mass)} kg on this motion.`;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
-    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : viewer.shown.stops ? `From rest, without torques; the floor is not solid. ${robot.fall.assumed}` : "From rest, without torques, friction and stops.";
+    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : `From rest, without torques${viewer.shown.stops ? "" : ", friction and stops"}; ${viewer.stand && viewer.holds ? "the feet stay where they are" : "the floor is not solid"}. ${viewer.shown.stops ? robot.fall.assumed : ""}`;
     else if (fall.resistance) {
       const at = fall.resistance.at.flatMap((side, k) => (side ? [robot.torques[k].name.replace(/_joint$/, "")] : []));
       this.said.textContent = `${fall.rests ? "At rest after" : ""} ${(fall.time - (fall.rests ? fall.calm : 0)).toFixed(2)} s: ${fall.rests ? "" : `kinetic energy ${energy(fall.kinetic)}, `}lost to friction and stops ${energy(fall.begin + fall.work - fall.kinetic - fall.potential)} J${at.length ? `; at its stop: ${at.join(", ")}` : ""}`;

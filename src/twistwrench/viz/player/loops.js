@@ -24,8 +24,7 @@ class Loops {
   }
 
   jacobian(q) { // A by rows, A dq = 0
-    const A = this.run.closing_rows(q), n = this.mechanics.robot.torques.length;
-    return this.rows.flat().map((_, i) => Array.from(A.slice(n * i, n * (i + 1))));
+    return byRows(this.run.closing_rows(q), this.mechanics.robot.torques.length);
   }
 
   moved(q, v) {

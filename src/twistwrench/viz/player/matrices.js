@@ -5,7 +5,11 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const add = (a, b) => a.map((x, k) => x + b[k]);
 const times = (s, a) => a.map((x) => s * x);
-const inner = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0); // of any length
+function inner(a, b) { // of any length
+  let sum = 0;
+  for (let k = 0; k < a.length; k++) sum += a[k] * b[k];
+  return sum;
+}
 const norm = (a) => Math.sqrt(dot(a, a));
 const unit = (a) => times(1 / (norm(a) || 1), a);
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];

@@ -11,7 +11,8 @@ class Mechanics {
     this.push = [0, 0, 0]; // on the tip, in the base's axes [N]
     this.tau = robot.torques.map(() => 0); // of the motors, while it is let go
     const [n, nv] = [16 * (robot.bodies.length + 2 * robot.frames.length + 1), robot.torques.length];
-    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv), lambda: [0], pivots: [0] };
+    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv), lambda: [0], pivots: [0], zero: new Float64Array(nv) };
+    this.open = false; // let go with its feet off the floor
     this.still = robot.wrenchFrames.map(() => NO_WRENCH);
     const names = robot.frames.map((frame) => frame.name);
     this.given = robot.wrenchFrames.map((name) => {
@@ -76,10 +77,23 @@ class Mechanics {
     return this.run.mass(q, ...this.load);
   }
 
-  accelerations(q, dq, wrenches, out) { // by the torques that are set; on a page with a wall, along it
-    const { run, scratch, tau } = this;
+  kinetic(q, dq) { return 0.5 * byRows(this.massMatrix(q), dq.length).reduce((sum, row, k) => sum + dq[k] * inner(row, dq), 0); }
+
+  accelerations(q, dq, wrenches, out) { // by the torques that are set; along a wall, with loops closed, or on the feet
+    const { run, scratch, tau, robot } = this;
+    if (robot.loops) return this.heldAccelerations(q, dq, wrenches, out);
     if (!run.constrained) return run.acceleration(q, dq, tau, ...wrenches, ...this.load, out);
     run.constrained(q, dq, tau, ...wrenches, ...this.load, { ddq: out, lambda: scratch.lambda, pivots: scratch.pivots });
+    return out;
+  }
+
+  // M ddq + h + A'x = tau, A ddq + (dA/dt) dq = 0; x = 0 where the loops are open. MR section 8.7.
+  heldAccelerations(q, dq, wrenches, out) {
+    const { run, scratch, tau, open } = this, n = tau.length, h = run.inverse(q, dq, scratch.zero, ...wrenches, ...this.load, scratch.with);
+    const { L, Y, R } = constrainedMass(this.massMatrix(q), n, open ? [] : byRows(run.closing_rows(q), n));
+    const z = lowered(L, tau.map((x, k) => x - h[k])), bias = open ? [] : run.closing_bias(q, dq);
+    const x = Y.length ? raised(R, lowered(R, Y.map((y, i) => inner(y, z) + bias[i]))) : [];
+    out.set(raised(L, Y.reduce((sum, y, i) => add(sum, times(-x[i], y)), z)));
     return out;
   }
 
@@ -99,3 +113,13 @@ class Mechanics {
   }
 }
 const poseOf = (poses, body) => (body < 0 ? IDENTITY : poses[body]);
+
+const byRows = (A, n) => Array.from({ length: A.length / n }, (_, i) => Array.from(A.slice(n * i, n * (i + 1))));
+
+// M = L L', rows of Y' = L^-1 A', and A M^-1 A' = R R'.
+function constrainedMass(M, n, A) {
+  const L = cholesky(M, n), Y = A.map((row) => lowered(L, row)), S = Y.flatMap((a) => Y.map((b) => inner(a, b)));
+  const most = Math.max(0, ...Y.map((_, i) => S[(Y.length + 1) * i]));
+  Y.forEach((_, i) => { S[(Y.length + 1) * i] += 1e-14 * most; });
+  return { L, Y, R: cholesky(S, Y.length) };
+}

@@ -124,7 +124,10 @@ class Viewer {
     this.refresh();
   }
 
-  drop(dq) { this.fall = new Fall(this.mechanics, this.q, dq, Boolean(this.shown.stops)); }
+  drop(dq) {
+    this.mechanics.open = Boolean(this.loops) && !this.holds;
+    this.fall = new Fall(this.mechanics, this.q, dq, Boolean(this.shown.stops), this.holds ? this.loops : null);
+  }
 
   fallOn(seconds) {
     this.fall.advance(seconds);
@@ -182,8 +185,8 @@ class Viewer {
 
   hold() { // the torques that hold the pose, of motors alone where loops are closed or feet on the floor
     const holding = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
-    this.support = this.holds && this.stand ? this.stand.held(this.q) : null;
-    this.borne = this.holds && !this.stand ? this.loops.torques(this.q, holding) : null;
+    this.support = this.holds && this.stand && !this.fall ? this.stand.held(this.q) : null;
+    this.borne = this.holds && !this.stand && !this.fall ? this.loops.torques(this.q, holding) : null;
     this.tau = (this.support ?? this.borne)?.tau ?? holding;
   }
 
