@@ -14,7 +14,7 @@ from ..core.numbers import number, residual, seconds
 from ..core.verdict import ExitCode
 from ..errors import SimulationError, ValueRangeError
 from ..joints.units import heading_unit
-from ..motion.bounds import LimitCheck, bounds_of
+from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
 from ..reports.blocks import Block, Line, Table, numbers, remarks, words
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, parse_rates
@@ -22,6 +22,7 @@ from ..reports.torque_verdict import friction_words
 from ..robot import Robot
 from ..simulation.contact import Plane
 from ..simulation.result import SimulationResult
+from ..typing import Array
 from . import shared
 from .main import Given, note, option, with_option_names
 from .report import REPORT, drawn, robot_picture, write_report
@@ -108,7 +109,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
             shared.show_written(write(path))
     if given.report is not None:
         end = f"{number(result.times[-1], 6)} s"
-        pictures = [robot_picture(loaded, result.q[-1], None, "", f"{loaded.name} at the end, t = {end}")]
+        pictures = [robot_picture(loaded, *_worst_moment(loaded, result))]
         pictures.append(drawn("Joints, energies and drift", result.plot))
         facts = [("simulated", end), ("drift of the energy that moved", residual(result.relative_drift))]
         used = [("method", f"{result.method}, {friction_words(loaded.model, counted=friction)}")]
@@ -227,15 +228,38 @@ _PASSED = {
 """Meaning and remedy for each kind of limit that a simulation may exceed."""
 
 
-def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
-    """Sentence for each kind of limit that the states or the given torques exceed."""
-    check, sentences = LimitCheck(robot.model, bounds_of(robot)), []
+def _violations(robot: Robot, result: SimulationResult) -> dict[str, list[Violation]]:
+    """Limits that the states or the given torques exceed, by kind."""
+    check = LimitCheck(robot.model, bounds_of(robot))
     check.add(result.times, result.q, result.dq, None, result.tau)
     passed = check.violations()
-    for kind, (meaning, remedy) in _PASSED.items():
-        mine = [violation for violation in passed if violation.kind == kind]
-        if not mine:
-            continue
+    found = {kind: [violation for violation in passed if violation.kind == kind] for kind in _PASSED}
+    return {kind: mine for kind, mine in found.items() if mine}
+
+
+def _worst_moment(robot: Robot, result: SimulationResult) -> tuple[Array, str | None, str, str]:
+    """Configuration of the picture, the joint that stopped the motion or passes its limit most, its label and a title."""
+    end = f"{number(result.times[-1], 6)} s"
+    joint = next((name for name in robot.joint_names if f"joint {name!r} reaches" in result.stopped), None)
+    if joint is not None:
+        return (
+            result.q[-1],
+            joint,
+            f"{joint}, at its limit",
+            f"{robot.name} at the end, t = {end}; red: {joint}, at its limit",
+        )
+    worst = next((mine[0] for mine in _violations(robot, result).values()), None)
+    if worst is None:
+        return result.q[-1], None, "", f"{robot.name} at the end, t = {end}"
+    row, label = int(np.abs(result.times - worst.time).argmin()), f"{worst.joint}, {worst.kind} over its limit"
+    return result.q[row], worst.joint, label, f"{robot.name} at t = {seconds(worst.time)} s; red: {label}"
+
+
+def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
+    """Sentence for each kind of limit that the states or the given torques exceed."""
+    sentences = []
+    for kind, mine in _violations(robot, result).items():
+        meaning, remedy = _PASSED[kind]
         more = len(mine) - 1
         others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
         sentences.append(f"{meaning}: {mine[0]}{others}. {remedy}")

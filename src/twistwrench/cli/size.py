@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import click
 import numpy as np
 
-from ..core.numbers import number, quantity
+from ..core.numbers import number, percent_of_limit, quantity, seconds
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import ValueRangeError
 from ..model.limits import over_limit
@@ -17,6 +17,8 @@ from ..reports.blocks import Block, Line, Table, numbers, remarks, share_cell, v
 from ..reports.motors import Demand
 from ..sizing.catalog import DIRECT
 from ..sizing.choice import SizedJoint, Sizing, drive_name, size_drives, smallest_drives
+from ..typing import Array
+from ..viz.drawn_motion import DrawnMotion, read_motion
 from . import shared
 from .main import Given, note, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
@@ -60,8 +62,6 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
 
     The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
     """
-    from ..viz.drawn_motion import read_motion
-
     path = shared.motion_path(options, given.trajectory)
     source = (
         "servos"
@@ -106,14 +106,30 @@ def size_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.out_actuators is not None:
         found.write_actuators(given.out_actuators)
     shared.show_written(given.csv, given.plot, given.out_actuators)
-    link = write_viewer(given, cycle.load.robot, motion=cycle)
+    q, joint, label, title, state = _worst_moment(found, cycle)
+    link = write_viewer(given, cycle.load.robot, state, motion=cycle)
     if given.report is not None:
         pictures = [
-            robot_picture(robot, cycle.q[0], None, "", f"{robot.name} at the beginning of the motion", link=link),
+            robot_picture(robot, q, joint, label, title, link=link),
             drawn("Drives", lambda path: plot_sizing(found, path)),
         ]
         write_report(given, "size", f"{robot.name} · {path.name}", blocks, files=files, pictures=pictures, robot=robot)
     return found.verdict.exit_code
+
+
+def _worst_moment(found: Sizing, cycle: DrawnMotion) -> tuple[Array, str | None, str, str, str]:
+    """Configuration where a drive is nearest to a rating, its joint, label and title, and the state of the page."""
+    name, start = cycle.load.robot.name, "at the beginning of the motion"
+    if not found.joints:
+        return cycle.q[0], None, "", f"{name} {start}", ""
+    joint = max(found.joints.values(), key=lambda j: j.tightest[1].share)
+    demand = joint.tightest[1]
+    label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
+    moment = cycle.time[0] + demand.time
+    if not cycle.time[0] <= moment <= cycle.time[-1]:  # of the whole cycle, or in its pause
+        return cycle.q[0], joint.joint, label, f"{name} {start}; red: {label}", ""
+    q, when = cycle.q[np.abs(cycle.time - moment).argmin()], number(moment, 6)
+    return q, joint.joint, label, f"{name} at t = {seconds(moment)} s; red: {label}", f"#t={when}"
 
 
 def _spoken(judged: Verdict) -> Iterator[Line]:
