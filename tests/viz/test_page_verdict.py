@@ -184,6 +184,57 @@ def test_a_payload_beside_the_tip_and_a_wrench_are_those_of_the_command(tmp_path
     assert under_node(page, SAY, [under(m) for m in masses]) == expected
 
 
+HAND = """<robot name="hand"><link name="base"/>{links}
+<joint name="lift" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.5"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="60" velocity="9"/></joint>
+<joint name="left" type="revolute"><parent link="arm"/><child link="left_finger"/><origin xyz="0.5 0.05 0"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="20" velocity="9"/></joint>
+<joint name="right" type="revolute"><parent link="arm"/><child link="right_finger"/><origin xyz="0.5 -0.05 0"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" effort="4" velocity="30"/><mimic joint="left" multiplier="0.5"/></joint>
+<link name="left_tip"/><joint name="a" type="fixed"><parent link="left_finger"/><child link="left_tip"/><origin xyz="0.3 0 0"/></joint>
+<link name="right_tip"/><joint name="b" type="fixed"><parent link="right_finger"/><child link="right_tip"/><origin xyz="0.3 0 0"/></joint>
+</robot>"""
+LINK = """<link name="{}"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>"""
+
+
+def log_of(robot, path):
+    """A swing of all joints about neutral, a floating base at rest."""
+    t, free = np.linspace(0, 2, 41), robot.nq - robot.nv
+    q, dq, ddq = np.tile(robot.neutral, (41, 1)), np.zeros((41, robot.nv)), np.zeros((41, robot.nv))
+    for k in range(6 * free, robot.nv):
+        size, rate = 0.2 + 0.02 * k, 2 + 0.1 * k
+        q[:, k + free] += size * np.sin(rate * t)
+        dq[:, k], ddq[:, k] = size * rate * np.cos(rate * t), -size * rate**2 * np.sin(rate * t)
+    return tw.Motion(t, q, dq, ddq, robot=robot).to_csv(path)
+
+
+def test_mimic_joints_with_limits_are_judged_at_every_load_and_tip(tmp_path):
+    """Each finger is a tip; with 3 kg the right one, which follows, is over its own limit."""
+    robot = tw.load(HAND.format(links="".join(map(LINK.format, ("arm", "left_finger", "right_finger")))))
+    log = log_of(robot, tmp_path / "log.csv")
+    page = page_of(report_of(robot, log), tmp_path / "page.html")
+    tips = [read_page(page)[0]["frames"][entry["tip"]]["name"] for entry in read_page(page)[0]["tips"]]
+    assert tips == ["left_tip", "right_tip"]
+    work = f"""(m, all, motion) => all.map((given) => {{ m.choose(given.tip); {SET} return new Verdict(motion, m.robot).now.text; }})"""
+    given = [(0.0, 0), *((mass, k) for mass in (0.2, 3.0) for k in (0, 1))]
+    found = under_node(page, work, [{**under(mass), "tip": k} for mass, k in given])
+    expected = [said(report_of(robot, log, *([Payload(mass, frame=tips[k])] if mass else []))) for mass, k in given]
+    assert found == expected
+    assert any("right, which follows left" in text for text in found)
+    assert any("up to" in text for text in found)
+
+
+@pytest.mark.slow
+def test_a_floating_base_is_judged_at_every_load(tmp_path):
+    robot = tw.robots.quadruped()
+    log = log_of(robot, tmp_path / "log.csv")
+    page = page_of(report_of(robot, log), tmp_path / "page.html")
+    expected = [said(report_of(robot, log, *([Payload(mass, frame="FL_foot")] if mass else []))) for mass in (0.0, 2.0)]
+    assert under_node(page, SAY, [under(mass) for mass in (0.0, 2.0)]) == expected
+    assert "IS A CONTACT MISSING?" in expected[1]
+
+
 def test_a_robot_without_limits_is_never_ok(tmp_path, bundled):
     robot = bundled("planar_3r")
     t, q, dq, ddq = joint_motion(robot, 1)

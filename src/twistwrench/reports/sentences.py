@@ -14,6 +14,14 @@ SENTENCES = MappingProxyType(
         "motion": "{joint} at t = {time} s passes its {kind} limit by {by} {unit}: {value}, limit {limit}",
         "also": "also {others}",
         "other": "{joint} ({kinds})",
+        "follower": "{joint}, which follows {leader}, at t = {time} s bears {peak} {unit}, limit {limit} ({share})",
+        "open follower": "noise leaves open whether {joint} is over its limit: {peak} {unit}, limit {limit} ({share})",
+        "force": "Nothing drives the base, but the motion needs {force} N there{share}",
+        "of weight": ", {share} of the robot's weight",
+        "no contact": "{words}, so contacts are missing from the torques",
+        "contact": "{words}. The joints' torques lack what contacts take: constant wrenches are given with --wrench-on-robot "
+        "FRAME:…, others in Python, to robot.inverse_dynamics. If something holds the base in truth, as a stand does, the "
+        "torques are right.",
         "unlimited": "no torque limit for {joints}, which cannot be judged; {remedy}",
         "some": "{count} of {all} joints{named}",
         "one": "the joint {joint}",

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.gravity import STRENGTH
 from ..core.numbers import percent, percent_of_limit, seconds
 from ..core.verdict import Word
+from ..joints.units import unit_of
 from ..model.limits import TOLERANCE
 from ..motion.coordinates import Coordinates
 from ..motion.motion_log import ASKED
@@ -23,8 +25,12 @@ from .torque_verdict import (
     HIDDEN,
     KINDS,
     NEAR,
+    SHARE,
+    SURE_FORCE,
+    WEIGHTLESS,
     assumed_words,
     assumptions,
+    base_velocities,
     because,
     carried_doubts,
     confidence,
@@ -40,6 +46,9 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..model.model import Model
     from ..motion.bounds import Violation
+
+
+MISSING_CONTACT = "IS A CONTACT MISSING?"
 
 
 def verdict_view(report: TorqueReport) -> Line:
@@ -72,7 +81,7 @@ def _questions(report: TorqueReport) -> list[tuple[str, str]]:
         ("IS THE UNIT RIGHT?", f"{doubt}.") for doubt in report.doubts if doubt.level == "note" and doubt.kind in ASKED
     ]
     remark = force_remark(report.load.with_load.model, report.joints)
-    return [*found, ("IS A CONTACT MISSING?", remark)] if remark else found
+    return [*found, (MISSING_CONTACT, remark)] if remark else found
 
 
 def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
@@ -139,6 +148,8 @@ def verdict_data(
             "near": NEAR, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
         "driven": load_case.driven_entries(model).tolist(),
+        "followers": [_follower(model, k) for k in model.limited_followers],
+        "force": _force_at_base(model),
         "lookAgain": list(refused) if report is None else contradictions(report),
         "doubts": {"before": before, "after": after},
         "placeholders": {"words": load_case.placeholder_limits(load.robot), "stated": stated.tolist()},
@@ -159,11 +170,31 @@ def _passed(v: Violation, model: Model) -> dict[str, Any]:
     return vars(v) | {"kind": "upper" if v.value > v.limit else "lower", "angular": turns}
 
 
+def _follower(model: Model, k: int) -> dict[str, Any]:
+    """A mimic joint with a limit of torque."""
+    body = model.bodies[k]
+    unit, axis = unit_of("tau", bool(body.joint.turning[0])), body.joint.axes[0].tolist()
+    found = {"joint": body.joint.name, "leader": body.v_index, "ratio": abs(body.ratio), "limit": body.effort}
+    return {**found, "unit": unit, "body": k, "axis": axis}
+
+
+def _force_at_base(model: Model) -> dict[str, Any] | None:
+    """Figures that tell whether a floating base lacks a force; None where something drives the base."""
+    if not (rows := base_velocities(model)):
+        return None
+    strength = float(np.linalg.norm(model.gravity))
+    bounds = {"share": SHARE, "least": WEIGHTLESS * STRENGTH, "sure": SURE_FORCE}
+    return {"rows": rows, "mass": model.moving_mass, "strength": strength, "question": MISSING_CONTACT, **bounds}
+
+
 def _of_the_log(report: TorqueReport) -> dict[str, Any]:
     """Part of the data that only a log has: noise of each joint's peak, pauses, limits of the motion that are passed."""
     passed = [e for e in report.excesses if e.kind in ("lower", "upper") and not is_noise(report, e)]
     noise = [e.joint for e in report.excesses if e.kind == "velocity" and is_noise(report, e)]
-    joints = [{"chance": j.chance, "reach": report.reach(j), "end": report.at_an_end(j)} for j in report.joints]
+    joints = [
+        {"chance": j.chance, "reach": report.reach(j), "end": report.at_an_end(j), "sigma": j.uncertainty}
+        for j in report.joints
+    ]
     share = HIDDEN * (report.end - report.begin)
     gap = {"hidden": report.gaps.hidden, "words": report.gaps.hidden_words, "most": share}
     return {
@@ -172,7 +203,7 @@ def _of_the_log(report: TorqueReport) -> dict[str, Any]:
         "joints": joints if report.noisy else None,
         "gap": gap if report.gaps.hidden else None,
         "asLogged": _over_as_logged(report),
-        "questions": [f"{question} {remark}" for question, remark in _questions(report)],
+        "questions": [f"{question} {remark}" for question, remark in _questions(report) if question != MISSING_CONTACT],
         "text": verdict_text(report),
     }
 
@@ -182,10 +213,6 @@ def why_fixed(load: LoadCase) -> str | None:
     model = load.robot.model
     if model.actuators:
         return "motors and gears are judged as well"
-    if model.limited_followers:
-        return "mimic joints with limits of their own are judged as well"
-    if any(not body.joint.driven for body in model.bodies):
-        return "nothing drives the base"
     if len(load.payloads) > 1:
         return f"there are {len(load.payloads)} payloads"
     return None

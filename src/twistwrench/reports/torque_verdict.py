@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..core.gravity import STRENGTH
-from ..core.numbers import deviation, number, percent, percent_of_limit, quantity, seconds, torque
+from ..core.numbers import deviation, number, percent, percent_of_limit, seconds, torque
 from ..core.text import listed
 from ..core.verdict import Verdict, Word
 from ..joints.units import unit_of
@@ -24,11 +24,11 @@ from .sentences import sentence
 from .statistics import INTERVAL
 from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
-_SHARE = 0.05
+SHARE = 0.05
 """Share of the robot's weight that errors of masses and derived accelerations explain."""
-_WEIGHTLESS = 0.001
+WEIGHTLESS = 0.001
 """Share of the robot's weight on earth that rounding and noise explain where gravity is weak."""
-_SURE_FORCE = 5.0
+SURE_FORCE = 5.0
 """Standard deviations."""
 
 
@@ -43,36 +43,33 @@ class PeakTorque(Protocol):
     def unit(self) -> str: ...  # noqa: D102  N m or N
 
 
+def base_velocities(model: Model) -> list[int]:
+    """Numbers of the velocities of bases that nothing drives."""
+    bases = [body for body in model.leaders if body.parent == BASE and not body.joint.driven]
+    return [k for body in bases for k in range(body.v_index, body.v_index + body.joint.nv)]
+
+
 def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
     """The largest force that a floating base needs from outside [N]; 0 where the base is none, or that is next to nothing."""
-    rows = [
-        joints[k]
-        for body in model.leaders
-        if body.parent == BASE and not body.joint.driven
-        for k in range(body.v_index, body.v_index + body.joint.nv)
-    ]
-    forces = [max(abs(j.peak) - _SURE_FORCE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
+    rows = [joints[k] for k in base_velocities(model)]
+    forces = [max(abs(j.peak) - SURE_FORCE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
     largest = max(forces, default=0.0)
-    least = max(_SHARE * _weight(model), _WEIGHTLESS * STRENGTH * model.moving_mass)
+    least = max(SHARE * _weight(model), WEIGHTLESS * STRENGTH * model.moving_mass)
     return largest if largest > least else 0.0
 
 
 def force_in_words(model: Model, force: float) -> str:
     """Sentence on the missing force at the base."""
     weight = _weight(model)
-    share = f", {percent(force / weight)} of the robot's weight" if weight else ""
-    return f"Nothing drives the base, but the motion needs {quantity(force, 'N')} there{share}"
+    share = sentence("of weight", share=percent(force / weight)) if weight else ""
+    return sentence("force", force=number(force), share=share)
 
 
 def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
     """Meaning and remedy of a missing force; empty without one."""
     if not (force := missing_force(model, joints)):
         return ""
-    return (
-        f"{force_in_words(model, force)}. The joints' torques lack what contacts take: constant wrenches are given with "
-        "--wrench-on-robot FRAME:…, others in Python, to robot.inverse_dynamics. If something holds the base in truth, as a "
-        "stand does, the torques are right."
-    )
+    return sentence("contact", words=force_in_words(model, force))
 
 
 def _weight(model: Model) -> float:
@@ -93,7 +90,7 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
         clauses.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
     if joints and (force := missing_force(model, joints)):
         words = force_in_words(model, force)
-        clauses.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
+        clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
     return clauses
 
 
@@ -186,7 +183,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
     limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
     near = max((j.share for j in report.joints), default=0.0) > NEAR
     hides = report.gaps.hidden > (0.0 if near else HIDDEN * (report.end - report.begin))
-    before, after = carried_doubts(report)
+    before, after = carried_doubts(report, report.joints)
     gaps = [report.gaps.hidden_words] if hides else []
     return Verdict.from_reasons(
         look_again=contradictions(report), over=stated, unsure=[*limits, *unsure, *before, *gaps, *after]
@@ -200,11 +197,12 @@ def contradictions(report: TorqueReport) -> list[str]:
     return [*report.load.contradictions, *refused, *_against(report, contradicted)]
 
 
-def carried_doubts(report: TorqueReport) -> tuple[list[str], list[str]]:
-    """Reasons to be unsure that a page keeps whatever its sliders say: those before a pause of the log, and those behind it."""
-    before = [words for excess, words in _judge_followers(report) if excess is None]
-    before += _wide_peaks(report) + _judge_motion(report)[1]
-    before += model_warnings(report.load.with_load.model, report.joints)
+def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> tuple[list[str], list[str]]:
+    """Reasons to be unsure that a page keeps whatever its sliders say: those before a pause of the log, and those behind it.
+
+    With the peaks of all ``joints`` also the force that a floating base lacks.
+    """
+    before = _wide_peaks(report) + _judge_motion(report)[1] + model_warnings(report.load.with_load.model, joints)
     after = []
     if any(outlier.matters for outlier in report.outliers):
         after.append("samples were flattened that are no noise, and could be a torque beyond a limit")
@@ -281,7 +279,7 @@ def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list
             )
     followers = _judge_followers(report)
     over += [(e, words) for e, words in followers if e is not None]
-    return over, unsure
+    return over, [*unsure, *(words for e, words in followers if e is None)]
 
 
 def _is_open(j: JointTorque, reach: float, excess: Excess | None) -> bool:
@@ -313,13 +311,12 @@ def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
     for e in (e for e in report.excesses if e.kind == "effort" and e.joint not in leaders):
         body = next(b for b in report.load.robot.model.bodies if b.joint.name == e.joint)
         reach = report.reach(report.joints[body.v_index]) / abs(body.ratio) if body.ratio else 0.0
-        takes = f"{torque(e.value)} {e.unit}, limit {number(e.limit)} ({percent_of_limit(abs(e.value) / e.limit)})"
+        leader, share = report.joints[body.v_index].joint, percent_of_limit(abs(e.value) / e.limit)
+        takes = {"peak": torque(e.value), "unit": e.unit, "limit": number(e.limit), "share": share}
         if abs(e.value) - factor * reach > e.limit:
-            leader = report.joints[body.v_index].joint
-            text = f"{e.joint}, which follows {leader}, at t = {seconds(e.time)} s bears {takes}"
-            found.append((e, text))
+            found.append((e, sentence("follower", joint=e.joint, leader=leader, time=seconds(e.time), **takes)))
         else:
-            found.append((None, f"noise leaves open whether {e.joint} is over its limit: {takes}"))
+            found.append((None, sentence("open follower", joint=e.joint, **takes)))
     return found
 
 

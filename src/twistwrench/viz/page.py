@@ -203,7 +203,7 @@ def page_text(
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
     data["notes"] = [
-        *_left_out(robot, closed=closed is not None, moves=motion is not None),
+        *_left_open(robot, closed=closed is not None),
         *of_scene,
         *(notes_of_motion(motion) if motion is not None else ()),
     ]
@@ -375,21 +375,13 @@ def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None
     return control
 
 
-def _left_out(robot: Robot, *, closed: bool, moves: bool) -> list[str]:
-    """Notes on what the page leaves out: loops that the file closes, and everything at the tip of a motion without one."""
-    model, notes = robot.model, []
-    if model.closures and not closed:
-        loops = ", ".join(list(model.closures)[:4]) + (", …" if len(model.closures) > 4 else "")
-        notes.append(
-            f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."
-        )
-    if moves and model.tip is None and model.nv and model.leaves:
-        ends = ", ".join(model.leaves[:6]) + (", …" if len(model.leaves) > 6 else "")
-        notes.append(
-            f"No tip: the moving joints end in several places, so payload, push, dragging and the ellipsoids at the tip are "
-            f"left out. Name one of the {len(model.leaves)} ends with --tip: {ends}."
-        )
-    return notes
+def _left_open(robot: Robot, *, closed: bool) -> list[str]:
+    """Note on the loops that the file closes and the page does not."""
+    closures = list(robot.model.closures)
+    if not closures or closed:
+        return []
+    loops = ", ".join(closures[:4]) + (", …" if len(closures) > 4 else "")
+    return [f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."]
 
 
 def _subtitle(robot: Robot, motion: DrawnMotion | None, payload: Payload | None) -> str:
@@ -425,7 +417,7 @@ def _switches(
         ("keep", "Keep orientation", grasped, free >= 6),
         ("stops", "Stops and friction", book is None and "mass" in data["programs"] and not data["fall"]["why"], True),
         ("feet", "Feet on the floor", data["standing"] is not None, True),
-        ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),
+        ("path", "Path of the tip", data["motion"] is not None and data["payload"] is not None, True),
     )
     shown = {key: bool(on and there) if book is None else key in book.shown for key, _, there, on in known}
     return shown, [(key, label) for key, label, there, _ in known if there]

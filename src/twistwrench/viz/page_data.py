@@ -70,7 +70,8 @@ class PagePrograms:
         self.section, self.moves, self.loops = section, motion, loops
         model = robot.model
         own = [] if model.tip is None or model.frame(model.tip).body == BASE else [model.tip]
-        self.tips = tuple(own if own or motion else tips_of(model))
+        given = [] if payload is None or payload.frame is None else [payload.frame]
+        self.tips = tuple(own or given or tips_of(model))
         self.chosen = 0 if own or not one_arm(model) else len(self.tips) - 1
         named = {name: model.frame(name) for name in (*wrenches, *self.tips)}
         self.wrenches = tuple(named)
@@ -158,6 +159,8 @@ class PagePrograms:
                 asked[f"foot{k}"] = "jacobian", frame
         if self.moves:
             asked["inverse"] = "inverse_dynamics", {**pushed, **load}
+            if model.limited_followers:
+                asked["across"] = "joint_wrenches", {**pushed, **load}
             if model.friction.any:
                 asked["law"] = "friction_under_load", {}
             if model.springs:

@@ -62,7 +62,8 @@ class Address {
   show({ q, load, push, tip, speed, t, camera, layers }) {
     const { viewer } = this, { mechanics, motion, stage, robot } = viewer;
     this.opening = true;
-    if (tip) mechanics.choose(robot.tips.findIndex((entry) => robot.frames[entry.tip].name === tip[0]));
+    const chosen = tip ? robot.tips.findIndex((entry) => robot.frames[entry.tip].name === tip[0]) : -1;
+    if (chosen >= 0 && chosen !== robot.chosenTip) viewer.chooseTip(chosen);
     if (load !== null) Object.assign(mechanics, { mass: load, push: push.slice() });
     if (motion) motion.pace = speed;
     viewer.loaded();

@@ -13,6 +13,8 @@ class Motion {
     this.limits = robot.torques.map(({ limit }) => limit ?? Infinity);
     this.zero = new Float64Array(nv);
     this.tau = new Float64Array(nv * this.time.length); // by rows
+    this.followers = data.verdict.followers; // mimic joints with limits of their own
+    this.borne = new Float64Array(this.followers.length * this.time.length); // their torques, without friction
     mechanics.mass = data.mass;
     this.run();
   }
@@ -46,14 +48,19 @@ class Motion {
     return out;
   }
 
+  across(mass, wrenches, out) { // what mimic joints bear: S'F of the wrench across each
+    const { mechanics, followers, pace } = this, load = mechanics.carrying(mass);
+    if (followers.length) this.q.forEach((q, i) => {
+      const F = mechanics.run.across(q, scaled(this.dq[i], pace), scaled(this.ddq[i], pace * pace), ...wrenches(q), ...load);
+      followers.forEach(({ body, axis }, k) => { out[followers.length * i + k] = inner(axis, F.subarray(6 * body, 6 * body + 6)); });
+    });
+    return out;
+  }
+
   run() { // anew, after a change of what is on the robot or of its speed
-    const { nv, tau } = this;
-    this.sweep(this.mechanics.mass, tau);
-    this.peaks = Array.from({ length: nv }, () => ({ value: 0, row: 0 }));
-    for (let j = 0; j < tau.length; j++) {
-      const peak = this.peaks[j % nv];
-      if (Math.abs(tau[j]) > Math.abs(peak.value) || j < nv) Object.assign(peak, { value: tau[j], row: Math.floor(j / nv) });
-    }
+    const { mechanics } = this;
+    this.peaks = peaksOf(this.sweep(mechanics.mass, this.tau), this.nv);
+    this.most = peaksOf(this.across(mechanics.mass, (q) => mechanics.wrenches(q), this.borne), this.followers.length);
   }
 
   // The causes of a torque, by name; they add up to it.
@@ -69,32 +76,40 @@ class Motion {
   }
 
   get perKilogram() { // of payload, the torques that it takes at this speed, by rows; a push does not change them
-    if (this.known?.pace !== this.pace) {
+    if (this.known?.pace !== this.pace || this.known.tip !== this.mechanics.robot.tip) {
       const { tau, nv, pace, mechanics } = this, scales = [pace, pace * pace], found = new Float64Array(tau.length), alone = new Float64Array(nv);
       for (let i = 0; i < this.time.length; i++) {
         const row = this.inverse(i, scales, mechanics.still, 1, found.subarray(nv * i, nv * (i + 1)));
         this.inverse(i, scales, mechanics.still, 0, alone);
         for (let k = 0; k < nv; k++) row[k] -= alone[k];
       }
-      this.known = { pace, found };
+      const borne = this.across(1, () => mechanics.still, this.borne.slice()), none = this.across(0, () => mechanics.still, this.borne.slice());
+      this.known = { pace, tip: mechanics.robot.tip, found, borne: borne.map((x, j) => x - none[j]) };
     }
-    return this.known.found;
+    return this.known;
   }
 
   // The largest payload, where each torque is linear in it: m <= (+-limit - tau_0) / tau_1 in every row of every joint.
   margin(loaded, least) {
-    const { limits, nv, tau, perKilogram } = this, { mass } = this.mechanics, most = new Float64Array(nv);
+    const { limits, nv, tau, perKilogram, followers, borne } = this, { mass } = this.mechanics, most = new Float64Array(nv);
     let found = { mass: Infinity };
-    for (let j = 0; j < tau.length; j++) {
-      const k = j % nv, per = perKilogram[j], alone = tau[j] - mass * per;
-      if (Math.abs(alone) > limits[k]) return null;
-      most[k] = Math.max(most[k], Math.abs(per));
-      if (!(Math.abs(per) > least)) continue;
-      const allowed = (Math.sign(per) * limits[k] - alone) / per;
-      if (allowed < found.mass) found = { mass: allowed, joint: k, row: Math.floor(j / nv) };
-    }
+    for (const [values, each, ends, first] of [[tau, perKilogram.found, limits, 0], [borne, perKilogram.borne, followers.map(({ limit }) => limit), nv]])
+      for (let j = 0; j < values.length; j++) {
+        const k = j % ends.length, per = each[j], alone = values[j] - mass * per;
+        if (Math.abs(alone) > ends[k]) return null;
+        if (!first) most[k] = Math.max(most[k], Math.abs(per));
+        if (!(Math.abs(per) > least)) continue;
+        const allowed = (Math.sign(per) * ends[k] - alone) / per;
+        if (allowed < found.mass) found = { mass: allowed, joint: first + k, row: Math.floor(j / ends.length) };
+      }
     return found.mass === Infinity || loaded(most).some((on, k) => on && limits[k] === Infinity) ? null : found;
   }
+}
+
+function peaksOf(values, n) { // the largest magnitude of each column, with its sign and row
+  const peaks = Array.from({ length: n }, () => ({ value: 0, row: 0 }));
+  values.forEach((x, j) => { const peak = peaks[j % n]; if (Math.abs(x) > Math.abs(peak.value) || j < n) Object.assign(peak, { value: x, row: Math.floor(j / n) }); });
+  return peaks;
 }
 
 const scaled = (row, s) => (s === 1 ? row : row.map((x) => s * x));

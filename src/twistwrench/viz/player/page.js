@@ -36,7 +36,7 @@ class Viewer {
     this.ball = this.stage.keep(ball());
     this.floor = this.stage.keep({ positions: grid(robot.size, robot.floor) });
     this.motion = robot.motion && new Motion(this.mechanics, robot.motion, array);
-    this.path = this.motion && robot.motion.path && this.stage.keep({ positions: array(robot.motion.path) });
+    if (this.motion && robot.payload !== null) this.trace();
     this.judge = this.motion && new Verdict(this.motion, robot);
     this.verdict = this.judge && this.judge.now;
     this.time = this.motion ? this.motion.begin : 0; // of the motion as it was given
@@ -140,8 +140,15 @@ class Viewer {
 
   chooseTip(k) { // payload, push, dragging and ellipsoids go with it
     this.mechanics.choose(k);
+    if (this.motion) this.trace();
     this.panel.load.tell();
     this.loaded();
+  }
+
+  trace() { // the path of the tip over the motion
+    const { q } = this.motion, most = Math.min(q.length, 2000), row = (i) => q[Math.round((i * (q.length - 1)) / Math.max(1, most - 1))];
+    if (this.path) this.stage.forget(this.path);
+    this.path = this.stage.keep({ positions: Float32Array.from(Array.from({ length: most }, (_, i) => Array.from(place(this.mechanics.tipPose(row(i))))).flat()) });
   }
 
   loaded() { // payload, push or speed changed

@@ -4,7 +4,7 @@
 class Verdict {
   constructor(motion, robot) {
     Object.assign(this, { motion, robot, data: motion.data.verdict });
-    this.names = robot.torques.map(({ name }) => name);
+    this.names = [...robot.torques, ...motion.followers.map(({ joint }) => ({ name: joint }))].map(({ name }) => name);
   }
 
   say(name, words = {}) { return this.data.sentences[name].replace(/\{(\w+)\}/g, (_, key) => words[key]); }
@@ -14,8 +14,8 @@ class Verdict {
   joints() { // each with its peak, as the command counts it: noise of the log taken off, and its reach
     const { peaks, limits } = this.motion, noise = this.data.joints;
     return peaks.map(({ value, row }, k) => {
-      const { chance, reach, end } = noise ? noise[k] : { chance: 0, reach: 0, end: false }, peak = value + chance;
-      return { k, joint: this.names[k], unit: this.robot.torques[k].unit, limit: limits[k], largest: value, row, peak, reach, end, share: Math.abs(peak) / limits[k] };
+      const { chance, reach, end, sigma } = noise ? noise[k] : { chance: 0, reach: 0, end: false, sigma: 0 }, peak = value + chance;
+      return { k, joint: this.names[k], unit: this.robot.torques[k].unit, limit: limits[k], largest: value, row, peak, reach, end, sigma, share: Math.abs(peak) / limits[k] };
     });
   }
 
@@ -79,6 +79,26 @@ class Verdict {
     return said;
   }
 
+  mimics(joints) { // those beyond their limits, and those of which noise leaves it open
+    const { followers, most } = this.motion, { bounds, words } = this.data, over = [], open = [];
+    followers.map((f, k) => ({ ...f, ...most[k], share: Math.abs(most[k].value) / f.limit })).sort((a, b) => b.share - a.share).forEach((f) => {
+      if (!(Math.abs(f.value) - f.limit > bounds.tolerance * f.limit)) return;
+      const reach = f.ratio ? joints[f.leader].reach / f.ratio : 0, takes = { joint: f.joint, peak: torqueText(f.value), unit: f.unit, limit: number(f.limit), share: percentOfLimit(f.share) };
+      if (Math.abs(f.value) - bounds.confidence * reach > f.limit) over.push({ joint: f.joint, kind: words.kinds.effort, text: this.say("follower", { ...takes, leader: this.names[f.leader], time: this.time(f.row) }) });
+      else open.push(this.say("open follower", takes));
+    });
+    return { over, open };
+  }
+
+  force(joints) { // in words, what a floating base lacks; empty where that is next to nothing
+    const { force } = this.data;
+    if (!force) return "";
+    const mass = force.mass + this.motion.mechanics.mass, weight = mass * force.strength;
+    const largest = Math.max(0, ...force.rows.map((k) => joints[k]).filter(({ unit }) => unit === "N").map(({ peak, sigma }) => Math.abs(peak) - force.sure * sigma));
+    if (!(largest > Math.max(force.share * weight, force.least * mass))) return "";
+    return this.say("force", { force: number(largest), share: weight ? this.say("of weight", { share: percent(largest / weight) }) : "" });
+  }
+
   nearest(joints, scale) {
     const { bounds, asLogged, gap } = this.data, limited = joints.filter(({ limit }) => limit < Infinity);
     if (!limited.length) return this.say("no motor");
@@ -103,15 +123,17 @@ class Verdict {
         open.push(this.say("open", { joint: j.joint, end: j.end ? this.say("end") : "", peak: torqueText(j.peak), sigma: deviation(j.reach), unit: j.unit, limit: number(j.limit) }));
     }
     const margin = motion.mechanics.robot.payload === null || !data.margin ? null : motion.margin((peaks) => this.loaded(peaks), data.leastPerKilogram);
+    const mimics = this.mimics(joints), force = this.force(joints), lacks = force ? [this.say("no contact", { words: force[0].toLowerCase() + force.slice(1) })] : [];
     const hides = gap && gap.hidden > (limited.some(({ share }) => share > bounds.near) ? 0 : gap.most / motion.pace);
-    const unsure = [...this.limitDoubts(joints), ...open, ...doubts.before, ...(hides ? [gap.words] : []), ...doubts.after];
-    const stated = this.grouped([...over, ...this.passed()]);
+    const unsure = [...this.limitDoubts(joints), ...open, ...mimics.open, ...doubts.before, ...lacks, ...(hides ? [gap.words] : []), ...doubts.after];
+    const stated = this.grouped([...over, ...mimics.over, ...this.passed()]);
     const [word, reasons] = [["LOOK AGAIN", data.lookAgain], ["OVER LIMIT", stated], ["UNSURE", unsure]].find(([, said]) => said.length) ?? ["OK", []];
     const assumed = word !== "OK" ? "" : mass ? data.assumed.loaded : data.assumed.empty;
     const [first, ...others] = reasons.length ? reasons : [this.nearest(joints, scale)], lines = [`: ${first}${assumed}.`, ...others.map((reason) => `  - ${reason}.`)];
-    const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit);
+    const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== (mimics.over.length + mimics.open.length > 0 || limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit));
     if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), joint: this.names[margin.joint], time: this.time(margin.row) }));
     lines.push(...data.questions);
+    if (force) lines.push(`${data.force.question} ${this.say("contact", { words: force })}`);
     return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, note: data.joints && this.moved ? "Intervals are those of the command's load and speed." : "" };
   }
 
