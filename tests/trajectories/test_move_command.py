@@ -194,6 +194,23 @@ def test_waypoints_are_met(run, tmp_path):
         assert np.abs(q - point).max(axis=1).min() < 2e-3
 
 
+def test_limits_of_jerk_come_from_the_option_or_from_files_and_a_bad_file_is_named(run, tmp_path):
+    file, picture = tmp_path / "limits.csv", tmp_path / "move.png"
+    file.write_text("joint,velocity,effort,acceleration,jerk\njoint1,3,150,12,90\njoint2,3,60,12,90\n")
+    way = ("move", "planar_2r", "--to", "1,-0.5", "--limits", file)
+    code, output = run(*way, "--fastest", "--plot", picture)
+    assert code == 0, output
+    words = " ".join(output.split())
+    assert re.search(r"OK: within all limits; \d+ % slower than without jerk limits; not proven shortest", words)
+    assert "Jerk limits of 2 of 2 joints are from the robot's file and" in words and picture.exists()
+    shown = [re.search(r"timing: ([\d.]+) s", run(*way, *more)[1])[1] for more in ((), ("--scaling", "s-curve"))]
+    again = re.search(r"timing: ([\d.]+) s", run(*way, "--jerk", 20)[1])[1]
+    assert 0 < float(shown[0]) < float(again) and float(shown[1]) > 0
+    file.write_text("joint,jerk\njoint1,-5\n")
+    code, output = run(*way)
+    assert code == 2 and "-5" in output and "limits.csv" in output and output.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -210,6 +227,9 @@ def test_waypoints_are_met(run, tmp_path):
         (("--to", "1,1", "--fastest"), "nothing limits"),
         (("--to", "1,1", "--waypoints", "none.csv"), "none.csv"),
         (("--to", "1,1", "--acceleration", "-1"), "acceleration"),
+        (("--to", "1,1", "--jerk", "-1"), "jerk has -1"),
+        (("--to", "1,1", "--jerk", "nan"), "jerk"),
+        (("--to", "1,1", "--jerk", "9", "--scaling", "cubic"), "jumps at the ends"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(run, arguments, words):

@@ -23,6 +23,7 @@ SCALINGS = {
     "quintic": trajectories.quintic(1.7),
     "trapezoid": trajectories.trapezoid(v=0.9, a=2.1),
     "bang-bang": trajectories.trapezoid(v=9.0, a=2.1),
+    "s-curve": trajectories.s_curve(1.7, alpha=0.4, beta=0.3),
 }
 
 
@@ -309,6 +310,14 @@ BAD = {
     "dt": lambda r: trajectories.move(r, HOME, HOME + 1).sample(0),
     "no duration": lambda r: trajectories.cubic(0),
     "limits": lambda r: trajectories.bounds_of(r, velocity=-1),
+    "negative jerk": lambda r: trajectories.fastest(r, trajectories.joint_line(r, HOME, HOME + 1), jerk=-1.0),
+    "jerk's shape": lambda r: trajectories.fastest(r, trajectories.joint_line(r, HOME, HOME + 1), jerk=[100.0, 200.0]),
+    "jerk of a cubic timing": lambda r: trajectories.fitted(r, trajectories.joint_line(r, HOME, HOME + 1), trajectories.cubic(1), bounds_of(r, jerk=9.0)),
+    "jerk of a trapezoid": lambda r: trajectories.fitted(r, trajectories.joint_line(r, HOME, HOME + 1), trajectories.trapezoid(v=1.5, duration=1), bounds_of(r, jerk=9.0)),
+    "jerk of a path without third derivative": lambda r: trajectories.fitted(r, trajectories.JointPath("mine", trajectories.joint_line(r, HOME, HOME + 1)), None, bounds_of(r, jerk=9.0)),
+    "alpha": lambda r: trajectories.s_curve(1.0, alpha=0.6),
+    "beta": lambda r: trajectories.s_curve(1.0, beta=0.0),
+    "no duration of a double S": lambda r: trajectories.s_curve(np.nan),
     "limits' shape": lambda r: trajectories.bounds_of(r, velocity=[1, 2]),
     "no pose": lambda r: trajectories.screw_path(np.ones((4, 4)), np.eye(4)),
     "poses": lambda r: trajectories.screw_path(np.eye(4)[None], np.eye(4)),

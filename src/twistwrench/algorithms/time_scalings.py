@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,14 @@ class Polynomial:
         rates = differentiated(self.coefficients)
         s, ds, dds = (horner(c, x) for c in (self.coefficients, rates, differentiated(rates)))
         return s, np.where(moving, ds / self.duration, 0.0), np.where(moving, dds / self.duration**2, 0.0)
+
+    def third(self, t: ArrayLike) -> Array:
+        """d³s/dt³ at t (...) [s]; zero before 0 and after T."""
+        t = arguments.real(t, "t")
+        p = horner(
+            differentiated(differentiated(differentiated(self.coefficients))), np.clip(t / self.duration, 0.0, 1.0)
+        )
+        return np.where((t >= 0) & (t <= self.duration) | np.isnan(t), p / self.duration**3, 0.0)
 
     def stretched(self, duration: float) -> Polynomial:
         """The same shape over another duration.
@@ -203,6 +212,107 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
             f"T from {printed(2 / a**0.5)}."
         )
     return Trapezoid(0.5 * (a * T - float(np.sqrt(max(a * (a * T * T - 4.0), 0.0)))), a)  # MR eq. 9.19
+
+
+@dataclass(frozen=True, eq=False)
+class Averaged:
+    """Time scaling averaged over two windows of time; its derivatives up to the third are exact.
+
+    The scaling that is averaged has a rate of constant slope in time between places. Uniform motion so becomes a double S
+    (:func:`s_curve`), and a motion with jumps of acceleration one of bounded jerk on the same path.
+    """
+
+    places: Array
+    """(n,) s from 0 to 1, rising."""
+    rates: Array
+    """(n,) ds/dt there before the averaging [1/s]."""
+    windows: tuple[float, float]
+    """Durations over which s(t) is averaged, one after the other [s]."""
+    name: str
+    """Name of the shape."""
+
+    @cached_property
+    def _twice(self) -> tuple[Any, Array]:
+        """Second integral of the scaling before the averaging, and the times of its places, those outside included."""
+        from scipy.interpolate import PPoly
+
+        steps = 2.0 * np.diff(self.places) / (self.rates[1:] + self.rates[:-1])
+        t = np.concatenate([[0.0], np.cumsum(steps)])
+        pieces = np.stack([0.5 * np.diff(self.rates) / steps, self.rates[:-1], self.places[:-1]])
+        rest = np.array([[0.0], [0.0], [1.0]])
+        spare = sum(self.windows)
+        ends = np.concatenate([[-spare - 1.0], t, [t[-1] + spare + 1.0]])
+        return PPoly(np.concatenate([0.0 * rest, pieces, rest], axis=1), ends).antiderivative(2), t
+
+    @cached_property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self._twice[1][-1]) + sum(self.windows)
+
+    @cached_property
+    def knots(self) -> Array:
+        """Times between which the third derivative is linear [s]."""
+        t, (a, b) = self._twice[1], self.windows
+        return np.unique(np.concatenate([t, t + a, t + b, t + (a + b)]))
+
+    def _derivative(self, t: Array, order: int) -> Array:
+        """Derivative of s at t (...)."""
+        curve, (a, b) = self._twice[0], self.windows
+        t = np.clip(t, 0.0, self.duration)
+        return np.asarray(
+            (curve(t, order) - curve(t - a, order) - curve(t - b, order) + curve(t - (a + b), order)) / (a * b)
+        )
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        t = arguments.real(t, "t")
+        before, after = t <= 0, t >= self.duration
+        s, ds, dds = (self._derivative(t, order) for order in range(3))
+        s = np.where(after, 1.0, np.where(before, 0.0, np.clip(s, 0.0, 1.0)))
+        return s, np.where(before | after, 0.0, ds), np.where(before | after, 0.0, dds)
+
+    def third(self, t: ArrayLike) -> Array:
+        """d³s/dt³ at t (...) [s]; zero before 0 and after T."""
+        t = arguments.real(t, "t")
+        return np.where((t < 0) | (t > self.duration), 0.0, self._derivative(t, 3))
+
+    def stretched(self, duration: float) -> Averaged:
+        """The same shape over another duration.
+
+        Examples
+        --------
+        >>> [round(window, 12) for window in s_curve(1.0).stretched(3.0).windows]
+        [0.666666666667, 0.333333333333]
+        """
+        k = _positive(duration, "duration") / self.duration
+        return replace(self, rates=self.rates / k, windows=(self.windows[0] * k, self.windows[1] * k))
+
+
+def s_curve(duration: float, *, alpha: float = 1 / 3, beta: float = 1 / 3) -> Averaged:
+    """Double-S time scaling: trapezoidal rate whose accelerations rise and fall at constant jerk.
+
+    Source: Biagiotti & Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section 3.4. The rate peaks
+    at v = 1/((1 - α) T), the acceleration at v/(α (1 - β) T), the jerk at v/(α² β (1 - β) T²).
+
+    Parameters
+    ----------
+    alpha : float, share T_a/T of the time in which it speeds up, and of that in which it slows down; above 0, at most 1/2
+    beta : float, share T_j/T_a of that time in which the acceleration rises, and in which it falls; above 0, at most 1/2
+
+    Examples
+    --------
+    >>> s, ds, dds = s_curve(1.0)(0.5)
+    >>> round(float(s), 12), round(float(ds), 12), round(float(s_curve(1.0).third(0.01)), 9)
+    (0.5, 1.5, 60.75)
+    """
+    T = _positive(duration, "duration")
+    shares = {"alpha": arguments.number(alpha, "alpha"), "beta": arguments.number(beta, "beta")}
+    for name, x in shares.items():
+        if not 0 < x <= 0.5:
+            raise ValueRangeError(f"{name} is {printed(x)}: give a share of the time above 0 and at most 0.5.")
+    ramp, rate = shares["alpha"] * T, 1.0 / ((1.0 - shares["alpha"]) * T)
+    windows = (ramp * (1.0 - shares["beta"]), ramp * shares["beta"])
+    return Averaged(np.array([0.0, 1.0]), np.array([rate, rate]), windows, "s-curve")
 
 
 def _positive(x: Any, name: str) -> float:

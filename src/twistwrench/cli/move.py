@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..algorithms.time_scalings import cubic, quintic, screw_path, straight_path, trapezoid
+from ..algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
 from ..core.numbers import number, percent, percent_of_limit, printed, seconds, torque
 from ..core.text import listed
 from ..core.verdict import ExitCode, Word
@@ -51,13 +51,17 @@ from .terminal import show
     option("--by x,y,z", "Move the tip straight by that [m], along the base's axes."),
     option("--screw", "Move the tip on the constant screw between them."),
     option("--straight", "Move the tip on a straight line between the poses of both ends."),
-    option("--fastest", "The fastest timing: one limit touched at all times."),
+    option("--fastest", "The fastest timing: one limit touched at all times; with limits of jerk, a short one."),
     option(
-        "--scaling", "How the time goes along the path.", choices=("quintic", "cubic", "trapezoid"), default="quintic"
+        "--scaling",
+        "How the time goes along the path.",
+        choices=("quintic", "cubic", "trapezoid", "s-curve"),
+        default="quintic",
     ),
     option("--duration SECONDS", "How long it takes; as short as may be if not given.", type=float),
     PAYLOADS,
     option("--acceleration A", "Limit every joint to it [rad/s², m/s²].", type=float),
+    option("--jerk J", "Limit every joint to it [rad/s³, m/s³].", type=float),
     LIMITS,
     NO_FRICTION,
     option("--step SECONDS", "Between rows of --csv.", default=0.002),
@@ -80,9 +84,11 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     load = load_case(options.load(), options, given)
     robot = load.with_load
     bounds = read_limits(given.limits, robot.model, degrees=options.degrees)
+    asked = bounds_of(robot, acceleration=given.acceleration, jerk=given.jerk)
     if given.acceleration is not None:
-        asked = bounds_of(robot, acceleration=given.acceleration)
         bounds = replace(bounds, acceleration=asked.acceleration, deceleration=asked.deceleration)
+    if given.jerk is not None:
+        bounds = replace(bounds, jerk=asked.jerk)
     if given.fastest and given.duration is not None:
         raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
     if not given.step > 0:
@@ -112,7 +118,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     carried = " and ".join(f"{number(p.mass)} kg" for p in load.payloads)
     blocks = [
         *_verdict(moving, bounds, over, doubts, cannot, assumed),
-        *_limited_accelerations(bounds, given),
+        *_limits_of_files(bounds, given),
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
     ]
@@ -161,14 +167,13 @@ def _worst_moment(
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: Given, *, friction: bool, whole: bool) -> Trajectory:
     """Motion along the path: the fastest if requested and the path is ``whole``, otherwise by its scaling."""
     if given.fastest and whole:
-        kinds = ("velocity", "effort", "acceleration", "deceleration")
+        kinds = ("velocity", "effort", "acceleration", "deceleration", "jerk")
         limits = {kind: getattr(bounds, kind) for kind in kinds}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
             return fastest(robot, path, friction=friction, **limits)
-    shape: Any = {"quintic": quintic(1.0), "cubic": cubic(1.0), "trapezoid": trapezoid(v=1.5, duration=1.0)}[
-        given.scaling
-    ]
+    shapes: dict[str, Any] = {"quintic": quintic(1.0), "cubic": cubic(1.0), "s-curve": s_curve(1.0)}
+    shape = {**shapes, "trapezoid": trapezoid(v=1.5, duration=1.0)}[given.scaling]
     if given.duration is not None:
         return Trajectory(robot, path, shape.stretched(given.duration))
     return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction))
@@ -279,7 +284,7 @@ def move_view(
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
     way, speed, force = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
     most = [max((x for x in (u.velocity_share, u.torque_share) if not math.isnan(x)), default=0.0) for u in uses]
-    fast = isinstance(trajectory, Fastest)
+    fast = trajectory if isinstance(trajectory, Fastest) and trajectory.time_optimal is None else None
     yield Line(
         (robot.name, "bold"),
         f"  ·  {trajectory.path.name}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
@@ -298,8 +303,8 @@ def move_view(
         words("", map(share_bar, most), fold=False),
         styles=["bold red" if over_limit(share) else "" for share in most],
     )
-    if isinstance(trajectory, Fastest):
-        yield from _timeline(trajectory)
+    if fast:
+        yield from _timeline(fast)
 
 
 def _rounded(value: float) -> str:
@@ -345,19 +350,21 @@ def _verdict(
     unlimited = unknown or np.isinf(bounds.effort).any()
     within = f"{'until there, ' if cannot else ''}within {'the limits that are known' if unlimited else 'all limits'}"
     if isinstance(trajectory, Fastest):
-        within += ", and at one of them at all times: it cannot be done faster on this path"
+        proven = ", and at one of them at all times: it cannot be done faster on this path"
+        within += proven if trajectory.time_optimal is None else f"; {trajectory.price_of_jerk}"
     within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [within + assumed])
     word = Word.UNSURE if doubts else Word.OK
     yield f"{within[0].upper()}{within[1:]}." if cannot else verdict(word, f": {within}.")
     yield from remarks(unknown)
 
 
-def _limited_accelerations(bounds: Limits, given: Given) -> Iterator[Block]:
-    """Line on acceleration limits that no option gives as a number."""
-    count = int(np.isfinite(bounds.acceleration).sum())
-    if count and given.acceleration is None:
-        source = "the robot's file" if given.limits is None else f"the robot's file and {given.limits}"
-        yield f"Acceleration limits of {count} of {len(bounds.acceleration)} joints are from {source}."
+def _limits_of_files(bounds: Limits, given: Given) -> Iterator[Block]:
+    """Lines on limits of acceleration and of jerk that no option gives as a number."""
+    source = "the robot's file" if given.limits is None else f"the robot's file and {given.limits}"
+    for kind in ("acceleration", "jerk"):
+        count = int(np.isfinite(getattr(bounds, kind)).sum())
+        if count and getattr(given, kind) is None:
+            yield f"{kind.capitalize()} limits of {count} of {len(bounds.jerk)} joints are from {source}."
 
 
 def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:

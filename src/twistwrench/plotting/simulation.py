@@ -138,13 +138,16 @@ def plot_trajectory(
             left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))
         else:
             left = cast("Any", drawn)
-        ratios = [1, 1, 0.28] if fast else [1, 1]
+        ratios = [1, 1] if fast is None else [1, 1, 0.28 if fast.time_optimal is None else 1]
         axes = left.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
         names = robot.model.velocity_names
         curves(axes[0], t, dq, bounds.velocity, names, "velocity")
         curves(axes[1], t, tau, bounds.effort, names, "torque")
-        if fast:
+        if fast and fast.time_optimal is not None:
+            curves(axes[2], t, fast.jerk(t), fast.bounds.jerk, names, "jerk")
+        elif fast:
             _bar(axes[2], fast, names)
+        if fast:
             _phase_plane(right.subplots(), fast, names)
         axes[-1].set_xlabel("time [s]")
         legend(axes[0])
@@ -178,7 +181,7 @@ def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
 def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     curves = fast.limit_curves()
     s, rate = curves.path
-    top = 1.9 * float(rate.max())
+    top = 1.9 * float((fast.time_optimal or fast).limit_curves().path[1].max())
     bound = np.minimum(np.minimum(curves.torque, curves.velocity), 10 * top)
     axis.fill_between(curves.s, bound, 10 * top, color=style.OVER, alpha=0.08, linewidth=0)
     axis.fill_between(curves.s, 0, bound, color=style.GREEN, alpha=0.07, linewidth=0)
@@ -188,17 +191,27 @@ def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> Non
     ):
         if shown:
             axis.plot(curves.s, np.minimum(curve, 10 * top), dashes, color=colour, linewidth=1.2, label=label)
+    if fast.time_optimal is not None:
+        axis.plot(s, rate, color=style.LINE, linewidth=2.0, label="motion within the limits of jerk")
+        axis.plot(*fast.time_optimal.limit_curves().path, ":", color=style.LINE, label="fastest without them")
+    else:
+        _coloured(axis, fast, names)
+    style.titles(axis, "phase plane")
+    axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
+    axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none")
+
+
+def _coloured(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+    """Draw the rate of a time-optimal motion, each part in the colour of the joint that limits it."""
+    curves = fast.limit_curves()
+    s, rate = curves.path
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by what limits it")
     for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
         colour = style.SERIES[names.index(touch.joint) % len(style.SERIES)]
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=":" if touch.kind == "velocity" else "-")
-    axis.plot(
-        *curves.switches, "o", color="white", markeredgecolor=style.LINE, markersize=5, label="another limit takes over"
-    )
-    axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
-    style.titles(axis, "phase plane")
-    axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none")
+    look: dict[str, Any] = {"color": "white", "markeredgecolor": style.LINE, "markersize": 5}
+    axis.plot(*curves.switches, "o", label="another limit takes over", **look)
 
 
 complete(globals())

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..algorithms.time_scalings import quintic
 from ..core import arguments
 from ..core.glossary import complete
-from ..core.numbers import number, printed
+from ..core.numbers import number, percent, printed
 from ..core.text import listed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..model.limits import Limits
@@ -27,9 +28,10 @@ from ..motion.bounds import bounds_of
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .collocation import AT_REST, Cell, FastestScaling, try_cell
+from .jerk_limited import short_averages
 from .limit_rows import PathRows
 from .paths import JointPath, require_path
-from .trajectory import Trajectory, positions_passed
+from .trajectory import Trajectory, fitted, positions_passed
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -232,6 +234,7 @@ _SHORTEST = 1e-6
 """Part of the path: limits of torque and acceleration by which the robot is at its velocity limit sooner count as lower."""
 _ROOM = 4e-8
 """Part of each limit kept free, so that what the pieces are off it, both ways, stays below it."""
+_KINDS = ("velocity", "acceleration", "deceleration", "effort", "jerk")
 
 
 @dataclass(frozen=True)
@@ -277,11 +280,25 @@ class Fastest(Trajectory):
     rows: PathRows
     """The limits as rows along the path."""
     arcs: tuple[Arc, ...]
-    """The phase plane's arcs that make up the timing."""
+    """The phase plane's arcs that make up the timing, or the time-optimal one."""
+    time_optimal: Fastest | None = None
+    """The motion without limits of jerk from which this one is made; None if jerk is not limited."""
+
+    @property
+    def slower(self) -> float:
+        """Share by which it takes longer than without limits of jerk; 0 if jerk is not limited."""
+        return 0.0 if self.time_optimal is None else self.duration / self.time_optimal.duration - 1.0
+
+    @property
+    def price_of_jerk(self) -> str:
+        """Sentence on what limits of jerk cost."""
+        return f"{percent(self.slower)} slower than without jerk limits; not proven shortest"
 
     @property
     def limit_contacts(self) -> tuple[LimitContact, ...]:
-        """Limits that are active along the motion, in order; together they cover all of it."""
+        """Limits that are active along the motion, in order; together they cover all of it. With limits of jerk, none."""
+        if self.time_optimal is not None:
+            return ()
         names = self.robot.model.velocity_names
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
         found: list[LimitContact] = []
@@ -302,7 +319,7 @@ class Fastest(Trajectory):
         return tuple(found)
 
     def shares(self, t: ArrayLike) -> Array:
-        """Share of the most used limit: 1 where one is touched, never above.
+        """Share of the most used limit: 1 where one is touched, never above. With limits of jerk it may be below throughout.
 
         Returns
         -------
@@ -320,16 +337,10 @@ class Fastest(Trajectory):
         q, dq, ddq = self(t)
         bounds = self.bounds
         tau = self.robot.inverse_dynamics(q, dq, ddq, friction=self.rows.friction)
-        parts = np.concatenate(
-            [tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration_at(dq, ddq)], axis=-1
-        )
-        return np.asarray(np.abs(parts).max(axis=-1))
-
-    @property
-    def _own_accelerations(self) -> bool:
-        """True if the acceleration limits are those of the robot."""
-        own = self.robot.limits.acceleration
-        return bool(np.isfinite(own).any() and np.array_equal(own, self.bounds.acceleration))
+        parts = [tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration_at(dq, ddq)]
+        if self.time_optimal is not None:
+            parts.append(self.jerk(t) / bounds.jerk)
+        return np.asarray(np.abs(np.concatenate(parts, axis=-1)).max(axis=-1))
 
     def limit_curves(self, samples: int = 801) -> LimitCurves:
         """Limit curves of the phase plane (s, ds/dt), and the motion in it. MR figure 9.11.
@@ -348,6 +359,9 @@ class Fastest(Trajectory):
         """
         s = np.unique(np.concatenate([np.linspace(0, 1, samples), self.rows.breaks]))
         cap = self.rows.cap(s)
+        if self.time_optimal is not None:
+            path = self.scaling(np.linspace(0.0, self.duration, samples))[:2]
+            return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), path, (np.zeros(0), np.zeros(0)))
         cells = self.scaling.cells  # type: ignore[attr-defined]
         z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # closer at the ends, where it rises as a root does
         place = np.concatenate([c.low + (c.high - c.low) * z for c in cells])
@@ -357,10 +371,18 @@ class Fastest(Trajectory):
         return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (place, rate), (at, now))
 
     def __str__(self) -> str:
-        joints = dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.limit_contacts)
-        return f"{number(self.duration, 6)} s, limited by {', '.join(joints)} in {len(self.limit_contacts)} parts" + (
-            "; acceleration limits are the robot's own" if self._own_accelerations else ""
-        )
+        own, limits = self.robot.limits, self.bounds
+        kinds = [
+            kind
+            for kind in ("acceleration", "jerk")
+            if np.isfinite(getattr(own, kind)).any() and np.array_equal(getattr(own, kind), getattr(limits, kind))
+        ]
+        joints = ", ".join(dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.limit_contacts))
+        how = f"limited by {joints} in {len(self.limit_contacts)} parts"
+        if self.time_optimal is not None:
+            how = self.price_of_jerk
+        said = f"; limits of {' and '.join(kinds)} are the robot's own" if kinds else ""
+        return f"{number(self.duration, 6)} s, {how}{said}"
 
 
 def fastest(
@@ -371,9 +393,12 @@ def fastest(
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     deceleration: ArrayLike | None = None,
+    jerk: ArrayLike | None = None,
     friction: bool = False,
 ) -> Fastest:
     """Time-optimal time scaling: the shortest motion along a path from rest to rest within the limits.
+
+    With limits of jerk, a short one: the time-optimal motion averaged over time, on the same path; not proven shortest.
 
     Parameters
     ----------
@@ -383,6 +408,7 @@ def fastest(
     acceleration : (nv,) array_like, optional, acceleration limits that stand in for the robot's own; without
         ``deceleration`` also of joints that slow down [rad/s², m/s²]
     deceleration : (nv,) array_like, optional, likewise, of joints that slow down [rad/s², m/s²]
+    jerk : (nv,) array_like or float, optional, jerk limits that stand in for the robot's own, inf: none [rad/s³, m/s³]
 
     Raises
     ------
@@ -401,6 +427,10 @@ def fastest(
     MR section 9.4, by two passes. One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and
     acceleration that bring the robot to its velocity limit within a millionth of the path count as lower.
 
+    Jerk makes the problem non-convex (H. Pham & Q.-C. Pham, "Time-optimal path tracking with jerk constraints", ICRA 2017).
+    Averaging s(t) over two windows of time keeps the path, bounds the jerk and makes it continuous. Windows and rates are
+    searched for, see ``jerk_limited.py``; the duration then is the shortest at which that motion keeps all limits.
+
     Examples
     --------
     >>> import twistwrench as tw
@@ -409,11 +439,14 @@ def fastest(
     >>> quick = fastest(mass, trajectories.joint_line(mass, [0], [2.0]), effort=8.0)
     >>> round(quick.duration, 6)  # 2 sqrt(d / a), with 1 kg at 1 m
     1.0
+    >>> print(fastest(mass, trajectories.joint_line(mass, [0], [2.0]), effort=8.0, jerk=100.0))
+    1.08... s, 9 % slower than without jerk limits; not proven shortest
     """
     require_path(path, "fastest")
     friction = arguments.flag(friction, "friction")
     bounds = bounds_of(
-        require_robot(robot, "fastest"), velocity=velocity, acceleration=acceleration, effort=effort, deceleration=deceleration
+        require_robot(robot, "fastest"), velocity=velocity, acceleration=acceleration, effort=effort,
+        deceleration=deceleration, jerk=jerk,
     )  # fmt: skip
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves. Lock fewer joints.")
@@ -425,10 +458,29 @@ def fastest(
             "Take one whose dq/ds is nowhere zero: a spline without times, or each part by itself."
         )
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
-    room = {
-        name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "deceleration", "effort")
-    }
-    rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
+    kept = replace(bounds, **{kind: getattr(bounds, kind) * (1.0 - spare) for kind in _KINDS})
+    quick = _time_optimal(robot, path, bounds, kept, friction=friction)
+    passed = [
+        f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
+        for v in positions_passed(robot, s, path(s)[0], bounds)
+    ]
+    if passed:
+        warnings.warn(
+            f"the path leaves the positions that joints of {robot.name!r} can take: {listed(passed, 4, '; ')}. No timing "
+            "mends that: take another path.",
+            ConstraintWarning,
+            stacklevel=2,
+        )
+    if np.isinf(bounds.jerk).all():
+        return quick
+    shapes = (quintic(1.0), *short_averages(robot, path, *quick.limit_curves().path, kept, friction=friction))
+    scaling = min((fitted(robot, path, x, kept, friction=friction) for x in shapes), key=lambda x: x.duration)
+    return replace(quick, scaling=scaling, bounds=bounds, time_optimal=quick)
+
+
+def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *, friction: bool) -> Fastest:
+    """The fastest motion within the limits but for those of jerk; ``kept`` are the bounds less a little room."""
+    rows = PathRows(robot, path, kept, friction=friction)
     if (reachable := _reachable(rows)) is not rows.bounds:
         rows = PathRows(robot, path, reachable, friction=friction)
     if not (~rows.flat).any():
@@ -443,18 +495,8 @@ def fastest(
     except PathError:  # a narrow place of the limit curve was missed
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
-    passed = [
-        f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
-        for v in positions_passed(robot, s, path(s)[0], bounds)
-    ]
-    if passed:
-        warnings.warn(
-            f"the path leaves the positions that joints of {robot.name!r} can take: {listed(passed, 4, '; ')}. No timing "
-            "mends that: take another path.",
-            ConstraintWarning,
-            stacklevel=2,
-        )
-    return Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
+    without = replace(bounds, jerk=np.full(robot.nv, np.inf))
+    return Fastest(robot, path, FastestScaling(tuple(cells)), without, rows, tuple(arcs))
 
 
 def _reachable(rows: PathRows) -> Limits:

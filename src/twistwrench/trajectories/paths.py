@@ -31,6 +31,8 @@ class JointPath:
     """Gives q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
     """Ends of pieces, 0 and 1 included."""
+    third: Callable[[Array], Array] | None = None
+    """Gives d³q/ds³ at s (m,), (m, n); None: not known, so limits of jerk cannot be kept."""
     deviation: float = 0.0
     """Largest deviation from a path of poses between the points where it was solved [m or rad]."""
 
@@ -61,7 +63,7 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
         flat, start = np.broadcast_to(way, (*s.shape, robot.nv)), np.broadcast_to(q0, (*s.shape, robot.nq))
         return robot.add(start, s[..., None] * flat), flat.copy(), np.zeros(flat.shape)
 
-    return JointPath("joint line", line)
+    return JointPath("joint line", line, third=lambda s: np.zeros((*s.shape, robot.nv)))
 
 
 def spline(
@@ -130,7 +132,7 @@ def spline(
             rates = arguments.one(rates, "velocities", len(points), robot.nv)
             curve = CubicHermiteSpline(knots, points, rates * T)
     first, second = curve.derivative(1), curve.derivative(2)
-    return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots)
+    return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots, curve.derivative(3))
 
 
 def require_path(path: Any, what: str) -> JointPath:
@@ -289,7 +291,9 @@ def _spline(s: Array, q: Array, deviation: float) -> JointPath:
 
     curve = make_interp_spline(s, q, k=5)
     first, second = curve.derivative(1), curve.derivative(2)
-    return JointPath("path of poses", lambda x: (curve(x), first(x), second(x)), deviation=deviation)
+    return JointPath(
+        "path of poses", lambda x: (curve(x), first(x), second(x)), third=curve.derivative(3), deviation=deviation
+    )
 
 
 def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:

@@ -14,7 +14,7 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..model.limits import Limits
+from ..model.limits import TOLERANCE, Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own
 from ..motion.motion import Motion
 from ..robot.task_space_methods import require_robot
@@ -136,6 +136,34 @@ class Trajectory:
         ds, dds = ds[..., None], dds[..., None]
         return q, q1 * ds, q2 * ds * ds + q1 * dds
 
+    def jerk(self, t: ArrayLike) -> Array:
+        """Third derivative of q at t (...) [s], (..., nv): q‴ ds³ + 3 q″ ds dds + q′ ddds.
+
+        Raises
+        ------
+        ValueRangeError
+            The path or the scaling has no third derivative, as the trapezoidal one.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> from twistwrench import trajectories
+        >>> moving = trajectories.move(tw.robots.planar_2r(), [0, 0], [1, 0], trajectories.quintic(2.0))
+        >>> moving.jerk(0.0).tolist()  # 60/T³
+        [7.5, 0.0]
+        """
+        if self.path.third is None or not hasattr(self.scaling, "third"):
+            what = f"path {self.path.name!r}" if self.path.third is None else f"{self.scaling.name} timing"
+            raise ValueRangeError(
+                f"the {what} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a line, a "
+                "spline, or a JointPath with third=."
+            )
+        s, ds, dds = (x[..., None] for x in self.scaling(t))
+        _, q1, q2 = self.path(s[..., 0])
+        return np.asarray(
+            self.path.third(s[..., 0]) * ds**3 + 3.0 * q2 * ds * dds + q1 * np.asarray(self.scaling.third(t))[..., None]
+        )
+
     def sample(self, dt: float) -> Motion:
         """Samples of the trajectory as a :class:`twistwrench.Motion`, every ``dt`` and at its end.
 
@@ -235,7 +263,7 @@ def move(
 def fitted(
     robot: Robot, path: JointPath, shape: Any = None, bounds: Limits | None = None, *, friction: bool = False
 ) -> Any:
-    """Time scaling of a given shape as short as the limits of velocity, acceleration and torque allow.
+    """Time scaling of a given shape as short as the limits of velocity, acceleration, jerk and torque allow.
 
     Parameters
     ----------
@@ -249,8 +277,13 @@ def fitted(
 
     Notes
     -----
-    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form; friction that grows with
-    the load counts as that of |g| + |τ - g| (T0/T)².
+    Torques are g + (τ - g) (T0/T)² of the time T and jerks go as 1/T³, so each sample gives the shortest T in closed form;
+    friction that grows with the load counts as that of |g| + |τ - g| (T0/T)².
+
+    Raises
+    ------
+    ValueRangeError
+        Nothing limits the motion; or jerk is limited, and accelerations of this shape or path jump.
 
     Examples
     --------
@@ -269,8 +302,10 @@ def fitted(
             "uniform makes, of any duration."
         )
     unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
-    times = np.linspace(0.0, 1.0, _FIT)
-    needed = _shortest(robot, path, unit, bounds, times, friction=friction)
+    if np.isfinite(bounds.jerk).any():
+        _require_continuous_acceleration(Trajectory(robot, path, unit))
+    times = np.union1d(np.linspace(0.0, 1.0, _FIT), getattr(unit, "knots", ()))
+    needed = shortest_durations(robot, path, unit, bounds, times, friction=friction)
     for _ in range(_CLOSER):  # what binds lies between two samples
         inner = np.concatenate([[-np.inf], needed, [-np.inf]])
         peaks = np.flatnonzero((needed >= inner[:-2]) & (needed >= inner[2:]))
@@ -279,7 +314,7 @@ def fitted(
         shares = np.arange(1, _SPLIT) / _SPLIT
         between = (times[gaps, None] + shares * np.diff(times)[gaps, None]).ravel()
         times = np.concatenate([times, between])
-        needed = np.concatenate([needed, _shortest(robot, path, unit, bounds, between, friction=friction)])
+        needed = np.concatenate([needed, shortest_durations(robot, path, unit, bounds, between, friction=friction)])
         order = np.argsort(times)
         times, needed = times[order], needed[order]
     T = float(needed.max())
@@ -290,12 +325,32 @@ def fitted(
     return unit.stretched(T)
 
 
-def _shortest(robot: Robot, path: JointPath, unit: Any, bounds: Limits, times: Array, *, friction: bool) -> Array:
+def _require_continuous_acceleration(trajectory: Trajectory) -> None:
+    """Raise ValueRangeError if the acceleration jumps at the ends or at a knot of the path: no duration bounds that jerk."""
+    _, dq, ddq = trajectory(np.concatenate([[0.0, trajectory.duration], np.linspace(0.0, trajectory.duration, 101)]))
+    where = "at the ends" if any((np.abs(x[:2]).max() > TOLERANCE * np.abs(x).max()) for x in (dq, ddq)) else ""
+    knots = trajectory.path.knots[1:-1]
+    before, after = (trajectory.path(knots + side)[2] for side in (-1e-9, 1e-9))
+    jumps = np.abs(after - before).max(axis=1, initial=0.0) > TOLERANCE * np.abs(before).max(initial=0.0)
+    if not where and jumps.any():
+        where = f"at s = {printed(knots[jumps][0], 4)}, where the path's d²q/ds² does"
+    if where:
+        raise ValueRangeError(
+            f"the acceleration of a motion with {trajectory.scaling.name} timing on this path jumps {where}, so no duration "
+            "keeps a limit of jerk. Take the quintic or s-curve timing and a path without such jumps, or jerk limits of inf."
+        )
+
+
+def shortest_durations(
+    robot: Robot, path: JointPath, unit: Any, bounds: Limits, times: Array, *, friction: bool
+) -> Array:
     """The shortest duration (n,) by what limits the motion at times (n,) of one that takes 1 s; 0 where nothing does."""
     q, dq, ddq = Trajectory(robot, path, unit)(times)
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
         shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)))
+    if np.isfinite(bounds.jerk).any():
+        shortest.append(np.cbrt(np.abs(Trajectory(robot, path, unit).jerk(times)) / bounds.jerk))
     held = robot.holding_torques(q)
     law = robot.model.friction
     g = held + robot.friction_forces(1e-9 * np.sign(dq)) * friction

@@ -1,0 +1,171 @@
+"""Short motions of bounded jerk on a given path: the time-optimal motion averaged over time, and a local search from there.
+
+Limits of jerk make the time-optimal problem non-convex. Source of that: H. Pham & Q.-C. Pham, "Time-optimal path tracking
+with jerk constraints", ICRA 2017. Averaging s(t) over a window of time keeps the path, and the jerk is the change of the
+acceleration over the window divided by its length. Nothing here proves that a motion is the shortest one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algorithms.time_scalings import Averaged
+from ..core.glossary import complete
+from ..typing import Array
+from .trajectory import shortest_durations
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..model.limits import Limits
+    from ..robot import Robot
+    from .paths import JointPath
+
+_SHORT, _APART = 1.0 / 250.0, 1.0 / 1000.0
+"""Shortest window, and least time between places, as parts of the time-optimal duration: samples see what lasts longer."""
+_INSTANTS = 801
+"""Instants at which a motion is looked at during the search."""
+_GRID, _TRIALS = 8, 60
+"""Windows tried on a grid, and trials of the simplex search from the best of them."""
+_FACTORS, _STEPS, _TRUST = 24, 10, 0.2
+"""Places at which the rate is changed by a factor, linear programmes solved, and the first bound of log factors."""
+
+
+def short_averages(
+    robot: Robot, path: JointPath, places: Array, rates: Array, bounds: Limits, *, friction: bool
+) -> tuple[Averaged, Averaged]:
+    """Averages over time of a motion of the given rates, chosen so that their shortest durations within the bounds are small.
+
+    Parameters
+    ----------
+    places, rates : (n,) arrays, s and ds/dt of the time-optimal motion
+
+    Returns
+    -------
+    shapes : two Averaged, whose durations :func:`~twistwrench.trajectories.fitted` finds: the second is seldom the longer one
+
+    Notes
+    -----
+    Longer windows take longer and lower the jerk; what is still over a limit takes a longer duration of the whole. Windows are
+    searched for first. Then rates and windows are changed by factors: each step is a linear programme for the least
+    largest duration that any sample asks for.
+    """
+
+    def needed(shape: Averaged) -> Array:
+        return shortest_durations(robot, path, shape.stretched(1.0), bounds, instants, friction=friction)
+
+    instants = np.linspace(0.0, 1.0, _INSTANTS)
+    with np.errstate(invalid="ignore"):
+        t = np.cumsum(np.nan_to_num(2.0 * np.diff(places) / (rates[1:] + rates[:-1])))
+    apart = np.unique(np.floor(t / t[-1] / _APART), return_index=True)[1] + 1
+    s, rates = (np.concatenate([x[:1], x[apart[:-1]], x[-1:]]) for x in (places, rates))
+    s[-1], rates[0], rates[-1] = 1.0, 0.0, 0.0
+    windowed = _windowed(s, rates, needed)
+    return windowed, _improved(windowed, needed)
+
+
+def _windowed(s: Array, rates: Array, needed: Callable[[Averaged], Array]) -> Averaged:
+    """The best windows for the rates, as they are or with peaks cut off to coasts as long as both windows."""
+    from scipy.optimize import minimize
+
+    T = float((2.0 * np.diff(s) / (rates[1:] + rates[:-1])).sum())
+
+    def shape(x: Array, *, coasts: bool) -> Averaged:
+        b, a = (float(w) for w in np.sort(np.exp(np.clip(x, np.log(_SHORT), 0.0))) * T)
+        return Averaged(*(with_coasts(s, rates, a + b) if coasts else (s, rates)), (a, b), "jerk-limited")
+
+    def duration(x: Array, coasts: bool) -> float:
+        return float(needed(shape(x, coasts=coasts)).max())
+
+    grid = np.linspace(np.log(_SHORT), 0.0, _GRID)
+    tried = [(np.array([a, b]), coasts) for a in grid for b in grid[grid <= a] for coasts in (False, True)]
+    start, coasts = min(tried, key=lambda trial: duration(*trial))
+    simplex = start - 0.5 * (grid[1] - grid[0]) * np.array([[0, 0], [1, 0], [0, 1]])
+    options: Any = {"maxfev": _TRIALS, "initial_simplex": simplex}
+    found: Any = minimize(duration, start, (coasts,), "Nelder-Mead", options=options)
+    return shape(np.asarray(found.x), coasts=coasts)
+
+
+def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Array]:
+    """Places and rates of a motion whose peaks of the rate are cut off, so that each is a coast of at least ``duration``.
+
+    Averaged over that time, the change from speeding up to slowing down is two steps of acceleration, one after the other.
+
+    Parameters
+    ----------
+    places, rates : (n,) arrays, as those of :class:`Averaged`; the rates are zero at both ends
+
+    Examples
+    --------
+    >>> s, ds = with_coasts(np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 0.0]), 1.0)
+    >>> s.round(6).tolist(), ds.round(6).tolist(), round(float((s[2] - s[1]) / ds[1]), 6)
+    ([0.0, 0.190983, 0.809017, 1.0], [0.0, 0.618034, 0.618034, 0.0], 1.0)
+    """
+    s, x = places, rates**2  # linear in s between places
+
+    def cut(p: int, level: float) -> tuple[int, int, Array]:
+        before, after = int(np.flatnonzero(x[:p] < level)[-1]), p + int(np.flatnonzero(x[p:] < level)[0])
+        i, k = np.array([before, after - 1]), np.array([before + 1, after])
+        return before, after, s[i] + (level - x[i]) / (x[k] - x[i]) * (s[k] - s[i])
+
+    def short(p: int, level: float) -> bool:
+        return bool(np.ptp(cut(p, level)[2]) < np.sqrt(level) * duration)
+
+    while True:
+        peaks = 1 + np.flatnonzero((x[1:-1] >= x[:-2]) & (x[1:-1] >= x[2:]))
+        peaks = peaks[np.argsort(-x[peaks], kind="stable")]
+        p = next((k for k in peaks.tolist() if short(k, x[k] * (1 - 1e-9))), None)
+        if p is None:
+            return s, np.sqrt(x)
+        low, high = 0.0, float(x[p])
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if short(p, middle) else (middle, high)
+        before, after, ends = cut(p, low)
+        s = np.concatenate([s[: before + 1], ends, s[after:]])
+        x = np.concatenate([x[: before + 1], [low, low], x[after:]])
+
+
+def _improved(shape: Averaged, needed: Callable[[Averaged], Array]) -> Averaged:
+    """The shape with rates and windows changed by factors, as far as linear programmes within a trust region lead down."""
+    from scipy.optimize import linprog
+
+    s = np.union1d(shape.places, np.linspace(0.0, 1.0, 201))
+    rates = np.sqrt(np.interp(s, shape.places, shape.rates**2))
+    t = np.linspace(0.0, shape.duration, 2001)
+    knots = np.interp(np.linspace(0.0, shape.duration, _FACTORS), t, shape(t)[0])
+    hats = np.stack([np.interp(s, knots, one) for one in np.eye(_FACTORS)], axis=1)
+    n, small = _FACTORS + 2, 1e-4
+
+    def changed(x: Array) -> Averaged:
+        a, b = (float(w) for w in shape.windows * np.exp(x[:2]))
+        return Averaged(s, rates * np.exp(hats @ x[2:]), (a, b), shape.name)
+
+    shortest = np.full(n, -np.inf)
+    shortest[:2] = np.minimum(np.log(_SHORT * shape.duration / np.array(shape.windows)), 0.0)
+    balance = np.r_[0.0, 0.0, np.ones(_FACTORS), 0.0][None]  # all rates by one factor are another duration only
+    x, trust = np.zeros(n), _TRUST
+    now = needed(changed(x))
+    for _ in range(_STEPS):
+        slopes = np.stack([(needed(changed(x + small * e)) - now) / small for e in np.eye(n)], axis=1)
+        near = now > 0.5 * now.max()
+        rows, right = np.column_stack([slopes, -np.ones(len(now))])[near], -now[near]
+        while trust > 1e-3:
+            box = [(max(-trust, low), trust) for low in shortest - x]
+            found = linprog(np.eye(n + 1)[n], rows, right, balance, [0.0], bounds=[*box, (0.0, None)]).x
+            if found is not None and (new := needed(changed(x + found[:n]))).max() < now.max():
+                break
+            trust /= 4.0
+        else:
+            break
+        promised, gained = now.max() - found[n], now.max() - new.max()
+        trust *= 1.5 if gained > 0.5 * promised else 1.0
+        x, now = x + found[:n], new
+        if gained < 1e-4 * now.max():
+            break
+    return changed(x)
+
+
+complete(globals())
