@@ -13,6 +13,7 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.core.glossary import ENTRIES, ROOMS, completed
+from twistwrench.reports.page import TERMS
 
 SOURCE = ROOT / "src" / "twistwrench"
 CALLING = [p for p in sorted(SOURCE.rglob("*.py")) if p.read_text("utf-8").endswith("\ncomplete(globals())\n")]
@@ -100,3 +101,13 @@ def test_files_of_the_wheel_have_whole_docstrings_and_the_same_code(path, monkey
         given = node.args
         names = [a.arg for a in (*given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")]
         assert len(completed(doc, names, room)) <= len(doc) + 1, node.name
+
+
+# ── The glossary of the documentation
+
+
+def test_terms_that_reports_explain_are_those_of_the_glossary_word_for_word():
+    text = (ROOT / "docs" / "glossary.md").read_text("utf-8")
+    rows = re.findall(r"^\| \*\*(.+?)\*\* \| (.+?) \|", text.partition("## One word, one meaning")[0], re.MULTILINE)
+    assert {word: said for word, said in rows if word in TERMS} == TERMS
+    assert sorted(word for word, _ in rows if word in TERMS) == sorted(TERMS)

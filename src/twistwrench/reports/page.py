@@ -20,7 +20,7 @@ from .blocks import Block, Branch, Column, Line, Table
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
 """Content-Security-Policy: no requests and no scripts."""
-_TERMS = {
+TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
     "UNSURE": "The data cannot tell. This is not a yes.",
     "OVER LIMIT": "A limit is passed for certain.",
@@ -33,7 +33,7 @@ _TERMS = {
     "inertia": "Torque that accelerates the masses, M(q) ddq.",
     "Coriolis": "Torque from velocities: Coriolis and centrifugal terms.",
     "gravity": "Torque that holds the weight at rest.",
-    "payload": "A point mass carried at a frame of the robot.",
+    "payload": "A body fixed to a frame of the robot afterwards; the commands take a point mass.",
     "friction": "Torque lost in a joint: viscous and Coulomb parts of its file.",
     "ext. wrench": "Torque that balances moments and forces exerted on the robot.",
     "σ": "Standard deviation.",
@@ -46,7 +46,7 @@ _TERMS = {
     "bias": "Reading of a sensor without any load.",
     "limit curve": "Largest speed along a path at which some acceleration keeps all torque limits.",
 }
-"""Terms that a page explains if it uses them."""
+"""Terms that a page explains if it uses them, as docs/glossary.md has them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,6 +275,6 @@ def _terms_in(text: str) -> list[tuple[str, str]]:
     """Terms that occur in a text as words."""
     return [
         (term, said)
-        for term, said in _TERMS.items()
+        for term, said in TERMS.items()
         if re.search(rf"(?<!\w){re.escape(term)}(?!\w)", html.unescape(text))
     ]
