@@ -135,7 +135,7 @@ def _beside_docs(name: str) -> str:
             return f"]({(found[1] + found[2]).removeprefix('docs/')}{found[3] or ''})"
         return f"](../{found[1]}{found[2]}{found[3] or ''})"
 
-    return _LINK.sub(moved, text)
+    return _LINK.sub(moved, re.sub(r'(src|srcset)="docs/', r'\1="', text))
 
 
 def _commands() -> str:

@@ -18,6 +18,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed, seconds
 from ..core.verdict import Word
 from ..errors import MissingExtraError, ShapeError, ValueRangeError
+from ..model.limits import over_limit
 from ..model.model import BASE
 from ..plotting import style
 from ..reports.spoken_verdict import verdict_text
@@ -347,7 +348,7 @@ def film(
     target = Path(movie_path(path))
     moments = _moments(motion, fps, speed)
     robot = motion.load.with_load
-    scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
+    scene = _reddened(scene_of(robot) if scene is None else scene, motion).decimated(_TRIANGLES)
     some = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
     painter = Painter(scene, *overview(scene, some))
     with replacing(target) as scratch, style.figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
@@ -369,6 +370,14 @@ def film(
                 if progress:
                     progress(k + 1, len(moments))
     return target
+
+
+def _reddened(scene: Scene, motion: DrawnMotion) -> Scene:
+    """The scene without ellipsoids of inertia, and with the links of joints over their limits of torque in red."""
+    over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
+    red = {k for k, body in enumerate(scene.robot.model.bodies) if not body.follows and over[body.places[1]].any()}
+    looks = [s for s in scene.shapes if s.layer == "looks"]
+    return replace(scene, shapes=tuple(replace(s, colour=_MARKED) if s.body in red else s for s in looks))
 
 
 def _write_verdict(figure: Any, report: TorqueReport) -> None:
