@@ -32,6 +32,7 @@ URDF = f'<robot name="r"><link name="a"/><link name="b">{MASS}</link><joint name
 
 
 Files = dict[str, bytes | str]
+GOOD_SRDF = '<robot name="ur5"><disable_collisions link1="base_link" link2="upper_arm_link" reason="Never"/></robot>'
 GOOD_LIMITS = "joint,effort\nelbow_joint,100\n"
 
 TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
@@ -75,6 +76,19 @@ TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     "limits with a cell too long": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\n" + "9" * 200_000}, ExitCode.BAD_INPUT, r"error: l.csv: line 2 has 1 values, and the header names 2 columns"),
     "limits of a joint unknown": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\nknee,1\n"}, ExitCode.BAD_INPUT, r"error: l.csv: line 2: no joint named 'knee'"),
     "waypoints that are no text": ("move ur5 --to home --waypoints w.csv", {"w.csv": b"\xff"}, ExitCode.BAD_INPUT, r"error: "),
+    # ── SRDF files ──
+    "no SRDF file": ("torques ur5 --trajectory demo --clearance --srdf none.srdf", {}, ExitCode.BAD_INPUT, r"error: no file 'none.srdf'"),
+    "an SRDF file without --clearance": ("torques ur5 --trajectory demo --srdf s.srdf", {"s.srdf": GOOD_SRDF}, ExitCode.BAD_INPUT, r"error: --srdf leaves out pairs of links for --clearance"),
+    "SRDF that is no XML": ("torques ur5 --trajectory demo --clearance --srdf s.srdf", {"s.srdf": "hello"}, ExitCode.BAD_INPUT, r"error: s.srdf: it is not XML: it begins with 'hello'"),
+    "an empty SRDF file": ("torques ur5 --trajectory demo --clearance --srdf s.srdf", {"s.srdf": ""}, ExitCode.BAD_INPUT, r"error: s.srdf: it is empty"),
+    "SRDF cut short": ("torques ur5 --trajectory demo --clearance --srdf s.srdf", {"s.srdf": GOOD_SRDF[:40]}, ExitCode.BAD_INPUT, r"error: s.srdf: line 1, column \d+: it is not well-formed"),
+    "a URDF in place of SRDF": ("torques ur5 --trajectory demo --clearance --srdf r.urdf", {"r.urdf": URDF}, ExitCode.BAD_INPUT, r"error: r.urdf: <robot> has no <disable_collisions"),
+    "SRDF of another robot": ("torques ur5 --trajectory demo --clearance --srdf s.srdf", {"s.srdf": GOOD_SRDF.replace("upper", "lower")}, ExitCode.BAD_INPUT, r"error: s.srdf: none of its 1 pairs are links of robot 'ur5'; the first is base_link – lower_arm_link"),
+    "a pair of SRDF with one link": ("torques ur5 --trajectory demo --clearance --srdf s.srdf", {"s.srdf": GOOD_SRDF.replace("link2", "link")}, ExitCode.BAD_INPUT, r'error: s.srdf: .* needs the attribute link2='),
+    "SRDF that is xacro": ("torques ur5 --trajectory demo --clearance --srdf s.srdf", {"s.srdf": GOOD_SRDF.replace("base", "${prefix}base")}, ExitCode.BAD_INPUT, r"error: s.srdf: .* is unexpanded xacro"),
+    "a clearance that is a word": ("torques --trajectory demo --clearance ur5", {}, ExitCode.BAD_INPUT, r"error: Invalid value for '--clearance': 'ur5' is not a valid float"),
+    "a clearance that is no number": ("torques ur5 --trajectory demo --clearance nan", {}, ExitCode.BAD_INPUT, r"error: clearance is nan, and must be a number, at least 0"),
+    "a clearance without motion": ("view ur5 --clearance --html v.html", {}, ExitCode.BAD_INPUT, r"error: --clearance is of a motion"),
     # ── sensors ──
     "no sensor file": ("sensor compensate demo --sensor none.json", {}, ExitCode.BAD_INPUT, r"error: no sensor file 'none.json'"),
     "a sensor nested deep": ("sensor compensate demo --sensor s.json", {"s.json": "[" * 100_000}, ExitCode.BAD_INPUT, r"error: s.json: is no sensor file: its entries are nested too deeply"),

@@ -13,8 +13,8 @@ from scipy.optimize import lsq_linear
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import exciting_trajectory
-from twistwrench.identification.trajectory_constraints import nearest_points
 from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, typical_sizes
+from twistwrench.statics.capsules import nearest_points
 
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})

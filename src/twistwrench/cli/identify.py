@@ -16,7 +16,7 @@ from .. import identification
 from ..core.files import replacing
 from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
-from ..core.verdict import ExitCode, Word
+from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import UnknownNameError, ValueRangeError
 from ..formats.actuators import actuator_content
 from ..identification.payload import motor_side, read_motion
@@ -359,6 +359,7 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
         default="log_det",
     ),
     option("--floor Z", "Height that no link goes below [m].", type=float),
+    shared.CLEARANCE,
     option("--ignore-self", "Do not keep links clear of each other; the answer is then UNSURE."),
     option("--seed", "Seed of the random motions that the search begins with.", default=0),
     option("--restarts", "Number of searches, of which the best is taken.", default=3),
@@ -374,9 +375,9 @@ def excite_command(options: RobotOptions, given: Given) -> ExitCode:
     The limits are those of positions, velocities, accelerations and torques, and the floor if one is given. Links stay 20 mm
     away from it and from each other, by capsules around the shapes of the robot's file; of links without shapes capsules are
     assumed. The first word is the verdict: OK ends with exit code 0; UNSURE with 1 where capsules are assumed or something was
-    not looked at. The motion is written in either case.
+    not looked at, COLLISION and OVER LIMIT by --clearance. The motion is written in any case.
     """
-    given.check_files(options.files)
+    given.check_files({"--srdf": given.srdf, **options.files})
     robot = options.load()
     with progress_bar("looking for a motion") as progress:
         found = identification.exciting_trajectory(
@@ -389,15 +390,21 @@ def excite_command(options: RobotOptions, given: Given) -> ExitCode:
             progress=progress,
             **given.pick("share", "acceleration", "floor", "criterion", "noise", "seed", "restarts", "step"),
         )
-    show(*excitation_view(found, degrees=options.degrees))
+    clearance = shared.clearance_along(given, robot, [(found.motion.time, found.motion.q)])
+    answer = found.verdict if clearance is None else found.verdict.joined(clearance.verdict)
+    closest = [] if clearance is None else clearance.lines
+    show(*excitation_view(found, answer, closest, degrees=options.degrees))
     if given.out is not None:
         click.echo(f"wrote {found.to_csv(given.out, degrees=options.degrees)}")
-    return found.verdict.exit_code
+    return answer.exit_code
 
 
-def excitation_view(found: identification.ExcitingMotion, *, degrees: bool) -> Iterator[Block]:
-    """The verdict, heading, a row per joint, and a row per group."""
-    yield from _excitation_verdict(found)
+def excitation_view(
+    found: identification.ExcitingMotion, answer: Verdict, closest: Sequence[str], *, degrees: bool
+) -> Iterator[Block]:
+    """The verdict, lines on the closest links, heading, a row per joint, and a row per group."""
+    yield from _excitation_verdict(found, answer)
+    yield from closest
     yield ""
     yield Line(
         (found.robot.name, "bold"),
@@ -418,15 +425,15 @@ def excitation_view(found: identification.ExcitingMotion, *, degrees: bool) -> I
     )
 
 
-def _excitation_verdict(found: identification.ExcitingMotion) -> Iterator[Block]:
+def _excitation_verdict(found: identification.ExcitingMotion, answer: Verdict) -> Iterator[Block]:
     """Verdict with the least distances or its reasons, a line each."""
     what = {"itself": "of capsules around links from each other", "floor": "from the floor"}
     least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
     distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
-    first, *others = found.verdict.reasons or (distances,)
-    yield verdict(found.verdict.word, f": {first}.")
+    first, *others = answer.reasons or (distances,)
+    yield verdict(answer.word, f": {first}.")
     yield from (f"  - {reason}." for reason in others)
-    if found.verdict.reasons and least:
+    if answer.reasons and least:
         yield f"{distances[0].upper()}{distances[1:]}."
 
 

@@ -29,7 +29,18 @@ from ..trajectories import Fastest, JointPath, Trajectory, fastest, fitted, foll
 from ..typing import Array
 from .main import Given, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
-from .shared import LIMITS, NO_FRICTION, PAYLOADS, RobotOptions, load_case, robot_command, show_written
+from .shared import (
+    CLEARANCE,
+    LIMITS,
+    NO_FRICTION,
+    PAYLOADS,
+    RobotOptions,
+    clearance_along,
+    clearance_verdict,
+    load_case,
+    robot_command,
+    show_written,
+)
 from .terminal import show
 
 
@@ -63,6 +74,7 @@ from .terminal import show
     option("--acceleration A", "Limit every joint to it [rad/s², m/s²].", type=float),
     option("--jerk J", "Limit every joint to it [rad/s³, m/s³].", type=float),
     LIMITS,
+    CLEARANCE,
     NO_FRICTION,
     option("--step SECONDS", "Between rows of --csv.", default=0.002),
     option("--csv OUT.csv", "Write the motion, as 'twistwrench torques' reads it."),
@@ -77,9 +89,10 @@ from .terminal import show
 def move_command(options: RobotOptions, given: Given) -> ExitCode:
     """A motion from one place to another: straight in the joints or at the tip, through waypoints, or as fast as can be.
 
-    Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass.
+    Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass; with
+    --clearance also if links touch or come too near.
     """
-    files = {"--limits": given.limits, "--waypoints": given.waypoints, **options.files}
+    files = {"--limits": given.limits, "--srdf": given.srdf, "--waypoints": given.waypoints, **options.files}
     given.check_files(files)
     load = load_case(options.load(), options, given)
     robot = load.with_load
@@ -113,11 +126,18 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     over = moving.violations(bounds, friction=friction)
     uses = joint_uses(moving, bounds, friction=friction)
     doubts = limit_doubts(load.robot, bounds, [use.peak for use in uses]) + model_warnings(robot.model, uses)
+    times = np.linspace(0.0, moving.duration, _SAMPLES)
+    clearance = clearance_along(given, robot, [(times, moving(times)[0])])
+    unclear = [] if clearance is None or clearance.verdict.word is not Word.UNSURE else clearance.verdict.reasons
+    doubts += unclear
+    collides = [] if unclear else clearance_verdict(clearance)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     assumed = assumed_words(assumptions(robot.model, load.payloads, friction=load.friction))
     carried = " and ".join(f"{number(p.mass)} kg" for p in load.payloads)
     blocks = [
-        *_verdict(moving, bounds, over, doubts, cannot, assumed),
+        *collides,
+        *_verdict(moving, bounds, over, doubts, cannot, assumed, named=not collides),
+        *([] if clearance is None else clearance.lines),
         *_limits_of_files(bounds, given),
         "",
         *move_view(moving, uses, friction=load.friction, degrees=options.degrees, carried=carried),
@@ -133,13 +153,14 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
         from ..viz.drawn_motion import motion_of
 
         judged = replace(load, robot=Robot(replace(load.robot.model, limits=bounds)))
-        link = write_viewer(given, judged.robot, motion=motion_of(judged, moving.sample(given.step)))
+        shown = replace(motion_of(judged, moving.sample(given.step)), clearance=clearance)
+        link = write_viewer(given, judged.robot, motion=shown)
     if given.report is not None:
         pictures = [robot_picture(robot, *_worst_moment(moving, uses, bounds, friction=friction), link=link)]
         pictures.append(drawn("Motion and limits", lambda path: moving.plot(path, bounds, friction=friction)))
         facts = [("duration", f"{number(moving.duration, 6)} s")]
         report(f"{robot.name} · {moving.path.name}", blocks, facts=facts, pictures=pictures)
-    return ExitCode.FINE if not over and not doubts and trouble is None else ExitCode.NO
+    return ExitCode.FINE if not (over or doubts or collides) and trouble is None else ExitCode.NO
 
 
 def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:
@@ -337,8 +358,13 @@ def _verdict(
     doubts: list[str],
     cannot: str,
     assumed: str,
+    *,
+    named: bool,
 ) -> Iterator[Block]:
-    """Verdict; ``doubts`` make it unsure, ``assumed`` lists assumptions of an OK, ``cannot`` is the reason for an early end."""
+    """Verdict; ``doubts`` make it unsure, ``assumed`` lists assumptions of an OK, ``cannot`` is the reason for an early end.
+
+    It has its word if it is ``named``; otherwise another verdict stands before it.
+    """
     if cannot:
         yield Line(("CANNOT", "bold red"), f": {cannot}")
     if violations:
@@ -354,7 +380,7 @@ def _verdict(
         within += proven if trajectory.time_optimal is None else f"; {trajectory.price_of_jerk}"
     within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [within + assumed])
     word = Word.UNSURE if doubts else Word.OK
-    yield f"{within[0].upper()}{within[1:]}." if cannot else verdict(word, f": {within}.")
+    yield verdict(word, f": {within}.") if named and not cannot else f"{within[0].upper()}{within[1:]}."
     yield from remarks(unknown)
 
 

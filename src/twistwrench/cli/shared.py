@@ -19,6 +19,7 @@ from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
 from ..errors import ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
+from ..reports.blocks import Block, verdict
 from ..reports.load_case import LoadCase, joints_beside, joints_held, parse_payload, parse_wrenches
 from ..reports.robot_summary import assignments, parse_numbers
 from .main import Decorator, Given, RobotOption, command, option, option_group
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
+    from ..statics.clearance import PathClearance
+    from ..typing import Array
 
 
 def robot_source(source: str) -> str | Path:
@@ -268,6 +271,16 @@ AT = option(
     "A joint's place, others at zero or as --configuration says, or all coordinates; may be repeated.",
     multiple=True,
 )
+CLEARANCE = option_group(
+    option(
+        "--clearance [DISTANCE]",
+        "Also the least distance between links, and whether it is kept [m].  [default without a number: 0]",
+        type=float,
+        is_flag=False,
+        flag_value=0.0,
+    ),
+    option("--srdf FILE.srdf", "Pairs of links that --clearance leaves out, those of <disable_collisions>."),
+)
 COLUMNS = option(
     "--columns JOINT=COLUMN,…",
     "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; or a "
@@ -444,6 +457,29 @@ def current_gains(
     found = own | {f"{name}.current": gain for name, gain in side.of_currents.items() if name in model.velocity_names}
     applied = side.gain if of_side else {}
     return {name: 1.0 if name.removesuffix(".current") in applied else gain for name, gain in found.items()}
+
+
+def clearance_along(given: Given, robot: Robot, samples: Iterable[tuple[Array, Array]] | None) -> PathClearance | None:
+    """Clearance along a motion, portions of times and configurations, if --clearance asks for it."""
+    if given.clearance is None:
+        if given.srdf is not None:
+            raise ValueRangeError(
+                "--srdf leaves out pairs of links for --clearance, and that is not given. Add --clearance."
+            )
+        return None
+    if samples is None:
+        raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")
+    from ..statics.clearance import PathClearance
+
+    return PathClearance.along(robot, samples, given.clearance, given.srdf)
+
+
+def clearance_verdict(clearance: PathClearance | None) -> list[Block]:
+    """Verdict on the clearance of a motion, if it is not OK."""
+    if clearance is None or clearance.verdict.ok:
+        return []
+    first, *others = clearance.verdict.reasons
+    return [verdict(clearance.verdict.word, f": {first}.", *(f"\n  - {reason}." for reason in others))]
 
 
 # ── Batches: the files of folders and patterns

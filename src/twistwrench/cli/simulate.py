@@ -46,6 +46,7 @@ _CONTACT = "1e5,0.3,0.5"
     shared.PAYLOADS,
     shared.WRENCHES,
     shared.NO_FRICTION,
+    shared.CLEARANCE,
     option("--stop-at-limits", "End where a joint reaches a limit of position, with exit code 1."),
     option(
         "--touch FRAME[:x,y,z]",
@@ -69,9 +70,9 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     """Simulate a motion: states, energies with their drift, events, and why it stopped.
 
     Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
-    what was computed until then is printed and written.
+    what was computed until then is printed and written. Also with --clearance, if links touch or come too near.
     """
-    given.check_files(options.files)
+    given.check_files({"--srdf": given.srdf, **options.files})
     load = shared.load_case(options.load(), options, given)
     loaded, friction = load.with_load, load.friction
     result: Any
@@ -99,7 +100,10 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         result, failure = getattr(interrupt, "result", None), interrupt
         if result is None:
             raise
-    blocks = list(simulation_view(loaded, result, degrees=options.degrees, friction=friction))
+    clearance = shared.clearance_along(given, loaded, [(result.times, result.q)])
+    first, *rest = simulation_view(loaded, result, degrees=options.degrees, friction=friction)
+    closest = [] if clearance is None else clearance.lines
+    blocks = [*shared.clearance_verdict(clearance), first, *closest, *rest]
     show(*blocks)
     to_csv = partial(result.to_csv, degrees=options.degrees)
     for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
@@ -120,7 +124,8 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         )  # fmt: skip
     if isinstance(failure, KeyboardInterrupt):
         raise failure
-    return ExitCode.FINE if failure is None and result.completed else ExitCode.NO
+    clear = clearance is None or clearance.verdict.ok
+    return ExitCode.FINE if failure is None and result.completed and clear else ExitCode.NO
 
 
 def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:

@@ -55,6 +55,7 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     ),
     option("--joint JOINT", "Draw this joint only, in causes and phase; may be repeated.", "joints", multiple=True),
     shared.LIMITS,
+    shared.CLEARANCE,
     REPORT,
     PAGE,
     option("--why", "Split the worst joint's peak by link, payload and rotor too."),
@@ -66,7 +67,7 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
 def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     """Torques of a motion: which joint is over its limit, and what causes it.
 
-    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
+    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN with 1.
     """
     if given.split and given.csv is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
@@ -83,7 +84,7 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         raise ValueRangeError("--plot motors=… draws the motors, and none are described. Add --actuators FILE.yaml.")
     if given.joints and not {"causes", "phase"} & plots.keys():
         raise ValueRangeError("--joint selects panels of --plot causes=… and phase=…. Add one of them.")
-    files = {"--trajectory": path, "--limits": given.limits, **options.files}
+    files = {"--trajectory": path, "--limits": given.limits, "--srdf": given.srdf, **options.files}
     given.check_files(files, **{f"plot {kind}": picture for kind, picture in plots.items()})
     with progress_bar(path.name) as progress:
         steps = Steps(progress, (_PLANNING_AND_SMOOTHING if given.smooth else _PLANNING, 1.0))
@@ -214,7 +215,9 @@ def analysis(
     limits = read_limits(given.limits, robot.model, degrees=options.degrees)
     plan = Differentiation.plan(log, robot.model, smoothing=given.smooth, progress=steps.next())
     report = analyse(load, plan, limits, csv=csv, split=split, progress=steps.next())
-    return replace(report, causes=measured_causes(report, log))
+    rows = ((s.time, s.q) for s in report.differentiation.states(_ROWS))
+    clearance = shared.clearance_along(given, robot, rows)
+    return replace(report, causes=measured_causes(report, log), clearance=clearance)
 
 
 _IN_ROWS = ("repeated", "buffered")

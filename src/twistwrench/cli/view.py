@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,25 @@ from ..motion.motion_log import MotionLog
 from ..robot import Robot
 from ..viz.drawn_motion import DrawnMotion
 from .main import Given, option
-from .shared import LIMITS, RobotOptions, load_case, loaded_motion_options, motion_path, robot_command
+from .shared import (
+    CLEARANCE,
+    LIMITS,
+    RobotOptions,
+    clearance_along,
+    clearance_verdict,
+    load_case,
+    loaded_motion_options,
+    motion_path,
+    robot_command,
+)
+from .terminal import frame_progress, show
 
 
 @robot_command(
     "view",
     loaded_motion_options(required=False),
     LIMITS,
+    CLEARANCE,
     option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
     option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
     option("--html OUT.html", "Write the page to this file, and open no browser."),
@@ -37,7 +50,8 @@ from .shared import LIMITS, RobotOptions, load_case, loaded_motion_options, moti
 def view_command(options: RobotOptions, given: Given) -> ExitCode:
     """Show the robot in a browser: joints to move, a motion to play, torques, forces at the tip; or write a page or a film.
 
-    Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is shown all the same.
+    Exit code 1, LOOK AGAIN, if the motion contradicts itself, or with --clearance if links touch or come too near; it is shown
+    all the same.
     """
     from ..viz.movie import film, movie_path
     from ..viz.page import open_browser, write_page
@@ -50,7 +64,7 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
         if path is None:
             raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
         given.movie = movie_path(given.movie)
-    given.check_files({"--trajectory": path, **options.files})
+    given.check_files({"--trajectory": path, "--srdf": given.srdf, **options.files})
     if (given.embed or given.control is not None) and given.html is None:
         raise ValueRangeError("--embed and --control are about a page in a file. Add --html OUT.html.")
     if given.section is not None:
@@ -64,8 +78,6 @@ def view_command(options: RobotOptions, given: Given) -> ExitCode:
         about |= {"section": given.section, "embed": given.embed, "control": given.control}
         click.echo(f"wrote {write_page(closed or robot, given.html, **about)}")
     if given.movie is not None and motion is not None:
-        from .terminal import frame_progress
-
         scene = scene_of(robot, meshes=not given.no_meshes)
         with frame_progress("filming") as progress:
             film(motion, given.movie, scene=scene, speed=given.speed, progress=progress)
@@ -92,9 +104,13 @@ def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
                 "--trajectory."
             )
         loaded = load_case(options.load(), options, given)
+        clearance_along(given, loaded.robot, None)
         return loaded.with_load, loaded.wrenches, None
     report = analysis(options, given, path, Steps(None, (1.0, 1.0)))
     motion = reported_motion(report)
+    if report.clearance is not None:
+        show(*clearance_verdict(report.clearance), *report.clearance.lines)
+        motion = replace(motion, verdict=motion.verdict.joined(report.clearance.verdict))
     _print_notes(report.differentiation.trajectory, motion)
     return motion.load.with_load, motion.load.wrenches, motion
 

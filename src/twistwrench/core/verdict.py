@@ -38,8 +38,12 @@ class Word(StrEnum):
     OK = "OK"
     UNSURE = "UNSURE"
     OVER_LIMIT = "OVER LIMIT"
+    COLLISION = "COLLISION"
     CONTACT = "CONTACT"
     LOOK_AGAIN = "LOOK AGAIN"
+
+
+_SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,8 @@ class Verdict:
     ----------
     word
         OK only where nothing speaks against it. UNSURE where the data cannot tell. OVER LIMIT where a limit is passed for
-        certain. CONTACT where a sensor feels more than its load. LOOK AGAIN where the input contradicts itself, so that no
-        number of the report can be trusted.
+        certain. COLLISION where two links touch, by the distance of their shapes. CONTACT where a sensor feels more than its
+        load. LOOK AGAIN where the input contradicts itself, so that no number of the report can be trusted.
     reasons
         A sentence for each thing that speaks against OK. Only OK may have none.
 
@@ -78,13 +82,19 @@ class Verdict:
 
     @classmethod
     def from_reasons(
-        cls, *, look_again: list[str] | None = None, over: list[str] | None = None, unsure: list[str] | None = None
+        cls,
+        *,
+        look_again: list[str] | None = None,
+        collision: list[str] | None = None,
+        over: list[str] | None = None,
+        unsure: list[str] | None = None,
     ) -> Verdict:
         """Verdict that these reasons give: input that contradicts itself first, then certain excesses, then doubts.
 
         Parameters
         ----------
         look_again : list of str, optional, contradictions of the input
+        collision : list of str, optional, contacts of links
         over : list of str, optional, limits passed for certain
         unsure : list of str, optional, what the data cannot tell
 
@@ -92,10 +102,33 @@ class Verdict:
         -------
         verdict : Verdict
         """
-        for word, reasons in ((Word.LOOK_AGAIN, look_again), (Word.OVER_LIMIT, over), (Word.UNSURE, unsure)):
+        every = look_again, collision, over, unsure
+        for word, reasons in zip(_SEVEREST_FIRST, every, strict=False):
             if reasons:
                 return cls(word, tuple(reasons))
         return cls(Word.OK)
+
+    def joined(self, other: Verdict) -> Verdict:
+        """Verdict on both questions: the more severe word, with the reasons of both for it.
+
+        Parameters
+        ----------
+        other : Verdict
+
+        Returns
+        -------
+        verdict : Verdict
+
+        Examples
+        --------
+        >>> print(Verdict(Word.UNSURE, ("a",)).joined(Verdict(Word.COLLISION, ("b",))))
+        COLLISION: b
+        >>> print(Verdict(Word.UNSURE, ("a",)).joined(Verdict(Word.UNSURE, ("b",))))
+        UNSURE: a; b
+        """
+        both = sorted((self, other), key=lambda verdict: _SEVEREST_FIRST.index(verdict.word))
+        same = self.word is other.word
+        return Verdict(self.word, self.reasons + other.reasons) if same else both[0]
 
     @property
     def ok(self) -> bool:

@@ -47,6 +47,8 @@ class Solid:
     """(n, 3) corners in the link's frame [m]."""
     inertia: SpatialInertia | None
     """Inertia of the uniform solid, the hull for a mesh, at 1 kg/m³; None without volume."""
+    path: Path | None = None
+    """File of a mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,8 @@ class ShapeReader:
             return None
         corners, inertia = known
         points = corners @ spec.pose[:3, :3].T + spec.pose[:3, 3]
-        return Solid(spec, points, None if inertia is None else inertia.in_frame(spec.pose))
+        path = self._find(spec.file) if spec.kind == "mesh" else None
+        return Solid(spec, points, None if inertia is None else inertia.in_frame(spec.pose), path)
 
     def _mesh(self, spec: ShapeSpec) -> tuple[Array, SpatialInertia | None] | None:
         """Corners (n, 3) and hull of a mesh; None where it is not there or cannot be read."""

@@ -21,16 +21,10 @@ from ..motion.bounds import bounds_of
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
+from ..statics.capsules import CapsuleDistances, LinkCapsules
 from ..typing import Array
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
-from .trajectory_constraints import (
-    DENSE,
-    CapsuleDistances,
-    Clear,
-    LinkCapsules,
-    TrajectoryConstraints,
-    shared_bounds,
-)
+from .trajectory_constraints import DENSE, Clear, TrajectoryConstraints, shared_bounds
 from .trajectory_search import (
     CRITERIA,
     Criterion,

@@ -24,6 +24,7 @@ TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
     "UNSURE": "The data cannot tell. This is not a yes.",
     "OVER LIMIT": "A limit is passed for certain.",
+    "COLLISION": "Two links of the robot are in contact, by the exact distance of their shapes.",
     "LOOK AGAIN": "The input contradicts itself, so no number below can be trusted.",
     "CONTACT": "A sensor reads more than its load explains.",
     "STOPPED": "The computation ended before its duration.",

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..model.model import Model
     from ..motion.bounds import Violation
+    from ..statics.clearance import PathClearance
 
 
 MISSING_CONTACT = "IS A CONTACT MISSING?"
@@ -65,6 +66,8 @@ def verdict_view(report: TorqueReport) -> Line:
     line = verdict(word, f": {first}{assumed}.", *(f"\n  - {reason}." for reason in others))
     if (margin := _payload_margin(report)) is not None:
         line.pieces.append(f"\n{margin.words}")
+    if report.clearance is not None:
+        line.pieces += [f"\n{text}" for text in report.clearance.lines]
     for question, remark in _questions(report):
         line.pieces += [(f"\n{question}", "bold yellow"), f" {remark}"]
     return line
@@ -123,6 +126,7 @@ def verdict_data(
     report: TorqueReport | None,
     refused: Sequence[str] = (),
     positions: Sequence[Violation] = (),
+    clearance: PathClearance | None = None,
 ) -> dict[str, Any]:
     """Sentences, limits and doubts with which a page judges a motion for other payloads, pushes and speeds.
 
@@ -160,6 +164,8 @@ def verdict_data(
         "margin": not (load.friction and model.friction.load.any()),
         "passed": [_passed(v, model) for v in positions],
         "noisy": [], "joints": None, "gap": None, "asLogged": "", "questions": [],
+        "closest": [] if clearance is None else clearance.lines,
+        "clearance": {} if clearance is None else {clearance.verdict.word: clearance.verdict.reasons},
     }  # fmt: skip
     return data if report is None else data | _of_the_log(report)
 

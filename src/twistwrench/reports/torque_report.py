@@ -33,6 +33,7 @@ from .statistics import INTERVAL, Gaps, MinMaxDecimation, PeakEstimate, PeakSear
 if TYPE_CHECKING:
     from ..core.verdict import Verdict
     from ..model.limits import Limits
+    from ..statics.clearance import PathClearance
 
 ZERO = 1e-9
 SMALL = 0.02
@@ -169,6 +170,8 @@ class TorqueReport:
     """True if payloads with a mass cause no torque in any joint."""
     payload_margin: PayloadMargin | None = None
     """Largest mass of a single payload; None if unknown, or with no or several payloads."""
+    clearance: PathClearance | None = None
+    """Least distance between links; None if it was not requested."""
     derived: AsDerived | None = None
     """Results of the log without smoothing; None if they are the answer or were not requested."""
 
@@ -179,7 +182,7 @@ class TorqueReport:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OK, UNSURE, OVER LIMIT or LOOK AGAIN, with the reasons."""
+        """OK, UNSURE, OVER LIMIT, COLLISION or LOOK AGAIN, with the reasons."""
         from .torque_verdict import verdict_of
 
         return verdict_of(self)

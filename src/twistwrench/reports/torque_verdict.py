@@ -185,9 +185,10 @@ def verdict_of(report: TorqueReport) -> Verdict:
     hides = report.gaps.hidden > (0.0 if near else HIDDEN * (report.end - report.begin))
     before, after = carried_doubts(report, report.joints)
     gaps = [report.gaps.hidden_words] if hides else []
-    return Verdict.from_reasons(
+    own = Verdict.from_reasons(
         look_again=contradictions(report), over=stated, unsure=[*limits, *unsure, *before, *gaps, *after]
     )
+    return own if report.clearance is None else own.joined(report.clearance.verdict)
 
 
 def contradictions(report: TorqueReport) -> list[str]:

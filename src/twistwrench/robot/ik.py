@@ -54,6 +54,8 @@ class IKResult:
 
     _status: Array
     _request: PoseRequest
+    _refused: Mapping[tuple[int, ...], str] | None = None
+    """Reasons why configurations that reach their poses were not taken."""
 
     @property
     def converged(self) -> Array:
@@ -130,6 +132,8 @@ class IKResult:
         """
         if bool(self.converged[index]):
             return ""
+        if self._refused and index in self._refused:
+            return self._refused[index]
         d, a = float(self.distance[index]), float(self.angle[index])
         if np.isnan(d) or np.isnan(a):
             return "the pose has entries that are not numbers"
@@ -157,6 +161,41 @@ class IKResult:
 def selected(found: IKResult, which: Array, q: Array) -> IKResult:
     """Select poses of a batch with one axis, in an order, with configurations ``q``."""
     return IKResult(q, found._status[which], found._request)
+
+
+def clear_of_links(
+    found: IKResult,
+    targets: Array,
+    search: Callable[[Array, Array], IKResult],
+    clearance: Callable[[Array], Any],
+    least: float,
+    starts: Array,
+) -> IKResult:
+    """Solutions whose links keep a distance ``least`` [m]: as found, else the nearest to it of those from other starts (k, nq).
+
+    ``targets`` are the poses, their leading axes those of q; ``search`` solves one from many starts. Poses without such a
+    solution are not reached.
+    """
+    q, status, refused = found.q.copy(), found._status.copy(), dict[tuple[int, ...], str]()
+    for at in np.argwhere(found.converged):
+        index = tuple(at.tolist())
+        if (mine := clearance(q[index])).distance >= least:
+            continue
+        others = search(targets[index], starts)
+        there = np.flatnonzero(others.converged)
+        clear = there[clearance(others.q[there]).distance >= least]
+        status[index][0] += len(starts)
+        if len(clear):
+            best = clear[np.abs(others.q[clear] - q[index]).max(axis=1).argmin()]
+            q[index], status[index][1:] = others.q[best], others._status[best][1:]
+            continue
+        status[index][1] = 0.0
+        apart = f"{printed(mine.distance, 3)} m apart" if mine.distance > 0 else "in contact"
+        refused[index] = (
+            f"reached, but {' and '.join(mine.pair)} are {apart} there, and {printed(least)} m are asked for; none of "
+            f"{len(there)} other solutions from {len(starts)} starts keeps it"
+        )
+    return IKResult(q, status, found._request, refused)
 
 
 # ── Damped Newton method on SE(3) within the joint limits, for batches of poses

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..motion.motion_log import MotionLog
     from ..reports.torque_report import TorqueReport
     from ..robot import Robot
+    from ..statics.clearance import PathClearance
 
 _MOST = 4000
 """Evenly spaced states kept of a long motion; those at peaks may be three times as many."""
@@ -64,6 +65,8 @@ class DrawnMotion:
     """(n, nv) bool: the velocity is derived and within its own uncertainty; friction that needs its sign is left out."""
     verdict: Verdict = field(default_factory=lambda: Verdict(Word.OK))
     """LOOK AGAIN where the input contradicts itself. Limits that are passed are only warned of: here nothing is judged."""
+    clearance: PathClearance | None = None
+    """Least distance between links; None if it was not requested."""
     violations: tuple[Violation, ...] = ()
     """Limits that are passed in the whole motion."""
     refused: tuple[str, ...] = ()
@@ -248,7 +251,7 @@ def reported_motion(report: TorqueReport) -> DrawnMotion:
     """
     plan = report.differentiation
     motion = _doubted(_gathered(report.load, plan.states(_CHUNK, None)), plan.trajectory)
-    return replace(motion, report=report)
+    return replace(motion, report=report, clearance=report.clearance)
 
 
 def _doubted(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:

@@ -42,7 +42,7 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
     """States of the motion, and the data that its verdict is made of."""
     friction, laws = motion.load.friction, robot.model.friction
     positions = [v for v in motion.violations if v.kind == "position"]
-    verdict = verdict_data(motion.load, motion.limits, motion.report, list(motion.refused), positions)
+    verdict = verdict_data(motion.load, motion.limits, motion.report, list(motion.refused), positions, motion.clearance)
     if payload is None and motion.load.payloads and verdict["fixed"] is None:
         verdict["fixed"] = "the payload is not on a body that moves"
     return {

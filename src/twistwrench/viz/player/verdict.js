@@ -127,12 +127,13 @@ class Verdict {
     const hides = gap && gap.hidden > (limited.some(({ share }) => share > bounds.near) ? 0 : gap.most / motion.pace);
     const unsure = [...this.limitDoubts(joints), ...open, ...mimics.open, ...doubts.before, ...lacks, ...(hides ? [gap.words] : []), ...doubts.after];
     const stated = this.grouped([...over, ...mimics.over, ...this.passed()]);
-    const [word, reasons] = [["LOOK AGAIN", data.lookAgain], ["OVER LIMIT", stated], ["UNSURE", unsure]].find(([, said]) => said.length) ?? ["OK", []];
+    const ranked = [["LOOK AGAIN", data.lookAgain], ["COLLISION", []], ["OVER LIMIT", stated], ["UNSURE", unsure]];
+    const [word, reasons] = ranked.map(([word, said]) => [word, [...said, ...(data.clearance[word] ?? [])]]).find(([, said]) => said.length) ?? ["OK", []];
     const assumed = word !== "OK" ? "" : mass ? data.assumed.loaded : data.assumed.empty;
     const [first, ...others] = reasons.length ? reasons : [this.nearest(joints, scale)], lines = [`: ${first}${assumed}.`, ...others.map((reason) => `  - ${reason}.`)];
     const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== (mimics.over.length + mimics.open.length > 0 || limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit));
     if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), joint: this.names[margin.joint], time: this.time(margin.row) }));
-    lines.push(...data.questions);
+    lines.push(...data.closest, ...data.questions);
     if (force) lines.push(`${data.force.question} ${this.say("contact", { words: force })}`);
     return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, note: data.joints && this.moved ? "Intervals are those of the command's load and speed." : "" };
   }

@@ -1,0 +1,388 @@
+"""Clearance: least distances between the links of a robot. Capsules around the links prune, the library coal decides.
+
+The distance of two capsules is a lower bound of the distance of what they hold. Only pairs whose bound is below the least
+distance found so far are evaluated, and the answer is that of all pairs. Meshes are their triangles, not their convex hulls,
+which are in contact where the meshes are far from it. Without coal the bounds are the answer. Nothing is evaluated between
+configurations.
+
+Source: Montaut et al., "GJK++: Leveraging Acceleration Methods for Faster Collision Detection", 2024, for distances by coal.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.glossary import complete
+from ..core.numbers import quantity, seconds
+from ..core.text import listed, with_clipped_quotations
+from ..core.verdict import Verdict
+from ..errors import MissingExtraError, ModelError, ModelWarning, RobotFileError, ValueRangeError
+from ..formats.source import EXPAND, read_robot_text, xacro_in
+from ..formats.xml import parse
+from ..model.description import frames_to_user
+from ..robot import Robot
+from ..typing import Array
+from .capsules import ALWAYS, CapsuleDistances, LinkCapsules, link_solids
+
+if TYPE_CHECKING:
+    from ..diagnosis.shapes import Solid
+
+Exact = Literal["auto"] | bool
+STEP = 0.01
+"""s: rows of a motion that are nearer to each other are left out."""
+_POSES = 2000
+"""Random configurations by which pairs count as always in contact."""
+_ROWS = 4096
+"""Configurations worked on at a time."""
+_NAMED = 4
+_CONTACT = 1e-9  # m: nearer surfaces are in contact
+_DECIDES = f"decided by coal: {MissingExtraError.advice('clearance')}"
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Least distance between links, for each of a batch of configurations.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> found = tw.robots.ur5().clearance([0, -1, 1, 0, 0, 0], exact=False)
+    >>> len(found.unknown), float(found.distance)  # its file has no shapes
+    (7, nan)
+    """
+
+    distance: Array
+    """(...) least distance [m], 0 in contact; a lower bound unless :attr:`exact`.
+
+    Without pairs it is inf, or NaN if links are :attr:`unknown`.
+    """
+    pair: Array
+    """(..., 2) names of the two links; empty without pairs."""
+    exact: bool
+    """True if coal evaluated the distances of the shapes, False for those of capsules around them."""
+    unknown: tuple[str, ...]
+    """Links with mass of which a shape is missing in the file or could not be read."""
+    undecided: tuple[str, ...] = ()
+    """Pairs left out since their capsules always overlap; only where coal is not installed or not used."""
+    touching: tuple[str, ...] = ()
+    """Pairs left out since they are in contact in 95 % of random configurations."""
+
+
+# ── The pairs, and the search for the nearest
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPairs:
+    """Pairs of links that can touch; a lower bound of each distance by capsules, and the distance by coal."""
+
+    robot: Robot
+    capsules: CapsuleDistances
+    links: Array  # (p, 2), numbers of the links
+    starts: Array  # (p,), the first pair of capsules of each; the others follow
+    shapes: Sequence[Sequence[tuple[Any, Array]]] | None  # geometries and their poses on each link; None: capsules only
+    unknown: tuple[str, ...]
+    known: int  # links that have all their shapes
+    undecided: tuple[str, ...] = ()
+    touching: tuple[str, ...] = ()
+
+    @classmethod
+    def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
+        """Pairs of links that no joint connects, and that neither the SRDF file nor constant contact leaves out."""
+        disabled = disabled_pairs(robot, srdf) if srdf is not None else frozenset()
+        decides = _has_coal(exact)
+        made: LinkPairs = robot.engine.cached(
+            ("clearance", disabled, decides), lambda: cls._without_contact(robot, disabled, exact=decides)
+        )
+        return made
+
+    @classmethod
+    def _without_contact(cls, robot: Robot, disabled: frozenset[frozenset[str]], *, exact: bool) -> LinkPairs:
+        solids, unknown = link_solids(robot)
+        capsules, names = LinkCapsules.from_solids(robot, solids), robot.link_names
+        shapes = [_geometries(mine) for mine in solids] if exact else None
+        partly = {name for name, mine in zip(names, solids, strict=True) if mine}
+        every = capsules.separable_pairs(robot)
+        every = every[[frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[every]]]
+        every = every[np.lexsort(capsules.links[every].T[::-1])]  # pairs of capsules of the same links side by side
+        none = np.zeros(0, int)
+
+        def with_pairs(pairs: Array) -> LinkPairs:
+            links, starts = np.unique(capsules.links[pairs], axis=0, return_index=True)
+            distances = CapsuleDistances(robot, capsules, pairs, none, None, none, itself=True)
+            return cls(robot, distances, links, starts, shapes, tuple(unknown), len(partly - {*unknown}))
+
+        found = with_pairs(every)
+        if not len(every):
+            return found
+        always = found._always_in_contact()
+        kept = with_pairs(every[~always[np.unique(capsules.links[every], axis=0, return_inverse=True)[1]]])
+        left_out = tuple(f"{a} – {b}" for a, b in found.names[always])
+        return replace(kept, touching=left_out) if exact else replace(kept, undecided=left_out)
+
+    def _always_in_contact(self) -> Array:
+        """Mask (p,) of the pairs in contact in :data:`ALWAYS` of random configurations, for capsules if there is no coal."""
+        q = self.robot.random_configuration(0, _POSES)
+        touch = self.bounds(q) <= 0.0
+        always = np.asarray(touch.mean(axis=0) >= ALWAYS)
+        poses = self.robot.link_poses(q)
+        for k in np.flatnonzero(always).tolist() if self.shapes is not None else ():
+            apart = 0
+            for row in np.flatnonzero(touch[:, k]):
+                apart += self.distance(poses[row], k, _CONTACT) > 0.0
+                if apart > (1.0 - ALWAYS) * _POSES:
+                    always[k] = False
+                    break
+        return always
+
+    @property
+    def names(self) -> Array:
+        """(p, 2) names of the links."""
+        return np.array(self.robot.link_names)[self.links]
+
+    def bounds(self, q: Array) -> Array:
+        """Lower bounds (n, p) of the distances [m] in configurations (n, nq)."""
+        parts = [self.capsules.evaluate(q[k : k + _ROWS])[0] for k in range(0, len(q), _ROWS)]
+        return np.minimum.reduceat(np.concatenate(parts), self.starts, axis=1)
+
+    def distance(self, poses: Array, k: int, most: float = np.inf) -> float:
+        """Distance of pair k by coal [m], from the poses of all links (links, 4, 4); ``most`` if that is less."""
+        import coal
+
+        assert self.shapes is not None
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        result.min_distance = most  # where the search in the trees of two meshes begins
+        first, second = (
+            [
+                (shape, coal.Transform3s(T[:3, :3], T[:3, 3]))
+                for shape, own in self.shapes[link]
+                for T in [poses[link] @ own]
+            ]
+            for link in self.links[k]
+        )
+        for a, T_a in first:
+            for b, T_b in second:
+                most = min(most, coal.distance(a, T_a, b, T_b, request, result))
+        return float(most)
+
+    def _least(self, poses: Array, low: Array, most: float) -> tuple[float, int]:
+        """Least distance in one configuration and its pair, from the bounds (p,); ``most`` and -1 if none is less."""
+        found = -1
+        for k in np.argsort(low, kind="stable").tolist():
+            if low[k] >= most or most <= 0.0:
+                break
+            distance = low[k] if self.shapes is None else self.distance(poses, k, most)
+            if distance < most:
+                most, found = max(float(distance), 0.0), k
+        return most, found
+
+    def nearest(self, q: Array) -> tuple[Array, Array]:
+        """Least distances (n,) [m] in configurations (n, nq), and the numbers of their pairs (n,)."""
+        if not len(self.links) or not len(q):
+            return np.full(len(q), np.inf), np.zeros(len(q), int)
+        rows = zip(self.robot.link_poses(q), self.bounds(q), strict=True)
+        found = [self._least(poses, low, np.inf) for poses, low in rows]
+        return np.array([distance for distance, _ in found]), np.array([k for _, k in found])
+
+    def nearest_row(self, q: Array, most: float) -> tuple[float, int, int]:
+        """Least distance of all configurations, its row, of contacts the first, and its pair; both -1 if ``most`` is less."""
+        row = found = -1
+        if not len(self.links) or not len(q):
+            return most, row, found
+        poses, low = self.robot.link_poses(q), self.bounds(q)
+        least = low.min(axis=1)
+        for k in np.argsort(least, kind="stable").tolist():
+            if least[k] >= most or most <= 0.0:
+                break
+            most, pair = self._least(poses[k], low[k], most)
+            row, found = (row, found) if pair < 0 else (k, pair)
+        for k in np.flatnonzero(least[: row + 1] <= 0.0).tolist() if most <= 0.0 else ():
+            if (pair := self._least(poses[k], low[k], _CONTACT)[1]) >= 0:
+                return most, k, pair
+        return most, row, found
+
+
+def _has_coal(exact: Exact) -> bool:
+    """True if coal is to be used; raises MissingExtraError if it is required and not there."""
+    if exact is not True and exact is not False and exact != "auto":
+        raise ValueRangeError(f"exact is {arguments.shown(exact)}: give True, False or 'auto'.")
+    try:
+        import coal  # noqa: F401
+    except ImportError:
+        if exact is True:
+            raise MissingExtraError.from_extra("coal", "clearance", "Exact clearance") from None
+        return False
+    return exact is not False
+
+
+def _geometries(solids: Sequence[Solid]) -> list[tuple[Any, Array]]:
+    """Geometries of coal and their poses (4, 4) on the link; meshes as their triangles."""
+    import coal
+
+    from ..viz.surface import joined, read_mesh
+
+    built = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
+    made = list[tuple[Any, Array]]()
+    for solid in solids:
+        spec = solid.spec
+        if spec.kind == "mesh" and solid.path is not None:
+            surface = joined([part for part, _ in read_mesh(solid.path)])
+            points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+            points.extend(list(surface.vertices * np.asarray(spec.sizes)))
+            triangles.extend([coal.Triangle(*corners) for corners in surface.faces.tolist()])
+            shape = coal.BVHModelOBBRSS()
+            shape.beginModel(len(triangles), len(points))
+            shape.addSubModel(points, triangles)
+            shape.endModel()
+        else:
+            shape = built.get(spec.kind, coal.Ellipsoid)(*spec.sizes)
+        made.append((shape, spec.pose))
+    return made
+
+
+# ── Pairs that an SRDF file disables
+
+
+def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
+    """Pairs of links of ``<disable_collisions>`` in an SRDF file, a path or its text.
+
+    Pairs with a link that the robot does not have are ignored. Raises RobotFileError for a file that is not SRDF, or without a
+    pair of links of this robot, and NotFoundError.
+    """
+    text, name = read_robot_text(srdf)
+    try:
+        root = parse(text)
+        xacro = xacro_in(text, root)
+        pairs = [(e.text("link1"), e.text("link2")) for e in root.all("disable_collisions")] if not xacro else []
+    except RobotFileError as error:
+        raise RobotFileError(f"{name}: {with_clipped_quotations(str(error))}") from None
+    if xacro:
+        raise RobotFileError(f"{name}: {xacro}. Expand it first: {EXPAND.replace('robot.urdf', 'robot.srdf')}.")
+    if root.tag != "robot" or not pairs:
+        raise RobotFileError(
+            f"{name}: <{root.tag}> has no <disable_collisions link1=… link2=…>. Give an SRDF file that leaves out pairs."
+        )
+    known = frozenset(frozenset(pair) for pair in pairs if {*pair} <= {*robot.link_names})
+    if not known:
+        raise RobotFileError(
+            f"{name}: none of its {len(pairs)} pairs are links of robot {robot.name!r}; the first is {' – '.join(pairs[0])}. "
+            f"Links of the robot: {listed(robot.link_names)}. Is the file of another robot?"
+        )
+    return known
+
+
+# ── Clearance of configurations, along motions, and of inverse kinematics
+
+
+def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | None) -> Clearance:
+    """See :meth:`twistwrench.Robot.clearance`."""
+    given = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
+    pairs = LinkPairs.from_robot(robot, exact, srdf)
+    found, at = pairs.nearest(np.asarray(given, float).reshape(-1, robot.nq))
+    names = pairs.names[at] if len(pairs.links) else np.full((len(at), 2), "")
+    if not len(pairs.links) and pairs.unknown:
+        found = np.full(len(at), np.nan)
+    shape = given.shape[:-1]
+    return Clearance(
+        found.reshape(shape), names.reshape(*shape, 2), pairs.shapes is not None, pairs.unknown, pairs.undecided,
+        pairs.touching,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PathClearance:
+    """Least distance between links along a motion, and the verdict on it."""
+
+    pairs: LinkPairs
+    asked: float  # the distance to keep [m]
+    distance: float = np.inf  # [m]
+    pair: tuple[str, str] = ("", "")  # links of it; empty without pairs
+    time: float = np.nan  # of it [s]
+    step: float = 0.0  # the longest between the rows that were looked at [s]
+
+    @classmethod
+    def along(
+        cls, robot: Robot, samples: Iterable[tuple[Array, Array]], asked: float, srdf: str | Path | None = None
+    ) -> PathClearance:
+        """Least distance over portions of times (n,) [s] and configurations (n, nq), at rows of about :data:`STEP`."""
+        pairs = LinkPairs.from_robot(robot, "auto", srdf)
+        found = cls(pairs, arguments.positive(asked, "clearance", "m", zero=True))
+        for time, q in samples:
+            steps = np.diff(time)
+            stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9)) if len(steps) else 1
+            rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
+            found = replace(found, step=max(found.step, float(np.diff(time[rows]).max(initial=0.0))))
+            distance, row, k = pairs.nearest_row(q[rows], found.distance)
+            if row >= 0:
+                first, second = pairs.names[k].tolist()
+                found = replace(found, distance=distance, pair=(first, second), time=float(time[rows][row]))
+        return found
+
+    @property
+    def words(self) -> str:
+        """Nearest links, their distance, its time, and how it was computed."""
+        if not self.pair[0]:
+            return "Closest: not known" if self.pairs.unknown else "Closest: no two links can touch"
+        exact = self.pairs.shapes is not None
+        if self.distance > 0.0:
+            size = f"{'' if exact else 'at least '}{quantity(self.distance, 'm', 3)} at"
+        else:
+            size = f"{'in contact' if exact else 'capsules overlap'} from"
+        how = "exact" if exact else "capsules around the links"
+        step = f", every {quantity(1000.0 * self.step, 'ms', 3)}" if self.step else ""
+        return f"Closest: {' – '.join(self.pair)}, {size} t = {seconds(self.time)} s ({how}{step})"
+
+    @property
+    def lines(self) -> list[str]:
+        """Sentences on the nearest links, and on the pairs left out since they are always in contact."""
+        left_out = listed(self.pairs.touching, _NAMED, "; ")
+        return [
+            f"{self.words}.",
+            *([f"Not judged, as in contact in 95 % of configurations: {left_out}."] if left_out else []),
+        ]
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """COLLISION in contact, OVER LIMIT if nearer than asked for, UNSURE if capsules or missing shapes cannot tell."""
+        collision, over, unsure = list[str](), list[str](), list[str]()
+        links, when = " and ".join(self.pair), f"at t = {seconds(self.time)} s"
+        if self.distance <= 0.0 and self.pairs.shapes is not None:
+            collision = [f"{links} are in contact {when}"]
+        elif self.distance < self.asked and self.pairs.shapes is not None:
+            kept = f"{quantity(self.distance, 'm', 3)} {when}, and {quantity(self.asked, 'm', 3)} are asked for"
+            over = [f"{links} come within {kept}"]
+        elif self.distance <= self.asked:
+            nearer = f"come within {quantity(self.asked, 'm', 3)}" if self.distance > 0.0 else "touch"
+            unsure = [f"{links} may {nearer} {when} (capsules; {_DECIDES})"]
+        if self.pairs.undecided:
+            unsure.append(
+                f"capsules always overlap and are not judged: {listed(self.pairs.undecided, _NAMED, '; ')} ({_DECIDES})"
+            )
+        if self.pairs.unknown:
+            count = len(self.pairs.unknown)
+            unsure.append(
+                f"clearance not known of {count} of {count + self.pairs.known} links, whose shapes are not in the file or "
+                f"could not be read: {listed(self.pairs.unknown, _NAMED)}"
+            )
+        return Verdict.from_reasons(collision=collision, over=over, unsure=unsure)
+
+
+def distances_for_search(robot: Robot) -> Callable[[Array], Clearance]:
+    """Clearance of configurations, for inverse kinematics; warns of links without shapes, and raises ModelError if all are."""
+    pairs = LinkPairs.from_robot(robot)
+    if pairs.unknown and not pairs.known:
+        raise ModelError(f"the clearance of robot {robot.name!r} is not known: no link has a shape that could be read.")
+    for doubt in PathClearance(pairs, 0.0).verdict.reasons:
+        warnings.warn(f"inverse_kinematics: {doubt}.", ModelWarning, stacklevel=frames_to_user())
+    return lambda q: clearance_of(robot, q, "auto", None)
+
+
+complete(globals())
