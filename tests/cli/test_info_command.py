@@ -41,7 +41,7 @@ def test_info_tells_the_sites_and_the_configurations_of_a_file(run, tmp_path):
     assert "3 frames" in said
     assert "hinge (revolute) → rod  + foot" in said
     assert "configurations qpos0, up" in said
-    code, said = run("info", tmp_path / "r.xml", "--json")
+    code, said = run("info", tmp_path / "r.xml", "--json", "-")
     found = json.loads(said)
     assert (found["frames"], found["sites"]) == (["world", "rod"], ["foot"])
     assert found["configurations"] == {"qpos0": [0.0], "up": [0.5]}
@@ -160,7 +160,7 @@ def test_names_fold_and_no_number_is_cut(long_names, width, ur5):
 
 
 def test_info_as_json_and_csv_has_the_numbers_of_the_robot(run, ur5):
-    summary = json.loads(run("info", "ur5", "--json")[1])
+    summary = json.loads(run("info", "ur5", "--json", "-")[1])
     rows = list(csv.DictReader(io.StringIO(run("info", "ur5", "--csv", "-")[1])))
     assert [j["joint"] for j in summary["joints"]] == [r["joint"] for r in rows] == list(ur5.joint_names)
     for side in ("lower", "upper", "velocity", "effort"):
@@ -189,7 +189,7 @@ def test_damping_and_friction_are_told_apart(run, tmp_path):
     path = tmp_path / "rough.urdf"
     path.write_text(text.replace("</joint>", '<dynamics damping="1.5" friction="0.25"/></joint>', 1))
     model = tw.load(path).model
-    [first, second] = json.loads(run("info", path, "--json")[1])["joints"]
+    [first, second] = json.loads(run("info", path, "--json", "-")[1])["joints"]
     assert (
         (first["damping"], first["friction"]) == (1.5, 0.25) == (model.friction.viscous[0], model.friction.coulomb[0])
     )
@@ -203,7 +203,7 @@ def test_a_mimic_joint_is_independent_where_it_is_asked_for(run, tmp_path):
         re.sub(r'(<joint name="joint2".*?)</joint>', r'\1<mimic joint="joint1"/></joint>', text, flags=re.DOTALL)
     )
     for flags, nv in (([], 1), (["--mimic", "follow"], 1), (["--mimic", "independent"], 2)):
-        assert json.loads(run("info", path, "--json", *flags)[1])["nv"] == nv
+        assert json.loads(run("info", path, "--json", "-", *flags)[1])["nv"] == nv
 
 
 @pytest.mark.parametrize("flags, ratio", [([], "0.5"), (["--degrees"], "0.008727")])
@@ -223,13 +223,13 @@ def test_a_slider_that_follows_an_angle_does_so_by_its_unit(run, tmp_path, flags
 
 
 def test_json_has_null_where_nothing_is_known(run):
-    [first, _] = json.loads(run("info", "planar_2r", "--json")[1])["joints"]
+    [first, _] = json.loads(run("info", "planar_2r", "--json", "-")[1])["joints"]
     assert first["lower"] is first["effort"] is None
 
 
 @pytest.mark.parametrize(
     ("flags", "said"),
-    [(["--json", "--csv", "-"], "Choose one"), (["--json", "--degrees"], "Leave --degrees out")],
+    [(["--json", "-", "--csv", "-"], "Choose one"), (["--json", "-", "--degrees"], "Leave --degrees out")],
 )
 def test_info_refuses_flags_that_contradict(run, flags, said):
     code, text = run("info", "ur5", *flags)

@@ -148,7 +148,7 @@ def test_every_file_of_a_folder_is_judged_as_the_options_say(tmp_path):
 
 
 def test_log_info_of_a_folder_reports_what_cannot_be_read(folder):
-    result = run("log", "info", folder, "--json")
+    result = run("log", folder, "--json", "-")
     assert result.exit_code == 2 and "log3.csv" in result.stderr
     assert [os.path.basename(q["path"]) for q in json.loads(result.stdout)] == ["log1.csv", "log2.csv", "other.csv"]
 

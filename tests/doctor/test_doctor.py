@@ -384,16 +384,16 @@ def test_the_command_says_what_it_found_and_ends_with_its_code(tmp_path):
     arm = Arm(5)
     path, out = tmp_path / "arm.urdf", tmp_path / "fixed.urdf"
     path.write_text(arm.text({1: changed(arm.tensor(1), "izz", 10 * arm.tensor(1)[2, 2])}))
-    result = run(path, "--fix", out)
+    result = run(path, "--out", out)
     assert result.exit_code == 1, result.output
     assert "impossible" in result.output and f"wrote {out}, with 1 repair" in result.output
     assert run(out).exit_code == 0
     before = out.read_bytes()
-    refused = run(path, "--fix", out)
-    assert refused.exit_code == 2 and "there already" in refused.output and "--force" in refused.output
+    refused = run(path, "--out", out)
+    assert refused.exit_code == 2 and "there already" in refused.output and "--overwrite" in refused.output
     assert out.read_bytes() == before
-    assert run(path, "--fix", out, "--force").exit_code == 1
-    data = json.loads(run(path, "--json").output)
+    assert run(path, "--out", out, "--overwrite").exit_code == 1
+    data = json.loads(run(path, "--json", "-").output)
     assert data["findings"][0]["check"] == "impossible" and data["findings"][0]["line"] > 0
     assert run(path, "--only", "axis").exit_code == 0
     assert run("pendulum").exit_code == 0 and run("pendulum", "--strict").exit_code == 1
@@ -406,7 +406,7 @@ def test_the_command_says_what_it_found_and_ends_with_its_code(tmp_path):
         ("ur5", "--only", "nothing"),
         ("ur5", "--meshes", "/nowhere/at/all"),
         ("ur5", "--metric", "other"),
-        ("ur5", "--fix", "/nowhere/at/all.urdf"),
+        ("ur5", "--out", "/nowhere/at/all.urdf"),
     ],
 )
 def test_bad_options_are_bad_input(arguments):
@@ -417,7 +417,7 @@ def test_bad_options_are_bad_input(arguments):
 def test_the_robot_itself_is_not_overwritten(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(Arm(0).text())
-    assert run(path, "--fix", path).exit_code == 2
+    assert run(path, "--out", path).exit_code == 2
 
 
 # ── hostile files ──
@@ -506,7 +506,7 @@ def test_files_made_to_do_harm_are_refused(name, tmp_path):
     path.write_text(text)
     with pytest.raises(tw.RobotFileError, match="harm"):
         tw.doctor(path)
-    assert run(path, "--json").exit_code == 2
+    assert run(path, "--json", "-").exit_code == 2
 
 
 def test_meshes_are_found_in_the_folders_that_are_named(tmp_path):

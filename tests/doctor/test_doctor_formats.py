@@ -217,7 +217,7 @@ def test_one_mesh_on_both_sides_is_no_reason_to_warn():
 def test_the_side_that_is_chosen_is_copied(side, tmp_path):
     path, out = tmp_path / "sides.urdf", tmp_path / "fixed.urdf"
     path.write_text(sides("0.1 -0.02 0.1", sign=1.0).replace('<mass value="2"/>', '<mass value="2.5"/>', 1))
-    result = CliRunner().invoke(main, ["doctor", str(path), "--mirror-from", side, "--fix", str(out)])
+    result = CliRunner().invoke(main, ["doctor", str(path), "--mirror-from", side, "--out", str(out)])
     assert result.exit_code == 1 and "with 1 repair" in result.output
     assert not tw.doctor(out, only="mirror").findings
     mass = {"left": 2.5, "right": 2.0}[side]

@@ -99,7 +99,7 @@ def test_finding_24_the_fastest_timing_says_how_to_leave_out_friction_that_it_ca
 def test_finding_24_simulate_counts_friction_by_default(run, tmp_path, method):
     """A pendulum with much damping, let go: it does not come back, and without friction it does."""
     (tmp_path / "arm.urdf").write_text(arm(dynamics='<dynamics damping="50"/>'))
-    fall = ("simulate", "arm.urdf", "--at", "1,0", "--duration", 1, "--method", method, "--dt", 0.002)
+    fall = ("simulate", "arm.urdf", "--at", "1,0", "--duration", 1, "--method", method, "--step", 0.002)
     code, said = run(*fall)
     assert code == 0 and "with friction" in said and "work of friction" in said
     code, said = run(*fall, "--no-friction")
@@ -173,7 +173,7 @@ FOLDING = """<link name="link{k}"><inertial><origin xyz="0 0 0.2"/><mass value="
   <axis xyz="{axis}"/><limit lower="-2.9" upper="2.9" velocity="3" effort="60"/></joint>"""
 CYLINDER = '<visual><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.03" length="0.3"/></geometry></visual>'
 BOX = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
-QUICKLY = ("--seconds", 4, "--harmonics", 2, "--acceleration", 10, "--restarts", 1, "--friction", "none")
+QUICKLY = ("--duration", 4, "--harmonics", 2, "--acceleration", 10, "--restarts", 1, "--friction-model", "none")
 
 
 def folding(shapes=True):
@@ -203,7 +203,7 @@ def axes_apart(robot, q, a, b):
 
 def test_finding_26_excite_is_unsure_where_capsules_are_assumed(run, tmp_path):
     (tmp_path / "bare.urdf").write_text(folding(shapes=False))
-    code, said = run("excite", "bare.urdf", *QUICKLY, "--out", "m.csv")
+    code, said = run("excite", "bare.urdf", *QUICKLY, "--csv", "m.csv")
     assert code == 1
     assert said.startswith(
         "UNSURE: 3 links have no shapes in the robot's file, so clearances are those of assumed capsules"
@@ -218,7 +218,7 @@ def test_finding_26_excite_is_unsure_where_capsules_are_assumed(run, tmp_path):
 
 def test_finding_26_excite_is_ok_where_shapes_of_the_file_keep_clear(run, tmp_path):
     (tmp_path / "shaped.urdf").write_text(folding())
-    code, said = run("excite", "shaped.urdf", *QUICKLY, "--floor=-0.5", "--out", "m.csv")
+    code, said = run("excite", "shaped.urdf", *QUICKLY, "--floor=-0.5", "--csv", "m.csv")
     assert code == 0
     assert said.startswith("OK: least distances: ") and float(said.split()[3]) >= 20.0
     robot = tw.load(tmp_path / "shaped.urdf")
@@ -258,8 +258,8 @@ def test_finding_72_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_pa
     file = {"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}[name]
     if file not in FILES:
         pytest.skip("example-robot-data is not there")
-    asked = ("--seconds", 20, "--harmonics", 5, "--share", 0.9, "--acceleration", 10, "--floor", 0.1)
-    code, said = run("excite", name, *asked, "--out", "m.csv")
+    asked = ("--duration", 20, "--harmonics", 5, "--share", 0.9, "--acceleration", 10, "--floor", 0.1)
+    code, said = run("excite", name, *asked, "--csv", "m.csv")
     assert code == 1 and said.startswith("UNSURE: ")
     assert ("shoulder_link, upper_arm_link wherever" in said) == (name == "ur5")
     robot = getattr(tw.robots, name)()

@@ -123,7 +123,7 @@ def test_finding_45_sizes_are_asked_before_numbers_are_unpacked(tmp_path):
         with (tmp_path / name).open("wb") as file:
             np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": order, "shape": (10**10, 3)})
             file.write(bytes(100))
-        assert name in one_error(run("log", "info", tmp_path / name))
+        assert name in one_error(run("log", tmp_path / name))
 
 
 def test_finding_45_a_large_npz_gives_what_a_small_one_gives(tmp_path):
@@ -243,8 +243,8 @@ def test_finding_40_columns_of_lists_are_read_or_remarked(tmp_path):
     for name, write in (("a.parquet", pyarrow.parquet.write_table), ("a.feather", pyarrow.feather.write_feather)):
         write(table, tmp_path / name)
         said = "'torque' (list<element: double>)" if name == "a.parquet" else "'torque' (list<"
-        assert said in run("log", "info", tmp_path / name).stdout
-        (found,) = json.loads(run("log", "info", "--json", tmp_path / name).stdout)
+        assert said in run("log", tmp_path / name).stdout
+        (found,) = json.loads(run("log", "--json", "-", tmp_path / name).stdout)
         assert "torque" in found["notes"][0]
         assert "'torque'" in run("torques", "planar_2r", "--trajectory", tmp_path / name).output
         write(table.set_column(3, "torque", [[[1.0, 2.0]] * 50]), tmp_path / name)
@@ -260,11 +260,11 @@ ARM = """<robot name="arm"><link name="base"/>
 </robot>"""
 
 COMMANDS = (
-    "--help", "--version", "info ur5", "info ur5 --json", "robots", "torques ur5 --trajectory demo", "torques ur5 --trajectory demo --csv /dev/full",
+    "--help", "--version", "info ur5", "info ur5 --json -", "robots", "torques ur5 --trajectory demo", "torques ur5 --trajectory demo --csv /dev/full",
     "payload planar_2r --at 0,0", "simulate pendulum --duration 0.01", "simulate pendulum --duration 0.01 --npz /dev/full",
     "simulate pendulum --duration 0.01 --csv /dev/full", "move planar_2r --to 1,1 --duration 2", "move planar_2r --to 1,1 --duration 2 --csv /dev/full", "derive pendulum",
-    "doctor arm.urdf", "doctor arm.urdf --json", "verify pendulum", "log info log.csv", "log info log.csv --json",
-    "export pendulum --c FOLDER", "view pendulum --html FOLDER/p.html", "plot pendulum --trajectory log.csv --what power --out FOLDER/p.png",
+    "doctor arm.urdf", "doctor arm.urdf --json -", "verify pendulum", "log log.csv", "log log.csv --json -",
+    "export pendulum --c FOLDER", "view pendulum --html FOLDER/p.html", "torques pendulum --trajectory log.csv --plot power=FOLDER/p.png",
     "sensor --help", "identify --help", "excite --help",
 )  # fmt: skip
 
@@ -306,7 +306,7 @@ def test_finding_47_a_full_disk_and_a_process(tmp_path):
 
 
 @pytest.mark.parametrize("length", [256, 300, 5_000])
-@pytest.mark.parametrize("command", ["info {}", "doctor {}", "torques ur5 --trajectory {}", "log info {}", "derive {}"])
+@pytest.mark.parametrize("command", ["info {}", "doctor {}", "torques ur5 --trajectory {}", "log {}", "derive {}"])
 def test_finding_47_names_that_are_too_long(command, length):
     one_error(run(*command.format("a" * length).split()))
 
@@ -318,14 +318,8 @@ def test_finding_47_names_that_are_too_long(command, length):
 def test_finding_47_stamps_that_no_curve_leads_through(stamps, tmp_path):
     rows = "".join(f"{t!r},{np.sin(k / 9)!r},0.5\n" for k, t in enumerate(map(float, stamps)))
     (tmp_path / "log.csv").write_text(f"time,joint1,joint2\n{rows}")
-    for command in ("torques", "plot"):
-        found = run(
-            command,
-            "planar_2r",
-            "--trajectory",
-            tmp_path / "log.csv",
-            *(["--what", "power", "--out", tmp_path / "p.png"] * (command == "plot")),
-        )
+    for plot in ((), ("--plot", f"power={tmp_path / 'p.png'}")):
+        found = run("torques", "planar_2r", "--trajectory", tmp_path / "log.csv", *plot)
         assert found.exit_code in (1, 2), found.output
 
 
@@ -342,7 +336,7 @@ def test_finding_49_control_characters_reach_no_terminal(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     for command in (
-        "log info e.csv", "torques r.urdf --trajectory e.csv", "info r.urdf", "info r.urdf --json", "info r.urdf --csv", "doctor r.urdf",
+        "log e.csv", "torques r.urdf --trajectory e.csv", "info r.urdf", "info r.urdf --json -", "info r.urdf --csv -", "doctor r.urdf",
         "payload r.urdf --at 0", "simulate r.urdf --duration 0.01", "derive r.urdf", "export r.urdf --c out", "verify r.urdf",
         "move r.urdf --to 1",
     ):  # fmt: skip
@@ -457,7 +451,7 @@ def test_finding_52_files_are_on_the_disk_before_they_are_renamed(tmp_path, monk
     assert did == ["sync"] * 3 + ["rename"] * 3
     did.clear()
     (tmp_path / "arm.urdf").write_text(ARM.replace('mass value="1"', 'mass value="-1"'))
-    run("doctor", tmp_path / "arm.urdf", "--fix", tmp_path / "arm.urdf", "--force")
+    run("doctor", tmp_path / "arm.urdf", "--out", tmp_path / "arm.urdf", "--overwrite")
     assert not did or did == ["sync", "rename"]
 
 

@@ -432,9 +432,9 @@ def test_convert_overwrites_only_with_force_and_never_its_input(tmp_path):
     path.write_text("mine")
     refused = run("convert", "ur5", str(path))
     assert (refused.exit_code, path.read_text()) == (2, "mine")
-    assert "or --force" in refused.stderr
-    assert run("convert", "ur5", str(path), "--force").exit_code == 0
-    assert "would overwrite the file of ROBOT" in run("convert", str(path), str(path), "--force").stderr
+    assert "or --overwrite" in refused.stderr
+    assert run("convert", "ur5", str(path), "--overwrite").exit_code == 0
+    assert "would overwrite the file of ROBOT" in run("convert", str(path), str(path), "--overwrite").stderr
 
 
 def test_convert_keeps_one_body_of_a_scene(tmp_path):

@@ -334,7 +334,7 @@ def test_the_motion_of_the_command_passes_no_limit(tmp_path):
     out = tmp_path / "motion.csv"
     hold = ["--lock", "wrist_2_joint=0.3", "--lock", "wrist_3_joint=0", "--restarts", 1]
     said = run(
-        "excite", "ur5", *hold, "--seconds", 10, "--harmonics", 3, "--acceleration", 6, "--floor", 0.05, "--out", out
+        "excite", "ur5", *hold, "--duration", 10, "--harmonics", 3, "--acceleration", 6, "--floor", 0.05, "--csv", out
     )
     assert said.exit_code == 1 and said.output.startswith("UNSURE: 6 links have no shapes"), said.output
     assert "condition" in said.output and "from the floor" in said.output and "not looked at" in said.output
@@ -344,7 +344,7 @@ def test_the_motion_of_the_command_passes_no_limit(tmp_path):
 
 def test_the_command_answers_bad_input_with_a_line_and_writes_nothing(tmp_path):
     out = tmp_path / "motion.csv"
-    said = run("excite", "planar_2r", "--out", out)
+    said = run("excite", "planar_2r", "--csv", out)
     assert said.exit_code == 2 and "--acceleration" in said.output and not out.exists()
-    said = run("excite", "planar_2r", "--acceleration", 5, "--out", tmp_path / "none" / "motion.csv")
+    said = run("excite", "planar_2r", "--acceleration", 5, "--csv", tmp_path / "none" / "motion.csv")
     assert said.exit_code == 2 and "no such folder" in said.output

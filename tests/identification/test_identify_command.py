@@ -33,7 +33,7 @@ def logs(tmp_path):
 
 def test_every_file_that_is_asked_for(tmp_path):
     """Of the bundled log."""
-    outs = {"--json": "a.json", "--csv": "a.csv", "--out": "a.urdf", "--actuators-out": "a.yaml", "--report": "a.html"}
+    outs = {"--json": "a.json", "--csv": "a.csv", "--out": "a.urdf", "--out-actuators": "a.yaml", "--report": "a.html"}
     asked = [x for option, name in outs.items() for x in (option, tmp_path / name)]
     result = run("planar_2r", "demo", "--cutoff", 10, *asked)
     assert result.exit_code == 0, result.output
@@ -94,7 +94,7 @@ def test_logs_of_motors(logs, tmp_path):
         (["planar_2r", "none.csv"], "none.csv"),
         (["planar_2r", "demo", "--cutoff", "fast"], "neither a number"),
         (["planar_2r", "demo", "--cutoff", "-1"], "above 0"),
-        (["planar_2r", "demo", "--friction", "sticky"], "friction column"),
+        (["planar_2r", "demo", "--friction-model", "sticky"], "friction column"),
         (["planar_2r", "demo", "--without", "hand"], "link that moves"),
         (["planar_2r", "demo", "--keep-close", "1e9", "--out", "x.urdf"], "not offered"),
         (["planar_2r", "demo", "--out", "no/such/folder.urdf"], "no such folder"),

@@ -78,7 +78,7 @@ def tx40(tmp_path, *options):
 
 def test_tx40_with_a_given_cutoff(tmp_path):
     """Two files of motors, joined row by row, wrist coupled. 10.0 to 12.1 % by a prototype, with settings seen or not."""
-    found = tx40(tmp_path, "--cutoff", 100, "--out", tmp_path / "new.urdf", "--actuators-out", tmp_path / "new.yaml")
+    found = tx40(tmp_path, "--cutoff", 100, "--out", tmp_path / "new.urdf", "--out-actuators", tmp_path / "new.yaml")
     assert found["base_parameters"] == 61
     assert found["held_out"]["kind"] == "five-fold" and found["held_out"]["all"] <= 0.115
     assert found["verdict"] != "LOOK AGAIN" and (tmp_path / "new.yaml").is_file()

@@ -138,7 +138,7 @@ def test_a_file_with_a_plus_in_its_name_is_itself(tmp_path):
     assert np.allclose(tw.Motion.from_file(path, ARM).q, Q)
 
 
-# ── twistwrench log info ──
+# ── twistwrench log ──
 
 
 @pytest.mark.usefixtures("reading")
@@ -148,15 +148,15 @@ def test_log_info_says_what_is_in_a_file(tmp_path):
     rng = np.random.default_rng(0)
     table = np.column_stack([t, np.minimum(rng.normal(size=len(t)), -0.2), np.full(len(t), 3.0)])
     path = write_csv(tmp_path / "log.csv", ["time", "clipped", "dead"], table)
-    result = CliRunner().invoke(main, ["log", "info", path, "--json"])
+    result = CliRunner().invoke(main, ["log", path, "--json", "-"])
     assert result.exit_code == 0, result.output
     (found,) = json.loads(result.output)
     assert found["rows"] == 40 and abs(found["rate"] - 100) < 1e-6 and found["gaps"] == 1 and found["repeated"] == 1
     assert found["columns"][0]["cut"] > 0.2 and found["columns"][1]["dead"]
-    shown = CliRunner().invoke(main, ["log", "info", path])
+    shown = CliRunner().invoke(main, ["log", path])
     said = " ".join(shown.output.split())  # lines are as wide as a terminal
     assert "one number throughout" in said and "1 gap, " in said and "1 stamp repeated" in said
-    assert CliRunner().invoke(main, ["log", "info", str(tmp_path / "none.csv")]).exit_code == 2
+    assert CliRunner().invoke(main, ["log", str(tmp_path / "none.csv")]).exit_code == 2
 
 
 def test_the_longer_arrays_of_a_file_are_the_motion(tmp_path):

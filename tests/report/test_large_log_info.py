@@ -36,7 +36,7 @@ def test_zeros_and_columns_of_few_steps_are_worth_a_word(tmp_path):
     t = np.arange(1000) * 0.01
     table = np.column_stack([t, np.where(t < 5, 0.0, np.sin(t)), np.round(0.01 * np.sin(t), 3), np.sin(t)])
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,half,coarse,fine", comments="", fmt="%.9g")
-    said = " ".join(CliRunner().invoke(main, ["log", "info", str(tmp_path / "log.csv")]).output.split())
+    said = " ".join(CliRunner().invoke(main, ["log", str(tmp_path / "log.csv")]).output.split())
     assert said.count("exactly 0 in 50 % of the rows") == 1
     assert said.count("no more than 20 steps of its grid in all") == 1
     assert LogQuality.from_file(tmp_path / "log.csv").columns[0].zeros == 0.5

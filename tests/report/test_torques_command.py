@@ -88,7 +88,7 @@ def test_bad_input_exits_2_with_one_line(run, case):
         ("torques", "Pass limits=, or q=[0, 1].", "Pass --limits, or q=[0, 1]."),
         ("export", "It needs precision='double'.", "It needs no --float."),
         ("export", "or pass test=False.", "or pass --no-test."),
-        ("convert", "or overwrite=True.", "or --force."),
+        ("convert", "or overwrite=True.", "or --overwrite."),
         ("info", "or overwrite=True.", "or overwrite=True."),
     ],
 )

@@ -78,7 +78,7 @@ def test_the_bundled_push_is_found(run, tmp_path):
 
 
 def test_every_unknown_can_be_asked_for(run):
-    code, said = run("identify", "demo-motion", "--inertia", "--assume", "orientation", "--noise", "0.01,0.3")
+    code, said = run("identify", "demo-motion", "--with-inertia", "--assume", "orientation", "--noise", "0.01,0.3")
     assert code == 1  # the push
     assert "mounting turned about z" in said
     assert "Izz about the origin" in said
@@ -206,7 +206,7 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["poses", "--csv", "nowhere/p.csv"], "no such folder"),
         (["poses", "--within", "nan"], "no largest tilt"),
         (["poses", "--noise", "0,1"], "two positive numbers"),
-        (["identify", "demo", "--inertia"], "shows only in motion"),
+        (["identify", "demo", "--with-inertia"], "shows only in motion"),
         (["identify", "demo", "--assume", "delay"], "a delay shows only in motion"),
         (["identify", "demo", "--assume", "gain"], "'gain' is not one of 'orientation', 'drift', 'tilt', 'delay'"),
         *(
@@ -314,7 +314,7 @@ def test_a_static_identification_does_not_claim_to_know_the_inertia(run, static_
     assert json.loads(static_file.read_text())["inertia"] == "unknown"
     assert read_sensor(static_file)[0].inertia == "unknown"
     code, said = run("compensate", "demo-motion", "--sensor", static_file)
-    assert (code, "inertia not identified: " in said, "Identify with --inertia from a log in motion" in said) == (
+    assert (code, "inertia not identified: " in said, "Identify with --with-inertia from a log in motion" in said) == (
         1,
         1,
         1,
@@ -335,7 +335,7 @@ def test_contacts_in_motion_are_looked_for_in_forces_where_inertia_is_unknown(ru
 
 def test_an_inertia_from_a_log_in_motion_is_known(run, tmp_path):
     path = tmp_path / "s.json"
-    run("identify", "demo-motion", "--inertia", "--save", path)
+    run("identify", "demo-motion", "--with-inertia", "--save", path)
     assert read_sensor(path)[0].inertia == "given"
     code, said = run("compensate", "demo-motion", "--sensor", path, "--contacts", "1e-6")
     assert (code, "CONTACT: 19 of 301" in said, "not identified" in said) == (1, True, False)
@@ -373,7 +373,7 @@ def test_older_sensor_files_are_read_and_said_to_lack_covariance(run, static_fil
 
 
 def test_drift_delay_and_tilt_can_be_asked_for(run, tmp_path):
-    code, said = run("identify", "demo-motion", "--inertia", "--assume", "delay", "--assume", "drift")
+    code, said = run("identify", "demo-motion", "--with-inertia", "--assume", "delay", "--assume", "drift")
     assert (code, "readings are late by" in said, "drift fz" in said) == (1, True, True)  # the push is left out
     code, said = run("identify", "demo-motion", "--assume", "tilt")
     assert (code, "a tilt of the base shows only in orientations" in said) == (2, True)

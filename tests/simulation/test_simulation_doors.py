@@ -562,7 +562,7 @@ def twistwrench(*arguments):
 
 def test_the_command_prints_and_writes(tmp_path):
     done = twistwrench(
-        "planar_2r", "--duration", 0.5, "--dt", 0.01, "--method", "rk4", "--at", "joint1=90", "--velocity", "joint2=-180",
+        "planar_2r", "--duration", 0.5, "--step", 0.01, "--method", "rk4", "--at", "joint1=90", "--velocity", "joint2=-180",
         "--torque", "joint1=3", "--degrees", "--csv", tmp_path / "a.csv", "--npz", tmp_path / "a.npz",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -603,7 +603,7 @@ def test_a_start_inside_the_ground_is_remarked_on_with_its_point_and_depth():
 def test_degrees_are_those_of_planar_joints_too(tmp_path):
     """As in the report: theta is an angle, x and y are not."""
     (tmp_path / "sled.urdf").write_text(SLED)
-    for given in (["--at", "slide=1,2,90"], ["--configuration", "1,2,90"]):
+    for given in (["--at", "slide=1,2,90"], ["--at", "1,2,90"]):
         place = tmp_path / "sled.npz"
         done = twistwrench(tmp_path / "sled.urdf", "--degrees", *given, "--duration", 0.01, "--npz", place)
         assert done.exit_code == 0, done.output
@@ -625,7 +625,7 @@ def test_an_interrupted_command_shows_and_writes_what_there_is(tmp_path, monkeyp
         rates(self, t, y, out)
 
     monkeypatch.setattr(System, "rates", until_half)
-    done = twistwrench("planar_2r", "--dt", 0.01, "--method", "midpoint", "--npz", tmp_path / "a.npz")
+    done = twistwrench("planar_2r", "--step", 0.01, "--method", "midpoint", "--npz", tmp_path / "a.npz")
     assert done.exit_code == ExitCode.INTERRUPTED, done.output
     assert "interrupted" in done.output
     assert 0.5 <= SimulationResult.load(tmp_path / "a.npz").times[-1] <= 0.52
@@ -646,7 +646,7 @@ def test_a_command_that_ends_before_its_first_step_shows_the_first_state(monkeyp
 
 def test_the_command_knows_the_ground_and_what_is_carried():
     done = twistwrench(
-        "floating_box", "--duration", 0.4, "--ground", -0.2, "--touch", "box", "--payload", 1, "--dt", 0.01
+        "floating_box", "--duration", 0.4, "--ground", -0.2, "--touch", "box", "--payload", 1, "--step", 0.01
     )
     assert done.exit_code == 0, done.output
     assert "box touches the plane at 0.20" in done.output
@@ -659,7 +659,7 @@ def test_the_ground_of_the_command_has_the_friction_it_was_given(tmp_path, mu):
     feet = [x for a in (-1, 1) for b in (-1, 1) for x in ("--touch", f"box:{a},{b},0")]
     done = twistwrench(
         "floating_box", "--duration", 0.5, "--ground", 0, "--contact", f"1e4,1,{mu}", *feet, "--velocity",
-        "root_joint=0,0,0,3,0,0", "--dt", 0.01, "--npz", tmp_path / "a.npz",
+        "root_joint=0,0,0,3,0,0", "--step", 0.01, "--npz", tmp_path / "a.npz",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     lost = 3.0 - SimulationResult.load(tmp_path / "a.npz").dq[-1, 3]
@@ -671,7 +671,7 @@ def test_the_command_says_first_how_it_ended_and_what_was_not_simulated(tmp_path
     text = tw.robots.path_of("pendulum").read_text()
     stop = '<limit lower="-0.2" upper="2"/><dynamics damping="0.1"/></joint>'
     (tmp_path / "r.urdf").write_text(text.replace("</joint>", stop, 1).replace('type="continuous"', 'type="revolute"'))
-    done = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--dt", 0.01)
+    done = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--step", 0.01)
     words = " ".join(done.stdout.split())
     assert words.startswith(
         "DONE: reached the end, 1.5 s. ! Joints were not held at their limits: hinge: position -0.945"
@@ -685,7 +685,7 @@ def test_the_command_says_first_how_it_ended_and_what_was_not_simulated(tmp_path
 
 
 def test_the_command_writes_what_it_has_when_a_step_is_unstable(tmp_path):
-    done = twistwrench("ur5", "--method", "rk4", "--dt", 0.3, "--duration", 30, "--csv", tmp_path / "a.csv")
+    done = twistwrench("ur5", "--method", "rk4", "--step", 0.3, "--duration", 30, "--csv", tmp_path / "a.csv")
     assert done.exit_code == 1, done.output
     assert "STOPPED" in done.output
     assert "unstable" in done.output
@@ -699,12 +699,12 @@ def test_the_command_writes_what_it_has_when_a_step_is_unstable(tmp_path):
         (["--at", "joint1"], "JOINT=VALUE"),
         (["--at", "joint1=1", "--at", "joint1=2"], "given twice"),
         (["--velocity", "joint1=fast"], "expected 1 number"),
-        (["--configuration", "1,2,3"], "2 numbers"),
+        (["--at", "1,2,3"], "2 numbers"),
         (["--touch", "tip"], "--ground"),
         (["--contact", "1e5,0.3,0.5"], "--ground"),
         (["--ground", "0", "--contact", "1,2"], "--contact"),
         (["--method", "magic"], "magic"),
-        (["--dt", "0"], "dt is 0"),
+        (["--step", "0"], "dt is 0"),
         (["--csv", "no/such/folder/a.csv"], "no such folder"),
     ],
 )

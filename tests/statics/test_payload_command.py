@@ -45,9 +45,9 @@ def test_it_prints_what_the_library_finds(run):
 
 def test_poses_may_be_given_whole_or_in_degrees(run):
     outputs = {
-        run("ur5", "--configuration", "0,-0.6,0.9,0,0,0")[1],
+        run("ur5", "--at", "0,-0.6,0.9,0,0,0")[1],
         run("ur5", *POSE)[1],
-        run("ur5", "--configuration", "1,1,1,0,0,0", *POSE, "--at", "shoulder_pan_joint=0")[1],
+        run("ur5", "--at", "1,1,1,0,0,0", *POSE, "--at", "shoulder_pan_joint=0")[1],
     }
     assert len(outputs) == 1
     degrees = run(
@@ -77,7 +77,7 @@ def test_the_csv_has_all_digits(run, tmp_path):
 def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
     out = tmp_path / "out.csv"
     code, output = run(
-        "ur5", *POSE, "--payload", "1.2,0,0,0.05", "--payload", "0.5@forearm_link", "--com", "0,0,0.1", "--csv", out
+        "ur5", *POSE, "--tool", "1.2,0,0,0.05", "--tool", "0.5@forearm_link", "--com", "0,0,0.1", "--csv", out
     )
     said = " ".join(output.split())
     assert code == 0
@@ -90,7 +90,7 @@ def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
     assert "hold the robot and what it carries" in said
     with out.open(newline="") as file:
         assert_allclose([float(r["alone"]) for r in csv.DictReader(file)], found.unloaded, atol=1e-9)
-    code, output = run("ur5", *POSE, "--payload", "40")
+    code, output = run("ur5", *POSE, "--tool", "40")
     assert code == 1
     assert "to hold the robot and what it carries" in " ".join(output.split())
 
@@ -101,7 +101,7 @@ def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path, 
 
     titles, figure = [], style.figure
     monkeypatch.setattr(style, "figure", lambda w, h, title: (titles.append(title), figure(w, h, title))[1])
-    code, output = run("ur5", *POSE, "--com", "0,0,0.1", "--payload", "1.2", "--plot", tmp_path / "out.svg")
+    code, output = run("ur5", *POSE, "--com", "0,0,0.1", "--tool", "1.2", "--plot", tmp_path / "out.svg")
     assert code == 0
     mass = output.partition(" kg: the largest payload")[0].split()[-1]
     assert titles == [
@@ -113,9 +113,9 @@ def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path, 
     ("arguments", "words"),
     [
         (["--com", "0,0,80"], "--com is 80 m from its frame: lengths are in metres. If those are mm, write 0,0,0.08."),
-        (["--payload", "1,0,0,50"], "--payload 1,0,0,50 is 50 m from its frame"),
+        (["--tool", "1,0,0,50"], "--tool 1,0,0,50 is 50 m from its frame"),
         (["--at", "elbow_joint=90"], "elbow_joint at 90 rad is more than a turn beyond its limits"),
-        (["--configuration", "0,-45,90,0,0,0"], "shoulder_lift_joint at -45 rad is more than a turn"),
+        (["--at", "0,-45,90,0,0,0"], "shoulder_lift_joint at -45 rad is more than a turn"),
         (["--at", "elbow_joint=9"], None),  # beyond its limits, but not by a turn
         (["--degrees", "--at", "elbow_joint=900"], None),
         (["--com", "0,0,0.9"], None),
@@ -226,12 +226,12 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--at", "elbow"], "or JOINT=VALUE, as shoulder_pan_joint=0.5"),
         (["ur5", "--at", "elbow=1"], "Did you mean 'elbow_joint'"),
         (["ur5", "--at", "elbow_joint=bent"], "expected 1 number"),
-        (["ur5", "--configuration", "1,2"], "expected 6 numbers"),
+        (["ur5", "--at", "1,2"], "expected 6 numbers"),
         (["ur5", "--com", "1"], "expected x,y,z"),
         (["ur5", "--frame", "hand"], "no frame named 'hand'"),
-        (["ur5", "--payload", "heavy"], "payload 'heavy': expected MASS[,x,y,z][@FRAME]"),
-        (["ur5", "--payload", "1@hand"], "no frame named 'hand'"),
-        (["ur5", "--payload", "-1"], "negative mass"),
+        (["ur5", "--tool", "heavy"], "payload 'heavy': expected MASS[,x,y,z][@FRAME]"),
+        (["ur5", "--tool", "1@hand"], "no frame named 'hand'"),
+        (["ur5", "--tool", "-1"], "negative mass"),
         (["ur5", "--at", "elbow_joint=1", "--at", " elbow_joint = 2"], "--at elbow_joint is given twice"),
         (["ur5", "--at", "elbow_joint=nan"], "expected 1 number"),
         (["ur5", "--com", "0,0,nan"], "expected x,y,z"),

@@ -30,22 +30,23 @@ _PIPED, _NARROWEST = 100, 40
     "derive",
     option(
         "--symbols KIND|NAME,…",
-        "What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
-        "the rest are numbers.",
+        "Quantities kept as symbols: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such "
+        "as L_1; the others are numbers.",
         default="all",
     ),
     option(
         "--form",
-        "Terms written out, or names for intermediate results.",
+        "Write terms in full, or name intermediate results.",
         choices=("auto", "expanded", "named"),
         default="auto",
     ),
-    option("--steps STEP,…|all", "Which steps to print and write, by name."),
+    option("--steps STEP,…|all", "Steps to print and write, by name. [default: the equations]"),
     *(option(f"--{name} OUT|-", f"{text} - is the terminal.") for name, text in _FILES.items()),
     examples=("derive planar_2r", "derive cart_pole --latex -"),
+    angles=False,
 )
 def derive_command(options: RobotOptions, given: Given) -> None:
-    """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
+    """Derive the equations of motion in symbols by Lagrange's method, and write them as text, LaTeX, a page, C or NumPy."""
     from ..symbolic.derivation import derive
     from ..symbolic.names import require_sympy
 

@@ -16,41 +16,41 @@ from ..reports.blocks import Block, Line, Table, numbers, words
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
-from .shared import RobotOptions, robot_command, robot_source
+from .shared import JSON, RobotOptions, robot_command, robot_source, write_text
 from .terminal import show
 
 
 @command(
     "doctor",
     click.argument("source", metavar="ROBOT"),
-    option("--only CHECK", "Run this check only; may be repeated.", multiple=True),
-    option("--force", "Replace the file of --fix if it is there.", "overwrite"),
-    option("--fix OUT", "Write the file with the repairs, everything else byte for byte."),
+    option("--only CHECK", "Run only this check; may be repeated. [default: all]", multiple=True),
+    option("--out OUT", "Write the repaired robot file; all else stays byte for byte."),
+    option("--overwrite", "Replace the file of --out if it exists."),
     REPORT,
     PAGE,
-    option("--plot OUT.png", "Draw shapes, and ellipsoids of inertia before and after."),
-    option("--meshes DIR", "Look for meshes there too; may be repeated.", multiple=True),
+    option("--plot OUT.png", "Draw shapes, and inertia ellipsoids before and after the repair."),
+    option("--meshes DIR", "Additional folder to search for meshes; may be repeated.", multiple=True),
     option(
         "--mirror-from",
-        "The side that is copied, mirrored, where two sides are no mirror images.",
+        "Side to copy where left and right links are not mirror images.",
         choices=("left", "right"),
     ),
     option(
         "--metric",
-        "What the nearest tensor is nearest in, where no one slip explains the numbers.",
+        "Distance to minimise if no single error explains an inertia.",
         choices=("frobenius", "entropic"),
         default="frobenius",
     ),
-    option("--json", "Print everything as JSON, in SI units."),
-    option("--strict", "Exit code 1 with notes too."),
-    option("--model NAME", "Of an SDF world: this model."),
-    option("--floating-base", "Let the base move freely, so that its own inertia counts."),
-    examples_=("doctor ur5", "doctor quadruped --report quadruped.html --json"),
+    JSON,
+    option("--strict", "Exit with 1 also for notes, and list all of them."),
+    option("--model NAME", "Model to read from an SDF world."),
+    option("--floating-base", "Let the base move freely, so that its inertia is checked."),
+    examples_=("doctor ur5", "doctor quadruped --report quadruped.html"),
 )
 def doctor_command(given: Given) -> ExitCode:
-    """Find errors of a robot file, their effect on M and on gravity torques, and the repair.
+    """Find errors in a robot file, their effect on the mass matrix and gravity torques, and the repair.
 
-    Exit code 1 with errors or warnings.
+    Exit code: 1 with errors or warnings.
     """
     for folder in given.meshes:
         if not Path(folder).is_dir():
@@ -60,8 +60,8 @@ def doctor_command(given: Given) -> ExitCode:
     found = robot_source(given.source)
     files = {"ROBOT": given.source if Path(given.source).is_file() else None}
     given.check_files(files)
-    if given.fix is not None:
-        refuse_existing(given.fix, overwrite=given.overwrite)
+    if given.out is not None:
+        refuse_existing(given.out, overwrite=given.overwrite)
     report = doctor(
         found,
         only=given.only or None,
@@ -72,18 +72,19 @@ def doctor_command(given: Given) -> ExitCode:
         model=given.model,
     )
     blocks = list(doctor_view(report, every=given.strict))
-    if given.json:
-        click.echo(report.to_json(), nl=False)
-    else:
+    only_json = given.json == "-"
+    if given.json is not None:
+        write_text(given.json, report.to_json())
+    if not only_json:
         show(*blocks)
-    if given.fix is not None:
-        repaired = report.write(given.fix, overwrite=given.overwrite)
-        click.echo(f"wrote {given.fix}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=given.json)
+    if given.out is not None:
+        repaired = report.write(given.out, overwrite=given.overwrite)
+        click.echo(f"wrote {given.out}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=only_json)
     if given.plot is not None:
         from ..plotting.identification import links_drawn, plot_diagnosis
 
         if links_drawn(report):
-            click.echo(f"wrote {plot_diagnosis(report, given.plot)}", err=given.json)
+            click.echo(f"wrote {plot_diagnosis(report, given.plot)}", err=only_json)
         else:
             click.echo("note: no finding changes an inertia, so there is nothing to draw.", err=True)
     if given.report is not None or given.html is not None:
@@ -158,9 +159,9 @@ def _paragraph(finding: Finding) -> Iterator[Line]:
 # ── ``verify``
 
 
-@robot_command("verify", examples=("verify ur5",))
+@robot_command("verify", examples=("verify ur5",), angles=False)
 def verify_command(options: RobotOptions, _: Given) -> ExitCode:
-    """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
+    """Check the dynamics of a robot against independent formulas and libraries. Exit code: 1 if one disagrees."""
     robot = options.load()
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")

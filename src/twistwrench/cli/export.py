@@ -21,41 +21,49 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
 @robot_command(
     "export",
     option(
-        "--c FOLDER|OUT.c", "Write C99: a header, a source and its test, into a folder or beside each other.", "path"
+        "--c FOLDER|OUT.c", "Write C99: a header, a source and a test program, into a folder or beside OUT.c.", "path"
     ),
-    option("--st FOLDER|OUT.st", "Write Structured Text (IEC 61131-3) for PLCs, with its test; not run on a PLC."),
+    option("--st FOLDER|OUT.st", "Write Structured Text (IEC 61131-3) for PLCs, with a test; it was not run on a PLC."),
     option(
         "--quantity NAME[:OPTION=VALUE,…]",
-        "A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
-        "wrenches=, rows=, by= and parameters= are joined by +.",
+        "Function to export, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Join several values "
+        "of wrenches=, rows=, by= and parameters= by +.",
         "quantities",
         multiple=True,
         default=("inverse_dynamics",),
     ),
     PAYLOADS,
-    option("--gravity-input", "Make gravity an input of every function."),
-    option("--float", "Single precision.", "precision", flag_value="float", default="double", show_default=False),
-    option("--prefix NAME", "What the functions' names begin with; the robot's name otherwise."),
+    option("--gravity-input", "Make gravity an input of each function."),
+    option(
+        "--float",
+        "Use single precision. [default: double]",
+        "precision",
+        flag_value="float",
+        default="double",
+        show_default=False,
+    ),
+    option("--prefix NAME", "Prefix of function names. [default: the robot's name]"),
     option(
         "--style",
-        "Structured Text alone: 'codesys' adds a block for its interface, to be completed by hand.",
+        "Structured Text only; 'codesys' adds a block for its interface, to complete by hand.",
         choices=("function_block", "codesys"),
         default="function_block",
     ),
     option(
         "--torque",
-        "Structured Text alone: torques at the joints, or at the shafts of the motors of --actuators.",
+        "Structured Text only: torques at the joints, or at the motor shafts of --actuators.",
         choices=("joint", "motor"),
         default="joint",
     ),
-    option("--test/--no-test", "Write the program that checks the functions, too.", "test", default=True),
+    option("--test/--no-test", "Write a program that tests the functions.", "test", default=True),
     examples=(
         "export panda --c . --quantity inverse_dynamics --quantity mass_matrix",
         "export ur5 --st ur5.st --payload 3 --actuators demo --torque motor",
     ),
+    angles=False,
 )
 def export_command(options: RobotOptions, given: Given) -> None:
-    """The robot's quantities as C99 or Structured Text that allocates nothing, with a program that checks it."""
+    """Write dynamics functions of a robot as C99 or Structured Text without memory allocation, with a test program."""
     from ..export.c99 import export_c
     from ..export.structured_text import export_st
 
@@ -92,9 +100,10 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
 @robot_command(
     "convert",
     click.argument("out", metavar="OUT"),
-    option("--force", "Replace OUT if it is there.", "overwrite"),
+    option("--overwrite", "Replace OUT if it exists."),
     examples=("convert panda panda.xml",),
     robot_first=True,
+    angles=False,
 )
 def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     """The robot as a file of another format: OUT.urdf, OUT.xml (MJCF) or OUT.sdf.

@@ -13,7 +13,6 @@ import click
 import numpy as np
 
 from .. import identification
-from ..core.files import replacing
 from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Verdict, Word
@@ -35,7 +34,7 @@ from .terminal import progress_bar, show
 
 _AUTO = "auto"
 FRICTION_LAWS = option(
-    "--friction LAWS",
+    "--friction-model LAWS",
     "What each joint has besides its bodies: viscous, coulomb, stribeck, offset; 'none' for nothing.",
     default="viscous,coulomb,offset",
 )
@@ -54,57 +53,62 @@ def parse_friction(text: str) -> tuple[str, ...]:
 @robot_command(
     "identify",
     click.argument("logs", metavar="LOG...", nargs=-1, required=True),
-    option("--test LOG", "A log that is only predicted; may be repeated.", "tests", multiple=True),
-    option("--without LINK", "The robot of the logs lacks this link; may be repeated.", multiple=True),
+    option("--test LOG", "Log to predict, not to fit; may be repeated.", "tests", multiple=True),
+    option("--without LINK", "Link that the robot of the logs lacks; may be repeated.", multiple=True),
     shared.COLUMNS,
     shared.GAIN,
     shared.RATE,
     shared.LOCK_MISSING,
-    option("--cutoff HZ", "Of the low-pass, without delay.", default=_AUTO),
-    option("--shift SECONDS", "Torques later than positions.", default=_AUTO),
-    option("--method", "Least squares: robust, weighted, or plain.", choices=("irls", "wls", "ols"), default="irls"),
+    option("--cutoff HZ", "Cut-off frequency of the zero-phase low-pass filter.", default=_AUTO),
+    option("--shift SECONDS", "Delay of torques relative to positions.", default=_AUTO),
+    option(
+        "--method",
+        "Least squares: robust (irls), weighted (wls) or ordinary (ols).",
+        choices=("irls", "wls", "ols"),
+        default="irls",
+    ),
     NO_MOTOR_INERTIA,
-    option("--essential", "Print the fewest groups that predict as well as all of them."),
+    option("--essential", "Print the smallest set of parameter groups that predicts as well as all."),
     option(
         "--known NAME=VALUE",
-        "Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
+        "Fix a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2 (SI units); may be repeated.",
         multiple=True,
     ),
     option(
         "--payload-only FRAME",
-        "Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
+        "Estimate only a load attached to FRAME; all other parameters, also friction, are those of the robot file.",
     ),
     option(
         "--stribeck-speed SPEED",
-        "At which static friction has faded, where stribeck is asked for [rad/s, m/s].",
+        "Stribeck speed [rad/s, m/s], used with --friction-model stribeck.",
         default=0.1,
     ),
     FRICTION_LAWS,
     option(
         "--assume CAUSE",
-        "Take this cause off the logs, its value an unknown of the fit: gain:JOINT, position-scale:JOINT, zero:JOINT, tilt, "
-        "late, load-friction or another name of the report; may be repeated.",
+        "Correct the logs for this cause and estimate its value: gain:JOINT, position-scale:JOINT, zero:JOINT, tilt, late, "
+        "load-friction or another name of the report; may be repeated.",
         multiple=True,
     ),
-    option("--csv OUT.csv", "Write the groups with their intervals as a table."),
+    option("--csv OUT.csv", "Write parameter groups with their intervals as a table."),
     REPORT,
-    option("--plot OUT.png", "Draw measured and predicted torques, groups, and γ."),
-    option("--json OUT.json", "Write everything found as JSON, in SI units."),
-    option("--force", "Write the files in spite of the verdict LOOK AGAIN."),
+    option("--plot OUT.png", "Draw measured and predicted torques, and parameter groups."),
+    shared.JSON,
+    option("--force", "Write all files even if the verdict is LOOK AGAIN."),
     shared.worker_options,
-    option("--add OLD.npz", "Add the logs to what was saved with --information."),
-    option("--information OUT.npz", "Save what all rows say, to be added to later."),
-    option("--out OUT.urdf", "Write the robot's file with the identified numbers."),
-    option("--actuators-out OUT.yaml", "Write friction and motor inertias as an actuator file."),
-    option("--keep-close STRENGTH", "How strongly bodies are held near the file's, 0.01 to 100000.", default=_AUTO),
+    option("--add OLD.npz", "Add the logs to the normal equations saved by --information."),
+    option("--information OUT.npz", "Save the normal equations, for --add."),
+    option("--out OUT.urdf", "Write the robot file with the identified parameters."),
+    option("--out-actuators OUT.yaml", "Write friction and motor inertias as an actuator file."),
+    option("--keep-close STRENGTH", "Weight of the prior from the robot file, 0.01 to 100000.", default=_AUTO),
     examples=("identify my_arm.urdf log.csv --test other_log.csv --report report.html",),
     robot_first=True,
 )
 def identify_command(options: RobotOptions, given: Given) -> ExitCode:
-    """The robot's masses, inertias, friction and motor inertias from logs, with intervals, and what speaks against the logs.
+    """Estimate masses, inertias, friction and motor inertias from logs, with intervals, and check the logs.
 
-    The first word is the verdict. OK ends with exit code 0; UNSURE and LOOK AGAIN with 1, and after LOOK AGAIN only --json is
-    written unless --force is given. Several files of one log are written a.csv+b.csv.
+    The first word is the verdict. Exit code: 0 for OK; 1 for UNSURE and LOOK AGAIN. After LOOK AGAIN only --json is written,
+    unless --force is given. Several files of one log are written a.csv+b.csv.
     """
     given.logs, given.tests = _expanded(options, given.logs), _expanded(options, given.tests)
     inputs = {f"LOG {path}": path for path in (*given.logs, *given.tests)}
@@ -311,30 +315,28 @@ def write_robot(
     """Write the robot's file and its actuators; notes on them, None where nothing is written after LOOK AGAIN."""
     if found.verdict.word is Word.LOOK_AGAIN and not given.force:
         return None
-    if given.out is None and given.actuators_out is None:
+    if given.out is None and given.out_actuators is None:
         return []
     if strength is not None:
         found.__dict__["consistent"] = found.consistent_at(strength)
     before = actuator_content(options.actuator_file) if options.actuator_file else None
     names = ["+".join(Path(part).name for part in log.split("+")) for log in given.logs]
-    return list(found.write(given.out, given.actuators_out, given=before, logs=names, force=given.force))
+    return list(found.write(given.out, given.out_actuators, given=before, logs=names, force=given.force))
 
 
 def write_results(found: identification.IdentifiedRobot, given: Given, notes: list[str] | None) -> None:
     """Write all other files, and print what was written; after LOOK AGAIN only JSON and pictures."""
     if given.json is not None:
-        with replacing(given.json) as scratch:
-            scratch.write_text(found.to_json(essential=given.essential), encoding="utf-8")
-        shared.show_written(given.json)
+        shared.write_text(given.json, found.to_json(essential=given.essential))
     if given.plot is not None:
         shared.show_written(found.plot(given.plot))
     if notes is None:
-        if any((given.out, given.actuators_out, given.csv)):
+        if any((given.out, given.out_actuators, given.csv)):
             click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
         return
     for each in notes:
         note(each)
-    shared.show_written(given.out, given.actuators_out)
+    shared.show_written(given.out, given.out_actuators)
     low, high = found.interval().T
     columns = {"group": found.groups, "value": found.values, "deviation": found.standard_deviations}
     shared.write_csv(given.csv, columns | {"low": low, "high": high, "file": found.prior.mean})
@@ -346,36 +348,36 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
 
 @robot_command(
     "excite",
-    option("--seconds", "Length [s], one period of the first harmonic.", "duration", default=20.0),
+    option("--duration SECONDS", "Length, one period of the first harmonic.", default=20.0),
     option("--harmonics", "Number of harmonics of the Fourier series.", default=5),
     NO_MOTOR_INERTIA,
     FRICTION_LAWS,
-    option("--share", "Fraction of each limit of the robot that may be used.", default=0.9),
-    option("--acceleration A", "Limit every joint to it, used wholly [rad/s², m/s²].", type=float),
+    option("--share", "Fraction of each limit that may be used.", default=0.9),
+    option("--acceleration A", "Acceleration limit of every joint [rad/s², m/s²], used fully.", type=float),
     option(
         "--criterion",
-        "Objective: log det of the information less the log of the worst group's deviation, or the median deviation.",
+        "Objective: log det of the information matrix, or median standard deviation.",
         choices=("log_det", "deviations"),
         default="log_det",
     ),
-    option("--floor Z", "Height that no link goes below [m].", type=float),
+    option("--floor Z", "Lowest height of all links [m]. [default: none]", type=float),
     shared.CLEARANCE,
-    option("--ignore-self", "Do not keep links clear of each other; the answer is then UNSURE."),
-    option("--seed", "Seed of the random motions that the search begins with.", default=0),
-    option("--restarts", "Number of searches, of which the best is taken.", default=3),
-    option("--noise NM", "Deviation of the torques [N m, N]; a hundredth of each limit if not given.", type=float),
-    option("--step SECONDS", "Time between rows of --out.", default=0.01),
-    option("--out OUT.csv", "Write the motion, as 'torques', 'view' and 'plot' read it."),
-    examples=("excite panda --seconds 20 --harmonics 5 --out motion.csv",),
+    option("--ignore-self", "Ignore collisions between links; the verdict is then UNSURE."),
+    option("--seed", "Seed of the random start motions.", default=0),
+    option("--restarts", "Number of searches; the best result is kept.", default=3),
+    option("--noise NM", "Standard deviation of the torques [N m, N]. [default: 1 % of each limit]", type=float),
+    option("--step SECONDS", "Time between rows of --csv.", default=0.01),
+    option("--csv OUT.csv", "Write the motion, which torques and view read."),
+    examples=("excite panda --duration 20 --harmonics 5 --csv motion.csv",),
     robot_first=True,
 )
 def excite_command(options: RobotOptions, given: Given) -> ExitCode:
-    """A motion whose log tells the robot's masses, inertias and friction best, at rest at both ends and within all limits.
+    """Plan an excitation trajectory for identify: at rest at both ends, and within all limits.
 
-    The limits are those of positions, velocities, accelerations and torques, and the floor if one is given. Links stay 20 mm
-    away from it and from each other, by capsules around the shapes of the robot's file; of links without shapes capsules are
-    assumed. The first word is the verdict: OK ends with exit code 0; UNSURE with 1 where capsules are assumed or something was
-    not looked at, COLLISION and OVER LIMIT by --clearance. The motion is written in any case.
+    Limits are those of positions, velocities, accelerations and torques, and the floor if given. Links keep a distance of
+    20 mm from it and from each other, by capsules around the shapes of the robot file; capsules are assumed for links without
+    shapes. The first word is the verdict. Exit code: 0 for OK; 1 for UNSURE, if capsules are assumed or a check was skipped,
+    and for COLLISION and OVER LIMIT by --clearance. The motion is written in either case.
     """
     given.check_files({"--srdf": given.srdf, **options.files})
     robot = options.load()

@@ -10,7 +10,6 @@ import click
 import numpy as np
 
 from .. import robots
-from ..core.files import replacing
 from ..core.numbers import number
 from ..errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..joints.units import heading_unit
@@ -22,21 +21,21 @@ from ..reports.robot_summary import as_text, link_of
 from ..robot import Robot
 from ..robots.finding import FoundRobot, known_robots, plain_name
 from .main import Given, command, option
-from .shared import RobotOptions, robot_command, show_written
+from .shared import JSON, RobotOptions, robot_command, write_text
 from .terminal import show
 
 
 @robot_command(
     "info",
-    option("--json", "Print everything as JSON, in SI units and radians."),
-    option("--csv OUT.csv", "Write the joints as CSV, in SI units and radians, as --limits reads it; '-' prints it."),
-    examples=("info panda", "info ur5 --json"),
+    JSON,
+    option("--csv OUT.csv", "Write joints and limits in SI units and radians, for --limits; '-' prints them."),
+    examples=("info panda", "info ur5 --json -"),
 )
 def info_command(options: RobotOptions, given: Given) -> None:
-    """Parts of the robot: joints, limits, inertias, masses, frames, and its tree."""
-    if given.json and given.csv is not None:
-        raise ValueRangeError("--json prints the robot, and --csv writes its joints. Choose one.")
-    if options.degrees and (given.json or given.csv is not None):
+    """Show joints, limits, inertias, masses, frames and the tree of a robot."""
+    if given.json is not None and given.csv is not None:
+        raise ValueRangeError("--json writes the robot, and --csv writes its joints. Choose one.")
+    if options.degrees and (given.json is not None or given.csv is not None):
         raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
     given.check_files(options.files)
 
@@ -46,14 +45,9 @@ def info_command(options: RobotOptions, given: Given) -> None:
     for note in notes:  # those of the model itself stand below its tree
         if not any(defect in str(note.message) for defect in robot.defects):
             warnings.warn_explicit(note.message, note.category, note.filename, note.lineno)
-    if given.json or given.csv is not None:
-        text = as_text(robot, "json" if given.json else "csv")
-        if given.json or given.csv == "-":
-            click.echo(text, nl=False)
-        elif given.csv is not None:
-            with replacing(given.csv) as scratch:
-                scratch.write_text(text, encoding="utf-8", newline="")
-            show_written(given.csv)
+    if given.json is not None or given.csv is not None:
+        kind = "csv" if given.json is None else "json"
+        write_text(given.json or given.csv, as_text(robot, kind))
         return
     show(*info_view(robot, degrees=options.degrees))
 
@@ -205,7 +199,7 @@ def _frames(link: str, frames: list[str]) -> list[Piece]:
 
 @command("robots", click.argument("word", default=""), examples_=("robots", "robots panda"))
 def robots_command(given: Given) -> None:
-    """The robots that have a name: bundled, or of packages that are installed; with WORD, those that have it in theirs."""
+    """List the robots known by name, bundled or from installed packages; WORD selects names and descriptions."""
     show(*robot_tables(given.word))
 
 

@@ -1,4 +1,4 @@
-"""The command ``twistwrench log info``: quality of the files of motions."""
+"""The command ``twistwrench log``: quality of the files of motions."""
 
 from __future__ import annotations
 
@@ -16,28 +16,23 @@ from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
 from ..reports.blocks import Block, Line, Table, numbers, words
 from ..reports.log_quality import LogColumn, LogQuality
-from .main import Given, command, option
-from .shared import expand_paths, worker_options
+from .main import Given, command
+from .shared import JSON, expand_paths, worker_options, write_text
 from .terminal import progress_bar, show
 
 
-@click.group(name="log", cls=click.Group)
-def log_command() -> None:
-    """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
-
-
 @command(
-    "info",
-    option("--json", "Print everything as JSON."),
+    "log",
+    JSON,
     worker_options,
     click.argument("files", metavar="FILE...", nargs=-1, required=True),
-    examples_=("log info log.csv",),
-    short_help="Rates, gaps, and the range and noise of each column.",
+    examples_=("log log.csv", "log 'monday/*.csv' --json logs.json"),
 )
-def info(given: Given) -> ExitCode:
-    """Rates, gaps, repeated stamps, and for each column its range, grid and noise, and whether it is cut off or dead.
+def log_command(given: Given) -> ExitCode:
+    """Check the columns of a log: rates, gaps, repeated stamps, and range, grid and noise of each column.
 
-    FILE may be a folder, or a pattern in quotes. Files that cannot be read are reported last, with exit code 2.
+    FILE may be a folder, or a pattern in quotes. Several files of one log are written a.csv+b.csv. Files that cannot be read
+    are reported last, with exit code 2.
     """
     failed: list[tuple[str, str]] = []
     paths = [path for text in given.files for path in expand_paths(Path(text), text)]
@@ -48,16 +43,14 @@ def info(given: Given) -> ExitCode:
                 failed.append((path, result.reason))
             else:
                 found.append(result)
-    if given.json:
-        click.echo(json.dumps([_plain({**asdict(q), "path": str(q.path)}) for q in found], indent=2))
-    else:
+    if given.json is not None:
+        texts = [_plain({**asdict(q), "path": str(q.path)}) for q in found]
+        write_text(given.json, json.dumps(texts, indent=2) + "\n")
+    if given.json != "-":
         show(*(block for quality in found for block in log_view(quality)))
     for path, reason in failed:
         click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE
-
-
-log_command.add_command(info)
 
 
 def _plain(value: Any) -> Any:

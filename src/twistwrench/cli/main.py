@@ -37,17 +37,42 @@ class RobotOption(click.Option):
 
 
 class OwnOptionsFirst(click.Command):
-    """A command whose help lists its own options before those of the robot."""
+    """A command whose help lists its own options, and the names of those of the robot; --help-all describes these too."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write them in two sections."""
-        records = [(p, p.get_help_record(ctx)) for p in self.get_params(ctx) if isinstance(p, click.Option)]
-        own = [record for param, record in records if record and not isinstance(param, RobotOption)]
-        shared = [record for param, record in records if record and isinstance(param, RobotOption)]
-        for title, rows in (("Options", own), ("How the robot is read", shared)):
-            if rows:
-                with formatter.section(title):
-                    formatter.write_dl(rows)
+        options = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
+        of_robot = [p for p in options if isinstance(p, RobotOption)]
+        with formatter.section("Options"):
+            formatter.write_dl([r for p in options if p not in of_robot and (r := p.get_help_record(ctx))])
+        if of_robot:
+            with formatter.section("Robot options"):
+                if ctx.meta.get(_ALL):
+                    formatter.write_dl([r for p in of_robot if (r := p.get_help_record(ctx))])
+                else:
+                    formatter.write_text(f"{' '.join(p.opts[0] for p in of_robot)} (described by --help-all)")
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Parameters with --help-all, if there are options of the robot."""
+        found = super().get_params(ctx)
+        return [*found, _HELP_ALL] if any(isinstance(p, RobotOption) for p in found) else found
+
+
+_ALL = "twistwrench.help_all"
+"""Entry of the context: the help describes all options."""
+
+
+def _show_all(context: click.Context, _parameter: click.Parameter, given: bool) -> None:
+    if given:
+        context.meta[_ALL] = True
+        click.echo(context.get_help())
+        context.exit()
+
+
+_HELP_ALL = click.Option(
+    ["--help-all"], is_flag=True, expose_value=False, is_eager=True, callback=_show_all,
+    help="Show this message with the robot options, and exit.",
+)  # fmt: skip
 
 
 # ── Standard output and error, whatever the system's code page
@@ -101,6 +126,16 @@ _REFUSED = tuple(
 _LONGEST = 80
 _HEARD: list[bool] = []
 """Not empty after Ctrl-C."""
+
+_RENAMED = {
+    "--actuators-out": "--out-actuators",
+    "--configuration": "--at",
+    "--dt": "--step",
+    "--fix": "--out",
+    "--motor-plot": "--plot motors=OUT.png",
+    "--seconds": "--duration",
+}
+"""Options of earlier versions, with those in their place."""
 
 ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
 """Entries of the context: words of the command line, and sentences of :func:`note`."""
@@ -158,6 +193,8 @@ def _own_endings() -> Iterator[None]:
     except click.exceptions.NoArgsIsHelpError:
         raise
     except click.UsageError as error:
+        if isinstance(error, click.NoSuchOption) and error.option_name in _RENAMED:
+            error.possibilities = [_RENAMED[error.option_name]]
         where = f" See {error.ctx.command_path} --help." if error.ctx else ""
         raise _UsageLine(" ".join(error.format_message().split()) + where) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -354,16 +391,6 @@ def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **set
     return click.option(flag, *names, help=text, **{"show_default": "default" in settings, **settings})
 
 
-def replaced_option(form: str, by: str) -> Decorator:
-    """A hidden option that is refused, with the one in its place."""
-
-    def refuse(_context: click.Context, _parameter: click.Parameter, given: bool) -> None:
-        if given:
-            raise click.UsageError(f"{form} is not an option any more. Use {by}.")
-
-    return click.option(form, is_flag=True, hidden=True, expose_value=False, callback=refuse)
-
-
 def option_group(*options: Decorator) -> Decorator:
     """Options as one decorator, in the order of a command's help."""
 
@@ -399,26 +426,37 @@ class _Entry(NamedTuple):
     summary: str
 
 
-_COMMANDS = {
-    "convert": _Entry("export", "Write the robot as URDF, MJCF or SDF."),
-    "derive": _Entry("derive", "Equations of motion in symbols: text, LaTeX, C or NumPy."),
-    "doctor": _Entry("doctor", "What is wrong with a robot file, and the repair."),
-    "excite": _Entry("identify", "A motion whose log identifies the robot best."),
-    "export": _Entry("export", "The robot's dynamics as C99 source, or Structured Text for PLCs."),
-    "identify": _Entry("identify", "Masses, inertias and friction from logs."),
-    "info": _Entry("info", "Joints, limits, masses, inertias, frames and the tree."),
-    "log": _Entry("log", "What is in the log of a motion."),
-    "move": _Entry("move", "A motion from one configuration to another, also the fastest."),
-    "payload": _Entry("payload", "The largest payload at a pose, and the joint that limits it."),
-    "robots": _Entry("info", "The robots that have a name."),
-    "sensor": _Entry("sensor", "Six-axis sensors: identify a tool, take its weight off readings."),
-    "size": _Entry("size", "Motors and gears for a motion that repeats, chosen from a catalogue."),
-    "simulate": _Entry("simulate", "How the robot moves: states, energies, events."),
-    "torques": _Entry("torques", "Torques of a motion: which joint is over its limit, and why."),
-    "verify": _Entry("doctor", "Check the dynamics against independent formulas and libraries."),
-    "view": _Entry("view", "The robot in the browser, as a page, or as a film."),
+_GROUPS = {
+    "Check": {
+        "torques": _Entry("torques", "Torques of a motion, against limits, with their causes."),
+        "payload": _Entry("payload", "Largest payload at a pose, and the joint that limits it."),
+        "size": _Entry("size", "Size motors and gears for a cyclic motion."),
+        "doctor": _Entry("doctor", "Check and repair a robot file."),
+        "info": _Entry("info", "Joints, limits, masses, inertias and frames of a robot."),
+        "robots": _Entry("info", "List the robots known by name."),
+    },
+    "Measure": {
+        "log": _Entry("log", "Check the columns of a log: rates, gaps, noise."),
+        "excite": _Entry("identify", "Plan the motion to record for identify."),
+        "identify": _Entry("identify", "Estimate masses, inertias and friction from logs."),
+        "sensor": _Entry("sensor", "Calibrate a six-axis sensor, and compensate the tool."),
+    },
+    "Move and show": {
+        "move": _Entry("move", "Plan a motion, also the fastest; writes a file."),
+        "simulate": _Entry("simulate", "Simulate a motion under torques, gravity and contact."),
+        "view": _Entry("view", "Show the robot in the browser, or film its motion."),
+    },
+    "Equations and files": {
+        "derive": _Entry("derive", "Derive the equations of motion in symbols."),
+        "convert": _Entry("export", "Write the robot as URDF, MJCF or SDF."),
+        "export": _Entry("export", "Write the dynamics as C99 or Structured Text."),
+        "verify": _Entry("doctor", "Check the dynamics against independent formulas."),
+    },
 }
-"""Commands by name: the file that has the function NAME_command, and the line in the list of commands."""
+"""Commands by group and name: the file that has the function NAME_command, and the line in the list of commands."""
+_WIDTH = 8
+"""Width of the column of names, in each group."""
+_COMMANDS = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
 
 class LazyCommands(Commands):
@@ -438,8 +476,9 @@ class LazyCommands(Commands):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  as above
         """Write the list of commands without loading them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, entry.summary) for name, entry in _COMMANDS.items()])
+        for title, group in _GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(_WIDTH), entry.summary) for name, entry in group.items()])
 
 
 @click.group(
@@ -449,4 +488,7 @@ class LazyCommands(Commands):
 )
 @click.version_option(package_name="twistwrench")
 def main() -> None:
-    """Robot dynamics from robot files. ROBOT is a path, or a name that `twistwrench robots` lists, such as ur5."""
+    """Torques, payloads, motions and model parameters of robots.
+
+    ROBOT is a robot file (URDF, MJCF, SDF, USD), or a name that `twistwrench robots` lists, such as ur5.
+    """

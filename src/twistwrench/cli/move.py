@@ -48,37 +48,37 @@ from .terminal import show
     "move",
     option(
         "--from v,v,…|JOINT=VALUE",
-        "Where it begins, likewise; the neutral configuration if not given.",
+        "Start configuration, in the form of --to. [default: neutral]",
         "begin",
         multiple=True,
     ),
     option(
         "--to v,v,…|JOINT=VALUE",
-        "Where it ends: all coordinates, a configuration of the file by its name, or a joint's place, others as at "
-        "the beginning; may be repeated.",
+        "End configuration: all coordinates, a configuration of the file by its name, or the position of a joint, the "
+        "others as at the start; may be repeated.",
         multiple=True,
     ),
-    option("--waypoints FILE.csv", "Configurations on the way, a row each, joints as columns."),
-    option("--by x,y,z", "Move the tip straight by that [m], along the base's axes."),
-    option("--screw", "Move the tip on the constant screw between them."),
-    option("--straight", "Move the tip on a straight line between the poses of both ends."),
-    option("--fastest", "The fastest timing: one limit touched at all times; with limits of jerk, a short one."),
+    option("--waypoints FILE.csv", "Intermediate configurations, one per row, joints as columns."),
+    option("--by x,y,z", "Move the tip in a straight line by this vector [m], in base axes."),
+    option("--screw", "Move the tip along the constant screw between both poses."),
+    option("--straight", "Move the tip along the straight line between both poses."),
+    option("--fastest", "Use the fastest timing within all limits; with jerk limits, a short one."),
     option(
         "--scaling",
-        "How the time goes along the path.",
+        "Time scaling along the path.",
         choices=("quintic", "cubic", "trapezoid", "s-curve"),
         default="quintic",
     ),
-    option("--duration SECONDS", "How long it takes; as short as may be if not given.", type=float),
+    option("--duration SECONDS", "Duration. [default: the shortest within all limits]", type=float),
     PAYLOADS,
-    option("--acceleration A", "Limit every joint to it [rad/s², m/s²].", type=float),
-    option("--jerk J", "Limit every joint to it [rad/s³, m/s³].", type=float),
+    option("--acceleration A", "Acceleration limit of every joint [rad/s², m/s²].", type=float),
+    option("--jerk J", "Jerk limit of every joint [rad/s³, m/s³].", type=float),
     LIMITS,
     CLEARANCE,
     NO_FRICTION,
-    option("--step SECONDS", "Between rows of --csv.", default=0.002),
-    option("--csv OUT.csv", "Write the motion, as 'twistwrench torques' reads it."),
-    option("--plot OUT.png", "Draw the motion; with --fastest, the phase plane too."),
+    option("--step SECONDS", "Time between rows of --csv.", default=0.002),
+    option("--csv OUT.csv", "Write the motion, which torques and view read."),
+    option("--plot OUT.png", "Draw the motion; with --fastest also the phase plane."),
     REPORT,
     PAGE,
     examples=(
@@ -87,10 +87,10 @@ from .terminal import show
     ),
 )
 def move_command(options: RobotOptions, given: Given) -> ExitCode:
-    """A motion from one place to another: straight in the joints or at the tip, through waypoints, or as fast as can be.
+    """Plan a motion between two configurations and write it to a file: in joint space, at the tip, through waypoints.
 
-    Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass; with
-    --clearance also if links touch or come too near.
+    Exit code: 1 if the robot cannot follow the path, a limit is exceeded, links come too near (--clearance), or the verdict
+    is not OK for another reason.
     """
     files = {"--limits": given.limits, "--srdf": given.srdf, "--waypoints": given.waypoints, **options.files}
     given.check_files(files)

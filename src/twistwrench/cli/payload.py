@@ -38,22 +38,26 @@ _SAMPLES = 200_000
 @robot_command(
     "payload",
     shared.AT,
-    shared.CONFIGURATION,
-    shared.PAYLOADS,
-    option("--frame FRAME", "What carries the payload; the tip if not given."),
-    option("--com x,y,z", "Centre of mass in the frame [m].", default="0,0,0"),
+    option(
+        "--tool MASS[,x,y,z][@FRAME]",
+        "Load attached already, in the form of --payload of torques; may be repeated.",
+        "payloads",
+        multiple=True,
+    ),
+    option("--frame FRAME", "Frame of the payload. [default: the tip]"),
+    option("--com x,y,z", "Centre of mass of the payload in this frame [m].", default="0,0,0"),
     shared.LIMITS,
-    option("--map rz|xz|yz|xy", "Map the largest payload over a slice of the workspace.", "plane"),
-    option("--samples N", f"Configurations drawn for the map.  [default: {_SAMPLES}]", type=int),
-    option("--csv OUT.csv", "Write the table, a row per joint."),
-    option("--plot OUT.png", "Draw the force polytope, ellipsoid, shares and map."),
+    option("--map rz|xz|yz|xy", "Map the largest payload over this plane of the workspace.", "plane"),
+    option("--samples N", f"Number of random configurations for --map.  [default: {_SAMPLES}]", type=int),
+    option("--csv OUT.csv", "Write the table, one row per joint."),
+    option("--plot OUT.png", "Draw force polytope, ellipsoid, shares and map."),
     REPORT,
     examples=("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),
 )
 def payload_command(options: RobotOptions, given: Given) -> ExitCode:
-    """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply.
+    """Find the largest payload held at rest at a pose, the joint that limits it, and the forces at the tip.
 
-    Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
+    Exit code: 1 if the pose is outside the position limits, or the robot cannot hold itself there.
     """
     files = {"--limits": given.limits, **options.files}
     given.check_files(files)
@@ -64,7 +68,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
         given.plane, count = plane_and_samples(given.plane, count)
     load = shared.load_case(options.load(), options, given)
     robot = load.with_load
-    q = parse_configuration(robot, given.at, given.configuration, degrees=options.degrees)
+    q = parse_configuration(robot, given.at, degrees=options.degrees)
     place = np.array(parse_numbers(given.com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
     allowed = read_limits(given.limits, robot.model, degrees=options.degrees)
     limits = allowed.effort
@@ -98,7 +102,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     blocks.append(Line((_CAUTION, "dim")))
     show(*blocks)
     places = {"--com": place}
-    places |= {f"--payload {text}": np.array(p.place) for text, p in zip(given.payloads, load.payloads, strict=True)}
+    places |= {f"--tool {text}": np.array(p.place) for text, p in zip(given.payloads, load.payloads, strict=True)}
     for slip in unit_slips(robot, q, allowed, places, degrees=options.degrees):
         note(slip)
     write_payload(robot, found, q, given.csv, degrees=options.degrees, judged=judged)

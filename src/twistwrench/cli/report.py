@@ -27,10 +27,12 @@ if TYPE_CHECKING:
     from ..viz.scene import Scene
 
 REPORT = option_group(
-    option("--report OUT.html", "Write a report to hand on, as one page."),
-    option("--full-paths", "Keep the folders of files in --report."),
+    option("--report OUT.html", "Write a report as one self-contained page."),
+    option("--full-paths", "Show full paths of files in --report."),
 )
-PAGE = option("--html OUT.html", "Write the page that shows it in a browser; --report in the same folder links to it.")
+PAGE = option(
+    "--html OUT.html", "Write a page that shows the result in a browser; --report in the same folder links to it."
+)
 _SPLIT = ("+", ":=", "=")
 """Signs between which a word of the command line may have paths."""
 

@@ -28,7 +28,7 @@ from ..sensing.files import read_sensor_file
 from ..sensing.identification import CAUSES
 from ..sensing.outliers import runs
 from ..typing import Array
-from .main import Given, command, option, replaced_option, with_option_names
+from .main import Given, command, option, with_option_names
 from .report import REPORT, drawn, write_report
 from .shared import show_written, write_csv
 from .terminal import show
@@ -45,7 +45,7 @@ SIGN = option(
 
 GRAVITY_OPTION = option("--gravity", "Its size [m/s²]; -z of the world.", default=STRENGTH)
 
-CSV = option("--csv OUT.csv", "Write the readings without bias and load.")
+CSV = option("--csv OUT.csv", "Write the readings without bias and load as a table.")
 
 PLOT = option("--plot OUT.png", "Draw the readings before and after.")
 
@@ -115,11 +115,11 @@ def _draw(
 @command(
     "compensate",
     click.argument("log", metavar="LOG"),
-    option("--sensor SENSOR.json", "From `identify --save`; or 'demo'.", required=True),
+    option("--sensor SENSOR.json", "Sensor file written by `identify --save`, or 'demo'.", required=True),
     GRAVITY_OPTION,
     option(
         "--contacts RATE",
-        "Look for contacts, with at most this share of readings called one by noise (1e-6).",
+        "Detect contacts, with this false-alarm rate per reading, for example 1e-6.",
         "false_alarms",
         type=float,
     ),
@@ -127,12 +127,12 @@ def _draw(
     PLOT,
     REPORT,
     examples_=("sensor compensate demo --sensor demo",),
-    short_help="Take weight, inertia and bias off a log; find contacts.",
+    short_help="Subtract weight, inertial load and bias from a log; detect contacts.",
 )
 def compensate_command(given: Given) -> ExitCode:
-    """Readings without bias, weight and inertial load of what the sensor carries.
+    """Subtract bias, weight and inertial load from the readings of a sensor.
 
-    Exit code 1 if --contacts finds one, or, LOOK AGAIN, if the sensor file does not explain the log: another tool, unit,
+    Exit code: 1 if --contacts finds one, or, LOOK AGAIN, if the sensor file does not explain the log: another tool, unit,
     sign or orientation, or a log in motion whose moments hold an inertia that was not identified.
     """
     files = _check_files(given)
@@ -154,32 +154,31 @@ def compensate_command(given: Given) -> ExitCode:
     click.argument("log", metavar="LOG"),
     SIGN,
     GRAVITY_OPTION,
-    option("--inertia", "Also the six inertia numbers; the log needs wx … vz and dwx … dvz."),
+    option("--with-inertia", "Estimate the six moments of inertia too; the log needs wx … vz and dwx … dvz."),
     option(
         "--assume",
-        "Also estimate this cause; may be repeated. orientation: turn of the sensor's axes against the frame of the poses. "
-        "drift: linear change of the bias. tilt: turn of gravity; the log needs orientations. delay: time by which readings "
-        "are late; the log needs time and motion.",
+        "Estimate this cause too; may be repeated. orientation: rotation of the sensor axes against the frame of the poses. "
+        "drift: linear change of the bias. tilt: rotation of gravity; the log needs orientations. delay: delay of the "
+        "readings; the log needs time and motion.",
         choices=CAUSES,
         multiple=True,
     ),
-    *(replaced_option(f"--{cause}", f"--assume {cause}") for cause in CAUSES),
-    option("--bias m,m,m,f,f,f", "A known bias, which is then not looked for."),
-    option("--noise M,F", "Known noise of moments [N m] and forces [N], or of all six; estimated if not given."),
-    option("--keep-outliers", "Use readings that the others contradict, too."),
-    option("--save SENSOR.json", "Write the sensor for `compensate`."),
+    option("--bias m,m,m,f,f,f", "Known bias [N m, N], which is then not estimated."),
+    option("--noise M,F", "Standard deviation of moments [N m] and forces [N], or of all six. [default: estimated]"),
+    option("--keep-outliers", "Use readings that contradict the others, too."),
+    option("--save SENSOR.json", "Write the sensor file for `compensate`."),
     CSV,
     PLOT,
     REPORT,
     examples_=("sensor identify demo", "sensor identify demo --save hand.json"),
-    short_help="Find mass, centre of mass and bias from a log.",
+    short_help="Estimate mass, centre of mass and bias from a log.",
 )
 def identify_command(given: Given) -> ExitCode:
-    """Bias, mass and centre of mass of what the sensor carries, and how well they are known.
+    """Estimate bias, mass and centre of mass of the load of a sensor, with intervals.
 
-    Exit code 1, LOOK AGAIN, if readings contradict the others, if units, sign, mounting, gain or poses look wrong, or if
-    no body has the inertia found; UNSURE if orientations are few, if what is left is not white, or if --assume with one of
-    its causes would explain it.
+    Exit code: 1 for LOOK AGAIN, if readings contradict the others, if units, sign, mounting, gain or poses look wrong, or if
+    the inertia found is impossible; 1 for UNSURE, if orientations are few, if residuals are not white, or if --assume with
+    one of its causes would explain them.
     """
     files = _check_files(given)
     readings = read_readings(given.log, given.gravity)
@@ -206,20 +205,20 @@ def identify_command(given: Given) -> ExitCode:
 @command(
     "poses",
     click.argument("log", metavar="[LOG]", required=False),
-    option("--count", "How many.", default=6),
-    option("--within DEGREES", "The largest tilt.", default=180.0),
-    option("--noise M,F", "Of moments [N m] and forces [N].", default="0.01,0.3"),
-    option("--mass", "About how heavy the load is [kg].", default=1.0),
+    option("--count", "Number of orientations.", default=6),
+    option("--within DEGREES", "Largest tilt.", default=180.0),
+    option("--noise M,F", "Standard deviation of moments [N m] and forces [N].", default="0.01,0.3"),
+    option("--mass", "Approximate mass of the load [kg].", default=1.0),
     GRAVITY_OPTION,
-    option("--csv OUT.csv", "Write the poses."),
+    option("--csv OUT.csv", "Write the poses as a table."),
     REPORT,
     examples_=("sensor poses", "sensor poses demo --count 3"),
     short_help="Propose the orientations to read next.",
 )
 def poses_command(given: Given) -> ExitCode:
-    """The next orientations to read: those that tell most, after the readings of LOG or from nothing.
+    """Propose the most informative orientations to read next, given the readings of LOG, if any.
 
-    Exit code 1, LOOK AGAIN, if these cannot tell the mass or the centre of mass.
+    Exit code: 1 for LOOK AGAIN, if they cannot determine the mass or the centre of mass.
     """
     files = _check_files(given)
     if not (given.mass > 0 and math.isfinite(given.mass)):
@@ -246,7 +245,7 @@ def poses_command(given: Given) -> ExitCode:
 
 @click.group("sensor", cls=click.Group)
 def sensor_command() -> None:
-    """Six-axis force-torque sensors: find the tool's mass, remove its weight, propose poses.
+    """Calibrate a six-axis force-torque sensor: estimate the tool's mass, subtract its load, propose poses.
 
     LOG is a CSV file with mx,my,mz,fx,fy,fz and an orientation (qw,qx,qy,qz or r11…r33 or gx,gy,gz),
     or 'demo' or 'demo-motion', which are bundled.

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.files import replacing
 from ..core.numbers import number, printed
 from ..core.tables import csv_table
 from ..core.text import listed
@@ -103,7 +104,7 @@ class RobotOptions:
     mimic: str
     inertia: str
     actuators: str | None
-    degrees: bool
+    degrees: bool = False
     chain: tuple[str, str] | None = None
     """Two frames; joints that are not between them are held at neutral."""
     keep: str | None = None
@@ -197,40 +198,47 @@ _option = partial(option, cls=RobotOption)
 _ROBOT = option_group(
     click.argument("source", metavar="ROBOT"),
     _option("--floating-base", "Let the base move freely."),
-    _option("--lock JOINT=VALUE", "Hold a joint still there, or all of '*wheel*'; may be repeated.", multiple=True),
-    _option("--chain BASE TIP", "Hold all joints still that are not between these frames.", nargs=2),
-    _option("--keep BODY", "Of an MJCF scene: this body and all that it carries."),
-    _option("--model NAME", "Of an SDF world: this model."),
+    _option(
+        "--lock JOINT=VALUE", "Lock a joint at a position, or all joints of a pattern: '*wheel*=0'; may be repeated.",
+        multiple=True,
+    ),
+    _option("--chain BASE TIP", "Lock all joints that are not between these two frames.", nargs=2),
+    _option("--keep BODY", "Keep only this body of an MJCF scene, with its descendants."),
+    _option("--model NAME", "Model to read from an SDF world."),
     _option("--xacro ARG:=VALUE", "Argument of a xacro file; may be repeated.", multiple=True),
-    _option("--tip FRAME", "The frame meant where none is named."),
+    _option("--tip FRAME", "Default frame for payloads, Jacobians and forces. [default: the end effector]"),
     _option(
-        "--mimic", "Whether mimic joints follow their leader.", choices=("follow", "independent"), default="follow"
+        "--mimic", "Mimic joints follow their leader, or move independently.", choices=("follow", "independent"),
+        default="follow",
     ),
     _option(
-        "--inertia", "What becomes of one no body can have.", choices=("error", "accept", "repair"), default="error"
+        "--inertia", "Physically impossible inertias: stop, keep them, or replace them by the nearest valid ones.",
+        choices=("error", "accept", "repair"), default="error",
     ),
-    _option("--actuators FILE.yaml", "Motors, gears, rotors and friction; 'demo' is bundled."),
-    _option("--degrees", "Angles in files, options and reports are in degrees."),
-)
+    _option("--actuators FILE.yaml", "File of motors, gears, rotors and friction; 'demo': the bundled one."),
+)  # fmt: skip
 """The ROBOT argument and the options shared by all commands."""
+_DEGREES = _option("--degrees", "Use degrees for angles in files, options and reports.")
 
 
-def robot_command(name: str, *options: Decorator, examples: Sequence[str], robot_first: bool = False) -> Decorator:
+def robot_command(
+    name: str, *options: Decorator, examples: Sequence[str], robot_first: bool = False, angles: bool = True
+) -> Decorator:
     """A command with ROBOT and the options for reading it, from a function of those and of its own options.
 
-    ROBOT stands before the command's own arguments if ``robot_first``.
+    ROBOT stands before the command's own arguments if ``robot_first``. ``angles``: the command has --degrees.
     """
 
     def decorate(function: Callable[[RobotOptions, Given], int | None]) -> click.Command:
         @wraps(function)
         def run(given: Given) -> int | None:
             values = vars(given)
-            own = {field.name: values.pop(field.name) for field in fields(RobotOptions)}
+            own = {field.name: values.pop(field.name) for field in fields(RobotOptions) if field.name in values}
             own |= {"lock": _parse_locks(own["lock"]), "xacro": _parse_arguments(own["xacro"])}
             return function(RobotOptions(**own), given)
 
         order = (_ROBOT, *options) if robot_first else (*options, _ROBOT)
-        made: click.Command = command(name, *order, examples_=examples)(run)
+        made: click.Command = command(name, *order, *[_DEGREES][:angles], examples_=examples)(run)
         return made
 
     return decorate
@@ -253,49 +261,56 @@ def _parse_arguments(texts: Iterable[str]) -> dict[str, str]:
 # ── Options of several commands
 
 LIMITS = option(
-    "--limits FILE.csv", "Limits in place of the robot's, as 'twistwrench info ROBOT --csv FILE.csv' writes them."
+    "--limits FILE.csv",
+    "Limits of the joints, in place of the robot file's; template: twistwrench info ROBOT --csv FILE.csv.",
 )
 PAYLOADS = option(
     "--payload MASS[,x,y,z][@FRAME]",
-    "A point mass carried, such as the gripper; may be repeated.",
+    "Point mass attached to FRAME at x,y,z [kg, m]; may be repeated. [default FRAME: the tip]",
     "payloads",
     multiple=True,
 )
-WRENCHES = option("--wrench-on-robot FRAME:m,m,m,f,f,f", "What the world does to it there.", "wrenches", multiple=True)
-NO_FRICTION = option("--no-friction", "Leave joint friction and damping out.")
-CONFIGURATION = option(
-    "--configuration v,v,…|NAME", "All coordinates at once, or a configuration of the file by its name."
-)
-AT = option(
-    "--at JOINT=VALUE|v,v,…",
-    "A joint's place, others at zero or as --configuration says, or all coordinates; may be repeated.",
+WRENCHES = option(
+    "--wrench-on-robot FRAME:m,m,m,f,f,f",
+    "Constant wrench exerted on the robot at FRAME, in its axes: moments [N m], forces [N]; may be repeated.",
+    "wrenches",
     multiple=True,
 )
 CLEARANCE = option_group(
     option(
         "--clearance [DISTANCE]",
-        "Also the least distance between links, and whether it is kept [m].  [default without a number: 0]",
+        "Check the least distance between links [m].  [default without a number: 0]",
         type=float,
         is_flag=False,
         flag_value=0.0,
     ),
-    option("--srdf FILE.srdf", "Pairs of links that --clearance leaves out, those of <disable_collisions>."),
+    option("--srdf FILE.srdf", "Ignore the pairs of links of <disable_collisions> in --clearance."),
 )
+NO_FRICTION = option("--no-friction", "Exclude friction and damping.")
+AT = option(
+    "--at v,v,…|NAME|JOINT=VALUE",
+    "Configuration: all coordinates, a configuration of the file by its name, or the position of a joint, the others at "
+    "zero; may be repeated.",
+    multiple=True,
+)
+JSON = option("--json OUT.json", "Write the results as JSON, in SI units; '-' prints them in place of the report.")
 COLUMNS = option(
     "--columns JOINT=COLUMN,…",
-    "Which column is which: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; or a "
-    "column for each joint in turn, pos1,pos2,…; or @MAP.csv with the columns name,column; may be repeated.",
+    "Columns of the log: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; "
+    "pos1,pos2,… in the order of the joints; or @MAP.csv with the columns name,column; may be repeated.",
     multiple=True,
 )
 GAIN = option(
     "--gain JOINT=VALUE",
-    "Torque per ampere of a column that is a current [N m/A, N/A]; may be repeated. [default: from --actuators]",
+    "Torque per ampere [N m/A, N/A] for a column of currents; may be repeated. [default: from --actuators]",
     multiple=True,
 )
-RATE = option("--rate HZ", "Rows a second, where the log has no column of time.", type=float)
-TOPIC = option("--topic NAME[:reference]", "Topic of a ROS recording, or the reference of a controller's state there.")
-EPISODE = option("--episode N", "Episode of a LeRobot dataset.", type=int)
-LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the log has no column for.")
+RATE = option("--rate HZ", "Sampling rate of a log without a time column.", type=float)
+TOPIC = option(
+    "--topic NAME[:reference]", "Topic of a ROS recording; NAME:reference reads the reference of a controller state."
+)
+EPISODE = option("--episode N", "Episode of a LeRobot dataset. [default: the only one]", type=int)
+LOCK_MISSING = option("--lock-missing", "Lock joints without a column at their neutral position.")
 
 
 # ── The motion: its options, its robot and its file
@@ -303,7 +318,7 @@ LOCK_MISSING = option("--lock-missing", "Hold joints still, at neutral, that the
 
 def motion_options(*, required: bool) -> Decorator:
     """Options for the file of a motion and how it is read."""
-    file = option("--trajectory FILE.csv", "The motion; 'demo' is the one bundled with a robot.", required=required)
+    file = option("--trajectory FILE.csv", "Motion to read; 'demo': the one bundled with the robot.", required=required)
     return option_group(file, reading_options())
 
 
@@ -316,7 +331,7 @@ def reading_options() -> Decorator:
         TOPIC,
         EPISODE,
         LOCK_MISSING,
-        option("--smooth", "Smooth a noisy log, as much as its noise asks, before deriving from it."),
+        option("--smooth", "Smooth a noisy log before differentiating it."),
     )
 
 
@@ -485,8 +500,8 @@ def clearance_verdict(clearance: PathClearance | None) -> list[Block]:
 # ── Batches: the files of folders and patterns
 
 worker_options = option_group(
-    option("--workers N", "Work on N processes of this machine (Dask).", type=int),
-    option("--scheduler ADDRESS", "Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."),
+    option("--workers N", "Use N processes of this machine (Dask).", type=int),
+    option("--scheduler ADDRESS", "Use the Dask cluster of this scheduler, tcp://10.0.0.1:8786."),
 )
 """``--workers`` and ``--scheduler``."""
 
@@ -515,6 +530,16 @@ def show_written(*paths: object) -> None:
     """Print a line for each file that was written, except None."""
     for path in filter(None, paths):
         click.echo(f"wrote {path}")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file, and print a line for it; "-" prints the text."""
+    if path == "-":
+        click.echo(text, nl=False)
+        return
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8", newline="")
+    show_written(path)
 
 
 def write_csv(path: str | Path | None, columns: Mapping[str, Iterable[str | float | None]]) -> None:

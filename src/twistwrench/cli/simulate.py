@@ -34,50 +34,55 @@ _CONTACT = "1e5,0.3,0.5"
 
 @robot_command(
     "simulate",
-    option("--duration", "How long [s].", default=1.0),
-    option("--dt", "Between two states [s].", default=1e-3),
+    option("--duration SECONDS", "Duration of the motion.", default=1.0),
+    option("--step SECONDS", "Time between two states.", default=1e-3),
     option(
-        "--method NAME", "dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.", default="dopri5"
+        "--method NAME",
+        "Integrator: dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.",
+        default="dopri5",
     ),
     shared.AT,
-    shared.CONFIGURATION,
-    option("--velocity JOINT=VALUE", "A velocity at the start; may be repeated.", multiple=True),
-    option("--torque JOINT=VALUE", "A constant torque; may be repeated.", multiple=True),
+    option(
+        "--velocity JOINT=VALUE",
+        "Initial velocity of a joint [rad/s, m/s]; may be repeated. [default: 0]",
+        multiple=True,
+    ),
+    option("--torque JOINT=VALUE", "Constant torque of a joint [N m, N]; may be repeated. [default: 0]", multiple=True),
     shared.PAYLOADS,
     shared.WRENCHES,
     shared.NO_FRICTION,
     shared.CLEARANCE,
-    option("--stop-at-limits", "End where a joint reaches a limit of position, with exit code 1."),
+    option("--stop-at-limits", "Stop with exit code 1 if a joint reaches a position limit."),
     option(
         "--touch FRAME[:x,y,z]",
-        "A point that the ground holds up, with --ground; may be repeated. Without it the tip.",
+        "Contact point with --ground [m]; may be repeated. [default: the tip]",
         multiple=True,
     ),
-    option("--ground HEIGHT", "Where the ground is, along z of the base [m].", type=float),
+    option("--ground HEIGHT", "Height of the ground along z of the base [m]. [default: none]", type=float),
     option(
         "--contact k,c,mu",
-        f"The ground's stiffness [N/m^1.5], dissipation [s/m] and friction; needs --ground.  [default: {_CONTACT}]",
+        f"Stiffness [N/m^1.5], dissipation [s/m] and friction of --ground.  [default: {_CONTACT}]",
     ),
-    option("--rtol", "Of dopri5: relative error of a step.", default=1e-8),
-    option("--every N", "Keep one state in N.", default=1),
-    option("--csv OUT.csv", "Write a motion that the torques command reads."),
-    option("--npz OUT.npz", "Write all arrays in NumPy's format."),
+    option("--rtol", "Relative tolerance of a dopri5 step.", default=1e-8),
+    option("--every N", "Keep every N-th state.", default=1),
+    option("--csv OUT.csv", "Write the motion, which torques and view read."),
+    option("--npz OUT.npz", "Write all arrays in NumPy format."),
     option("--plot OUT.png", "Draw joints, energies and drift."),
     REPORT,
     examples=("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
 )
 def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
-    """Simulate a motion: states, energies with their drift, events, and why it stopped.
+    """Simulate a motion, and report states, energy drift and events.
 
-    Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
-    what was computed until then is printed and written. Also with --clearance, if links touch or come too near.
+    Exit code: 1 if the motion ended before its duration, at a limit with --stop-at-limits or because integration failed;
+    the motion until then is printed and written. Also 1 if links come too near (--clearance).
     """
     given.check_files({"--srdf": given.srdf, **options.files})
     load = shared.load_case(options.load(), options, given)
     loaded, friction = load.with_load, load.friction
     result: Any
     failure: BaseException | None = None
-    q0 = parse_configuration(loaded, given.at, given.configuration, degrees=options.degrees)
+    q0 = parse_configuration(loaded, given.at, degrees=options.degrees)
     if hint := degrees_hint(loaded, q0):
         show(*remarks([hint]))
     dq0 = parse_rates(loaded, given.velocity, "--velocity", degrees=options.degrees)
@@ -91,7 +96,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
     }
     try:
         with progress_bar(f"{loaded.name}: {given.method}") as progress:
-            result = loaded.simulate(q0, dq0, given.duration, given.dt, **settings, progress=progress)
+            result = loaded.simulate(q0, dq0, given.duration, given.step, **settings, progress=progress)
     except SimulationError as problem:
         if problem.result is None:
             raise

@@ -33,24 +33,27 @@ _DIGITS = 3
     click.argument("trajectory", metavar="MOTION"),
     option(
         "--catalog FILE.yaml",
-        "Motors and gears; 'demo' is bundled with a robot, 'servos' is a table of servos.",
+        "Catalogue of motors and gears; 'demo': bundled with the robot, 'servos': a table of servos.",
         required=True,
     ),
-    option("--choose", "Choose the smallest drives of the catalogue, whatever drives its joints have."),
-    option("--pause SECONDS", "Rest after the motion, in which the motors hold the robot.", type=float, default=0.0),
-    option("--brake", "Let brakes hold the robot in the pause."),
-    option("--ambient CELSIUS", "Temperature of the air.", type=float, default=25.0),
-    option("--life HOURS", "Wanted life (L10) of strain-wave gears.", type=float),
-    option("--emergency FILE", "Motion of an emergency stop or collision, for the momentary peak torque of gears."),
+    option("--choose", "Choose the smallest drives of the catalogue, also for joints that have drives."),
+    option("--pause SECONDS", "Pause after the motion, in which the motors hold the robot.", type=float, default=0.0),
+    option("--brake", "Hold the robot with brakes during the pause."),
+    option("--ambient CELSIUS", "Ambient temperature.", type=float, default=25.0),
+    option("--life HOURS", "Required L10 life of strain-wave gears. [default: none]", type=float),
+    option("--emergency FILE", "Motion of an emergency stop, for the momentary peak torque of gears."),
     option(
-        "--regeneration", "Braking drives feed the others, or a resistor.", choices=("shared", "none"), default="shared"
+        "--regeneration",
+        "Braking energy feeds other drives, or a resistor.",
+        choices=("shared", "none"),
+        default="shared",
     ),
-    option("--masses-included", "The links include the masses of the drives; none is added."),
+    option("--masses-included", "Do not add masses of drives; the links include them."),
     shared.reading_options(),
     shared.PAYLOADS,
     shared.NO_FRICTION,
-    option("--csv OUT.csv", "Write a row for each figure with its limit."),
-    option("--plot OUT.png", "Draw the cycle in each motor's speed–torque region, and its temperature."),
+    option("--csv OUT.csv", "Write each figure with its limit as a table."),
+    option("--plot OUT.png", "Draw each motor's speed–torque region with the cycle, and its temperature."),
     REPORT,
     PAGE,
     option("--out-actuators OUT.yaml", "Write the drives as an actuator file."),
@@ -58,9 +61,9 @@ _DIGITS = 3
     robot_first=True,
 )
 def size_command(options: RobotOptions, given: Given) -> ExitCode:
-    """Motors and gears for a motion that repeats: loads against ratings, winding temperature, gear life, supply.
+    """Size motors and gears for a cyclic motion: loads against ratings, winding temperature, gear life, supply.
 
-    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
+    The first word is the verdict. Exit code: 0 for OK; 1 for OVER LIMIT, UNSURE and LOOK AGAIN.
     """
     path = shared.motion_path(options, given.trajectory)
     source = (

@@ -45,29 +45,34 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     "torques",
     shared.loaded_motion_options(required=True),
     shared.worker_options,
-    option("--csv OUT.csv", "Write time and torques."),
-    option("--split", "Write the causes of the torques too."),
+    option("--csv OUT.csv", "Write time and torques as a table."),
+    option("--split", "Add the causes of the torques to the table of --csv."),
     option(
         "--plot [KIND=]OUT.png",
-        f"Draw the motion (.png, .pdf or .svg); KIND is {', '.join(_PLOTS)}; may be repeated.  [default KIND: torques]",
+        f"Draw the motion (.png, .pdf or .svg); KIND: {', '.join(_PLOTS)}; may be repeated. [default KIND: torques]",
         "plots",
         multiple=True,
     ),
-    option("--joint JOINT", "Draw this joint only, in causes and phase; may be repeated.", "joints", multiple=True),
+    option(
+        "--joint JOINT",
+        "Joint to draw in --plot causes= and phase=; may be repeated. [default: all]",
+        "joints",
+        multiple=True,
+    ),
     shared.LIMITS,
     shared.CLEARANCE,
     REPORT,
     PAGE,
-    option("--why", "Split the worst joint's peak by link, payload and rotor too."),
+    option("--why", "Split the peak of the worst joint by link, payload and rotor."),
     examples=(
         "torques ur5 --trajectory demo --payload 10 --why",
         "torques ur5 --trajectory demo --payload 5 --csv torques.csv --plot torques.png",
     ),
 )
 def torques_command(options: RobotOptions, given: Given) -> ExitCode:
-    """Torques of a motion: which joint is over its limit, and what causes it.
+    """Compute the torques of a motion, compare them with the limits, and split them by cause.
 
-    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN with 1.
+    The first word is the verdict. Exit code: 0 for OK; 1 for OVER LIMIT, COLLISION, UNSURE and LOOK AGAIN.
     """
     if given.split and given.csv is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")

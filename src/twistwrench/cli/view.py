@@ -34,24 +34,26 @@ from .terminal import frame_progress, show
     loaded_motion_options(required=False),
     LIMITS,
     CLEARANCE,
-    option("--no-meshes", "Draw the robot from its numbers, whatever its file looks like."),
-    option("--section N", "With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3."),
-    option("--html OUT.html", "Write the page to this file, and open no browser."),
-    option("--embed", "With --html: a page without side panel, for a frame within another page."),
-    option("--control NAME", "Of such a page: payload, push, speed, q:JOINT or section. [default: the first it has]"),
-    option("--movie OUT.gif|OUT.mp4", "Film the motion instead of opening a page."),
-    option("--speed", "Of the film: seconds of motion a second.", default=1.0),
-    option("--no-browser", "Write the page, print its path, and open no browser."),
+    option("--no-meshes", "Draw joints and inertias in place of meshes."),
+    option("--section N", "Page of a section of Modern Robotics, such as 3.4, 5.2, 8.1.3 or 8.3; needs --html."),
+    option("--html OUT.html", "Write the page to this file, without opening a browser."),
+    option("--embed", "Write a page without side panel, to embed in another page; needs --html."),
+    option(
+        "--control NAME", "Control of --embed: payload, push, speed, q:JOINT or section. [default: the first available]"
+    ),
+    option("--movie OUT.gif|OUT.mp4", "Write a film of the motion."),
+    option("--speed", "Playback speed of the film; 1 is real time.", default=1.0),
+    option("--no-browser", "Print the path of the page, without opening a browser."),
     examples=(
         "view ur5 --trajectory demo --payload 5 --html ur5.html",
         "view panda --section 8.1.3 --html mass_matrix.html",
     ),
 )
 def view_command(options: RobotOptions, given: Given) -> ExitCode:
-    """Show the robot in a browser: joints to move, a motion to play, torques, forces at the tip; or write a page or a film.
+    """Show a robot in the browser, with joints to move, its motion, torques and forces at the tip; or write a page or film.
 
-    Exit code 1, LOOK AGAIN, if the motion contradicts itself, or with --clearance if links touch or come too near; it is shown
-    all the same.
+    Exit code: 1 for LOOK AGAIN, if the motion contradicts itself, or if links come too near (--clearance); it is shown
+    nevertheless.
     """
     from ..viz.movie import film, movie_path
     from ..viz.page import open_browser, write_page

@@ -140,7 +140,6 @@ _PLAINLY_DEGREES = 3 * math.tau
 def parse_configuration(
     robot: Robot,
     at: Iterable[str],
-    whole: str | None = None,
     *,
     degrees: bool,
     option: str = "--at",
@@ -148,14 +147,12 @@ def parse_configuration(
 ) -> Array:
     """Configuration (nq,) that the texts of an option say: each ``JOINT=VALUE``, or one of them all coordinates.
 
-    All coordinates are ``v,v,…`` or the name of a configuration of the robot, as are those of ``--configuration``,
-    ``whole``. Joints that are not named are as in ``start`` (nq,), else neutral. Raises ValueRangeError and
-    UnknownNameError, which say what was wrong.
+    All coordinates are ``v,v,…`` or the name of a configuration of the robot. Joints that are not named are as in ``start``
+    (nq,), else neutral. Raises ValueRangeError and UnknownNameError, which say what was wrong.
     """
     q = np.array(robot.neutral if start is None else start)
     single = [text for text in at if "=" in text]
-    wholes = [("--configuration", whole)] if whole is not None else []
-    wholes += [(option, text) for text in at if "=" not in text]
+    wholes = [(option, text) for text in at if "=" not in text]
     if len(wholes) > 1:
         both = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
         raise ValueRangeError(f"{both} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
