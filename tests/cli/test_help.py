@@ -61,6 +61,8 @@ def test_the_examples_run_as_they_stand(words, command, tmp_path, monkeypatch):
 def test_a_commands_own_options_come_before_the_robots():
     for words, command in commands():
         if any(option.name == "floating_base" for option in command.params) and words != ("doctor",):
-            own, _, shared = helped(*words).partition("How the robot is read:")
-            assert "--floating-base" in shared and "--degrees" in shared, words
+            own, _, shared = helped(*words).partition("Robot options:")
+            assert "--floating-base" in shared and "Let the base move" not in shared, words
             assert "--floating-base" not in own, words
+            whole = CliRunner().invoke(main, [*words, "--help-all"]).output.partition("Robot options:")[2]
+            assert "Let the base move freely" in " ".join(whole.split()), words

@@ -45,7 +45,7 @@ def test_hunt_the_mass_of_the_payload_command_is_within_the_limits(tmp_path, fac
     """The mass is rounded down: what is printed is held, and a thousandth more is not."""
     run = CliRunner()
     said = run.invoke(main, ["payload", "ur5"], env={"COLUMNS": "200"}).output
-    mass = float(said.split(" kg: the largest payload", 1)[0])
+    mass = float(said.split("in this pose: ", 1)[1].split(" kg", 1)[0])
     joints = tw.robots.ur5().joint_names
     path = tmp_path / "still.csv"
     header = ",".join(["time", *joints, *(f"{j}{rate}" for rate in (".vel", ".acc") for j in joints)])

@@ -302,7 +302,7 @@ def test_finding_28_a_position_beyond_its_limit_is_said_with_its_amount(run, tmp
     code, said = run("torques", "arm.urdf", "--trajectory", "m.csv")
     assert code == 1
     assert said.startswith(
-        "OVER LIMIT: shoulder at t = 4.000 s passes its position limit by 0.0005 rad: 3.1005, limit 3.1"
+        "OVER LIMIT: shoulder exceeds its position limit at t = 4.000 s by 0.0005 rad: 3.1005, limit 3.1"
     )
 
 

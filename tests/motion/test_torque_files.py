@@ -177,7 +177,7 @@ def test_limits_of_the_command_are_in_the_unit_of_its_angles(run, tmp_path, uppe
         *("torques", "planar_2r", "--degrees", "--trajectory", tmp_path / "m.csv", "--limits", tmp_path / "limits.csv")
     )
     assert code == int(over), said
-    assert ("joint1 at t = 1.000 s passes its position limit" in said) is over, said
+    assert ("joint1 exceeds its position limit at t = 1.000 s" in said) is over, said
     assert bool(re.search(r"joint1 +position, upper \[°\] +50 +40 +1\.000", said)) is over, said
 
 

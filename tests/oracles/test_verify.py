@@ -189,7 +189,14 @@ def test_the_table_says_what_agrees_what_does_not_and_what_was_skipped():
     console = Console(width=120, record=True, file=__import__("io").StringIO())
     console.print(printed(verification_view(replace(report, checks=checks)), console.width))
     text = console.export_text()
-    for words in ("DISAGREES: odd.", "closed form", "agrees", "DISAGREES", "5.0e-01", "skipped: [no] reason"):
+    for words in (
+        "LOOK AGAIN: checks that disagree: odd.",
+        "closed form",
+        "agrees",
+        "DISAGREES",
+        "5.0e-01",
+        "skipped: [no] reason",
+    ):
         assert words in text
 
 

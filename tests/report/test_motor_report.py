@@ -87,7 +87,7 @@ def run(*arguments):
 def test_verdicts_and_exit_codes(tmp_path):
     good = run("--actuators", "demo")
     assert good.exit_code == 0, good.output
-    assert "MOTORS OK: nearest to its limits is" in good.output
+    assert "MOTORS OK: all limits kept. Closest:" in good.output
     weak = tmp_path / "weak.yaml"
     weak.write_text(DEMO.read_text().replace("current_continuous: 7.0 A", "current_continuous: 3.0 A"))
     bad = run("--actuators", weak, "--payload", 3)
@@ -119,7 +119,7 @@ def test_a_motion_without_motor_columns_takes_elastic_gears_as_stiff(tmp_path):
     result = run("--actuators", path)
     assert result.exit_code == 0, result.output
     assert "the elastic gears of elbow_joint are taken to be stiff" in result.output
-    assert "OK: nearest to its limit" in result.output
+    assert "OK: all limits kept" in result.output
     header, *rows = [line for line in MOTION.read_text().splitlines() if not line.startswith("#")]
     k = header.split(",").index("elbow_joint")
     header, *rows = (",".join(line.split(",")[:7]) for line in (header, *rows))  # positions only

@@ -53,7 +53,7 @@ def test_a_follower_beyond_its_own_limits(said):
     assert said(arm(leader(), follower()), T, a=np.sin(T)).startswith("OK")
     for limits in ({"lower": -1.8}, {"upper": 1.6}, {"velocity": 1.9}):
         kind = "velocity" if "velocity" in limits else "position"
-        assert f"passes its {kind} limit" in said(arm(leader(), follower(**limits)), T, a=np.sin(T))
+        assert f"exceeds its {kind} limit" in said(arm(leader(), follower(**limits)), T, a=np.sin(T))
 
 
 def test_a_follower_that_the_log_has_elsewhere(said):

@@ -133,7 +133,7 @@ def test_columns_of_locked_joints_and_others_are_ignored_with_a_note(run, ur5, m
 def test_a_motion_within_limits_exits_0(run, tmp_path):
     code, text = run("torques", "ur5", "--trajectory", "demo", "--payload", "5")
     assert code == 0, text
-    assert "OK: nearest to its limit is shoulder_lift_joint" in text
+    assert "OK: all limits kept. Closest: shoulder_lift_joint" in text
     assert "!" not in text, "nothing to remark in our own demonstration"
 
 
@@ -152,10 +152,10 @@ def test_what_is_derived_is_said(run, tmp_path):
     [
         (
             "shoulder_lift_joint,,,,80",
-            r"OVER LIMIT: shoulder_lift_joint at t = \d\.\d+ s takes -114\.6 N m, limit 80 \(143 %\)",
+            r"OVER LIMIT: shoulder_lift_joint needs -114\.6 N m at t = \d\.\d+ s, 143 % of its limit \(80 N m\)",
         ),
-        ("elbow_joint,,1,,", "OVER LIMIT: elbow_joint at t = .* passes its position limit"),
-        ("elbow_joint,,,0.5,", "OVER LIMIT: elbow_joint at t = .* passes its velocity limit"),
+        ("elbow_joint,,1,,", "OVER LIMIT: elbow_joint exceeds its position limit at t ="),
+        ("elbow_joint,,,0.5,", "OVER LIMIT: elbow_joint exceeds its velocity limit at t ="),
     ],
 )
 def test_a_limit_passed_exits_1_and_says_which(run, tmp_path, row, said):
@@ -190,7 +190,7 @@ def test_an_excess_that_noise_explains_is_none_and_the_first_line_says_so(run, u
     code, text = run("torques", "ur5", "--trajectory", path, "--limits", limits)
     assert code == 0
     first = " ".join(text.split("\n\n")[0].split())
-    assert first.startswith("OK: nearest to its limit is shoulder_lift_joint")
+    assert first.startswith("OK: all limits kept. Closest: shoulder_lift_joint")
     assert " % ± " in first and first.endswith(
         "noise is smoothed away, which as logged would take 1 joint over a limit."
     )
@@ -201,7 +201,10 @@ def test_an_excess_that_noise_explains_is_none_and_the_first_line_says_so(run, u
 def test_a_limit_that_noise_reaches_is_unsure_and_one_beyond_it_is_passed(run, ur5, tmp_path):
     path = noisy_still(tmp_path, ur5)
     joint = report_of(ur5, path).joints[1]
-    for sigmas, word, code in ((-20, "OVER LIMIT: shoulder_lift_joint", 1), (-0.5, "UNSURE: noise leaves open", 1)):
+    for sigmas, word, code in (
+        (-20, "OVER LIMIT: shoulder_lift_joint", 1),
+        (-0.5, "UNSURE: shoulder_lift_joint may exceed its limit", 1),
+    ):
         limits = with_limit(tmp_path, abs(joint.peak) + sigmas * joint.uncertainty)
         found, text = run("torques", "ur5", "--trajectory", path, "--limits", limits)
         assert (found, text.startswith(word)) == (code, True), text
@@ -463,7 +466,7 @@ def test_how_heavy_the_payload_may_be_is_what_passes_and_a_little_more_fails(run
     place = ",0.05,0,0.08@tool0"
     code, said = run("torques", "ur5", "--trajectory", DEMO, "--payload", f"{mass}{place}")
     found = re.search(
-        r"By the joints' torque limits, a payload there may have up to ([\d.]+) kg: (\w+) reaches its limit at t = ([\d.]+) s\.",
+        r"Maximum payload on this path: ([\d.]+) kg at tool0 \(limit of (\w+) at t = ([\d.]+) s\)\.",
         " ".join(said.split()),
     )
     assert found, said

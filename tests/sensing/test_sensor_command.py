@@ -209,10 +209,6 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["identify", "demo", "--with-inertia"], "shows only in motion"),
         (["identify", "demo", "--assume", "delay"], "a delay shows only in motion"),
         (["identify", "demo", "--assume", "gain"], "'gain' is not one of 'orientation', 'drift', 'tilt', 'delay'"),
-        *(
-            (["identify", "demo", f"--{cause}"], f"Use --assume {cause}.")
-            for cause in ("drift", "tilt", "delay", "orientation")
-        ),
         (["compensate", "demo", "--sensor", "nowhere.json"], "identify LOG --save"),
         (["compensate", "demo", "--sensor", "demo", "--contacts", "2"], "between 0 and 1"),
         (["poses", "--mass", "-1"], "--mass -1.0"),

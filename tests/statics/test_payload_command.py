@@ -38,7 +38,7 @@ def test_it_prints_what_the_library_finds(run):
     found = statics.largest_payload(ur5, [0, -0.6, 0.9, 0, 0, 0], (0, 0, 0.1))
     code, output = run("ur5", *POSE, "--com", "0,0,0.1")
     assert code == 0
-    assert f"{found.mass:.4g} kg: the largest payload held at rest, limited by shoulder_lift_joint" in output
+    assert f"OK: largest payload at rest in this pose: {found.mass:.4g} kg at tool0" in output
     assert "payload at tool0 + [0, 0, 0.1] m" in output
     assert "Weakest along" in output
 
@@ -85,9 +85,9 @@ def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
     for mass, place, frame in ((1.2, (0, 0, 0.05), "tool0"), (0.5, (0, 0, 0), "forearm_link")):
         loaded = loaded.with_payload(tw.SpatialInertia.from_com(mass, place), frame=frame)
     found = statics.largest_payload(loaded, [0, -0.6, 0.9, 0, 0, 0], (0, 0, 0.1))
-    assert f"{found.mass:.4g} kg: the largest payload held at rest" in said
+    assert f"largest payload at rest in this pose: {found.mass:.4g} kg" in said
     assert "carrying 1.2 kg at tool0 + [0, 0, 0.05] m and 0.5 kg at forearm_link already" in said
-    assert "hold the robot and what it carries" in said
+    assert "carry the robot and what it carries" in said
     with out.open(newline="") as file:
         assert_allclose([float(r["alone"]) for r in csv.DictReader(file)], found.unloaded, atol=1e-9)
     code, output = run("ur5", *POSE, "--tool", "40")
@@ -103,7 +103,7 @@ def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path, 
     monkeypatch.setattr(style, "figure", lambda w, h, title: (titles.append(title), figure(w, h, title))[1])
     code, output = run("ur5", *POSE, "--com", "0,0,0.1", "--tool", "1.2", "--plot", tmp_path / "out.svg")
     assert code == 0
-    mass = output.partition(" kg: the largest payload")[0].split()[-1]
+    mass = output.partition("in this pose: ")[2].partition(" kg")[0]
     assert titles == [
         f"ur5 · largest payload {mass} kg at tool0 + [0, 0, 0.1] m, by torque limits only, beside 1.2 kg at tool0"
     ]
@@ -176,7 +176,7 @@ def test_a_pose_that_cannot_be_held_is_said_so_and_drawn(run, tmp_path):
     limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
     code, output = run("planar_2r", "--limits", limits, "--plot", tmp_path / "out.png")
     assert code == 1
-    assert "NONE: joint1 needs 29.43 of 20 to hold the robot alone" in output
+    assert "OVER LIMIT: no payload. joint1 needs 29.43 of 20 to hold the robot alone" in output
     limits.write_text("joint,effort\njoint1,50\njoint2,20\n")
     code, output = run("planar_2r", "--limits", limits, "--at", "joint1=1.5707963267948966")
     assert code == 0
@@ -190,7 +190,7 @@ def test_a_pose_beyond_the_joint_limits_exits_1_and_says_by_how_much(run, tmp_pa
     said = " ".join(output.split())
     assert code == 1
     assert f"elbow_joint at {high + 0.25:.4g} rad is 0.25 rad above its upper position limit, {high:.4g} rad" in said
-    assert "the largest payload held at rest" in said
+    assert "largest payload at rest in this pose" in said
     assert (tmp_path / "out.csv").exists()
     code, output = run("ur5", "--degrees", "--at", "elbow_joint=-200", "--at", "wrist_1_joint=400")
     said = " ".join(output.split())

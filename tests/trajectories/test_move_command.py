@@ -44,7 +44,7 @@ def test_a_straight_line_in_degrees(run, tmp_path):
         "move", "ur5", "--degrees", "--from=0,-70,85,-20,85,0", "--by", "0.05,0.1,-0.1", "--csv", file, "--step", 0.1
     )
     assert code == 0, output
-    assert output.startswith("OK: within all limits.")
+    assert re.match(r"OK: [\d.]+ s, within all limits\.", output)
     rows = list(csv.reader(file.read_text().splitlines()))
     assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
     assert float(rows[2][0]) - float(rows[1][0]) == pytest.approx(0.1, rel=0.2)  # a whole number of steps
@@ -66,8 +66,8 @@ def test_a_path_that_ends_early_is_kept_until_there(run, tmp_path):
     code, output = run("move", "ur5", ENDS[0], "--by", "0.1,-0.2,2", "--csv", file)
     assert code == 1
     words = " ".join(output.split())
-    assert words.startswith("CANNOT: the path of poses ends at s = 0.1")
-    assert "is the path until there. Until there, within all limits. ur5" in words
+    assert words.startswith("STOPPED: the path of poses ends at s = 0.1")
+    assert "is the path until there. Until there: " in words and "within all limits. ur5" in words
     assert len(file.read_text().splitlines()) > 10
 
 
@@ -85,7 +85,7 @@ def test_where_no_limit_is_known_it_is_said(run, tmp_path):
     words = " ".join(output.split())
     assert code == 1, output
     assert words.startswith("UNSURE: no torque limit for 1 of 2 joints (joint2)")
-    assert "otherwise within the limits that are known." in words
+    assert "otherwise within the known limits." in words
     assert "No velocity limit of joint2 is known" in words
     code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2")
     assert " ".join(output.split()).startswith("UNSURE: no torque limit for 2 of 2 joints")
@@ -111,7 +111,7 @@ def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
     limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
     code, output = run("move", "planar_2r", "--to", "1,0", "--fastest", "--limits", limits)
     assert code == 1
-    assert "CANNOT: the robot cannot hold itself on this path" in output
+    assert "STOPPED: the robot cannot hold itself on this path" in output
     assert "29.43 of 20" in output
 
 
@@ -172,7 +172,7 @@ def test_tables_of_waypoints_and_limits_are_read_as_motions_are(run, tmp_path, d
     assert "0.75" in output
 
 
-@pytest.mark.parametrize("upper, code, said", [("0.5", 1, "OVER LIMIT: joint1"), ("1.5", 0, "OK: within all limits")])
+@pytest.mark.parametrize("upper, code, said", [("0.5", 1, "OVER LIMIT: joint1"), ("1.5", 0, "s, within all limits")])
 def test_limits_of_positions_are_those_of_the_file(run, tmp_path, upper, code, said):
     limits = tmp_path / "limits.csv"
     limits.write_text(f"joint,lower,upper,velocity,effort\njoint1,-2,{upper},2,200\njoint2,-2,2,2,200\n")

@@ -125,7 +125,7 @@ def test_limits_that_are_passed_are_in_the_verdict_and_not_in_the_notes(tmp_path
     t = np.linspace(0, 1, 50)
     q = np.outer(7.0 * t, [1, 0, 0, 0, 0, 0])
     motion = motion_of(robot, t, q)
-    assert any("shoulder_pan_joint passes its upper limit by 0.717" in w for w in motion.warnings)
+    assert any("shoulder_pan_joint exceeds its upper limit by 0.717" in w for w in motion.warnings)
     header, _ = read_page(write_page(robot, tmp_path / "page.html", motion=motion))
     assert not set(motion.passed) & set(header["notes"])
     assert [(e["joint"], e["kind"]) for e in header["motion"]["verdict"]["passed"]] == [("shoulder_pan_joint", "upper")]

@@ -189,7 +189,7 @@ def test_each_limit_that_is_passed_is_a_sentence(bundled):
     for kind in ("torque", "upper", "velocity"):
         assert any(f"{kind} limit" in sentence for sentence in found)
     worst = robot.model.velocity_names[int(np.argmax(np.abs(dq).max(axis=0) - robot.limits.velocity))]
-    assert any(sentence.startswith(f"{worst} passes its velocity limit") for sentence in found)
+    assert any(sentence.startswith(f"{worst} exceeds its velocity limit") for sentence in found)
 
 
 def test_the_mirrored_motion_passes_the_same_limits():
@@ -409,7 +409,7 @@ def test_the_shell_films_and_draws(tmp_path):
 def test_the_shell_tells_of_limits_that_are_passed(tmp_path):
     result = run("view", "ur5", "--trajectory", "demo", "--payload", 12, "--html", tmp_path / "a.html")
     assert result.exit_code == 0
-    assert "note: shoulder_lift_joint passes its torque limit by" in result.stderr
+    assert "note: shoulder_lift_joint exceeds its torque limit by" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import click
 
 from ..core.files import refuse_existing
 from ..core.numbers import residual
-from ..core.verdict import ExitCode
+from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..errors import ValueRangeError
 from ..reports.blocks import Block, Line, Table, numbers, words
@@ -121,7 +121,9 @@ _LISTED = 6
 
 def doctor_view(report: DoctorReport, *, every: bool = False) -> Iterator[Block]:
     """Heading and a paragraph for each finding; all notes if ``every``."""
-    yield Line((report.robot, "bold"), f"  {report.summary}")
+    worst = {finding.severity for finding in report.findings}
+    word = Word.LOOK_AGAIN if Severity.ERROR in worst else Word.UNSURE if Severity.WARNING in worst else Word.OK
+    yield verdict(word, f": {report.robot}, {report.summary}.")
     if not report.findings:
         return
     if str(report.effect) != "none":
@@ -175,7 +177,7 @@ def verification_view(report: VerifyReport) -> list[Block]:
     checks = report.checks
     failed = [check.name for check in checks if not check.skipped and not check.passed]
     count = sum(not check.skipped for check in checks)
-    verdict = f"DISAGREES: {', '.join(failed)}." if failed else f"OK: {count} checks agree."
+    said = f": checks that disagree: {', '.join(failed)}." if failed else f": {count} checks agree."
 
     def compares(check: Check) -> str | Line:
         return Line(f"{check.compares}\n", (f"skipped: {check.skipped}", "dim")) if check.skipped else check.compares
@@ -193,4 +195,4 @@ def verification_view(report: VerifyReport) -> list[Block]:
         numbers("allowed", ["" if check.skipped else residual(check.tolerance) for check in checks]),
         words("", map(answer, checks)),
     )
-    return [Line((verdict, "bold red" if failed else "bold")), "", table]
+    return [verdict(Word.LOOK_AGAIN if failed else Word.OK, said), "", table]

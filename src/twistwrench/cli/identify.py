@@ -35,10 +35,11 @@ from .terminal import progress_bar, show
 _AUTO = "auto"
 FRICTION_LAWS = option(
     "--friction-model LAWS",
-    "What each joint has besides its bodies: viscous, coulomb, stribeck, offset; 'none' for nothing.",
+    "Friction of each joint: viscous, coulomb, stribeck, offset, or none.",
+    "friction",
     default="viscous,coulomb,offset",
 )
-NO_MOTOR_INERTIA = option("--no-motor-inertia", "Joints have no motor's inertia besides their bodies.")
+NO_MOTOR_INERTIA = option("--no-motor-inertia", "Do not estimate motor inertias.")
 
 
 def parse_friction(text: str) -> tuple[str, ...]:

@@ -165,7 +165,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 
 def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:
     """Say that the path cannot be followed."""
-    line = Line(("CANNOT", "bold red"), f": {problem}")
+    line = Line(("STOPPED", "bold red"), f": {problem}")
     show(line)
     report("no path", [line])
     return ExitCode.NO
@@ -366,7 +366,7 @@ def _verdict(
     It has its word if it is ``named``; otherwise another verdict stands before it.
     """
     if cannot:
-        yield Line(("CANNOT", "bold red"), f": {cannot}")
+        yield Line(("STOPPED", "bold red"), f": {cannot}")
     if violations:
         yield from (verdict(Word.OVER_LIMIT, f": {v}.") for v in violations[:_MOST_PASSED])
         if len(violations) > _MOST_PASSED:
@@ -374,13 +374,17 @@ def _verdict(
         return
     unknown = _unknown_velocities(trajectory, bounds)
     unlimited = unknown or np.isinf(bounds.effort).any()
-    within = f"{'until there, ' if cannot else ''}within {'the limits that are known' if unlimited else 'all limits'}"
+    within = f"within {'the known' if unlimited else 'all'} limits"
     if isinstance(trajectory, Fastest):
-        proven = ", and at one of them at all times: it cannot be done faster on this path"
+        proven = ", the fastest timing on this path"
         within += proven if trajectory.time_optimal is None else f"; {trajectory.price_of_jerk}"
-    within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [within + assumed])
+    time = f"{number(trajectory.duration, 6)} s, "
+    within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [time + within + assumed])
     word = Word.UNSURE if doubts else Word.OK
-    yield verdict(word, f": {within}.") if named and not cannot else f"{within[0].upper()}{within[1:]}."
+    if cannot:
+        yield f"Until there: {within}."
+    else:
+        yield verdict(word, f": {within}.") if named else f"{within[0].upper()}{within[1:]}."
     yield from remarks(unknown)
 
 

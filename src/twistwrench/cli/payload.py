@@ -88,7 +88,7 @@ def payload_command(options: RobotOptions, given: Given) -> ExitCode:
     if hint := degrees_hint(robot, q):
         blocks += remarks([hint])
     if judged:
-        blocks.append(_verdict(found, carried, assumed))
+        blocks.append(_verdict(found, where, robot, carried, assumed))
     blocks += payload_view(robot, found, q, where, carried=carried, degrees=options.degrees, judged=judged)
     if judged:
         blocks += _forces(robot, q, name, limits)
@@ -217,20 +217,23 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> Ite
     yield ""
 
 
-def _verdict(found: LargestPayload, carried: str, assumed: str) -> Line:
+def _verdict(found: LargestPayload, where: str, robot: Robot, carried: str, assumed: str) -> Line:
     itself = "the robot and what it carries" if carried else "the robot itself"
     if not found.holds:
         why = str(found).removeprefix("no payload: ")
-        return Line(("NONE", "bold red"), f": {why.replace('the robot alone', itself) if carried else why}.")
+        return verdict(Word.OVER_LIMIT, f": no payload. {why.replace('the robot alone', itself) if carried else why}.")
     if found.joint < 0:
-        unlimited = "the payload is not limited at this pose: no joint's torque depends on it"
+        unlimited = "the payload is not limited in this pose: no joint torque depends on it"
         return verdict(Word.OK, f": {unlimited}{assumed}.")
     k = int(found.joint)
     side = "upper" if found.side > 0 else "lower"
-    return Line(
-        (f"{rounded_down(found.mass)} kg", "bold green"),
-        f": the largest payload held at rest, limited by {found.joint_names[k]} at its {side} limit "
-        f"({torque(found.torques[k])}, of which {torque(found.unloaded[k])} hold {itself}){assumed}.",
+    c, name = Coordinates.from_model(robot.model), found.joint_names[k]
+    units = {b.joint.name: unit_of("tau", bool(b.joint.turning[0])) for b in robot.model.bodies if b.joint.nv}
+    unit = {**units, **dict(zip(c.velocity_names, c.torque_units, strict=True))}[name]
+    return verdict(
+        Word.OK,
+        f": largest payload at rest in this pose: {rounded_down(found.mass)} kg at {where}. Limited by {name}, "
+        f"{side} limit: {torque(found.torques[k])} {unit}, of which {torque(found.unloaded[k])} carry {itself}{assumed}.",
     )
 
 

@@ -154,7 +154,9 @@ def compensate_command(given: Given) -> ExitCode:
     click.argument("log", metavar="LOG"),
     SIGN,
     GRAVITY_OPTION,
-    option("--with-inertia", "Estimate the six moments of inertia too; the log needs wx … vz and dwx … dvz."),
+    option(
+        "--with-inertia", "Estimate the six moments of inertia too; the log needs wx … vz and dwx … dvz.", "inertia"
+    ),
     option(
         "--assume",
         "Estimate this cause too; may be repeated. orientation: rotation of the sensor axes against the frame of the poses. "

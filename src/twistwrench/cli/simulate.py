@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..core.numbers import number, residual, seconds
-from ..core.verdict import ExitCode
+from ..core.verdict import ExitCode, Word
 from ..errors import SimulationError, ValueRangeError
 from ..joints.units import heading_unit
 from ..motion.bounds import LimitCheck, Violation, bounds_of
@@ -173,14 +173,19 @@ def simulation_view(
 ) -> Iterator[Block]:
     """Verdict with remarks on limits, then coordinates, velocities, energies, accuracy and events."""
     c = Coordinates.from_model(robot.model)
-    word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
-    yield Line(word, f": {with_option_names(result.stopped)}.")
+    drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
+    if result.completed:
+        yield verdict(Word.OK, f": simulated {number(result.times[-1], 6)} s. {drift}")
+    else:
+        yield verdict(
+            Word.STOPPED, f" at t = {number(result.times[-1], 6)} s: {with_option_names(result.stopped)}. {drift}"
+        )
     yield from remarks(_limits_passed(robot, result))
     yield ""
     yield Line(
         (result.robot, "bold"),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
-        f", {result.rejected} taken again" if result.rejected else "",
+        f", {result.rejected} rejected" if result.rejected else "",
         f"  ·  {friction_words(robot.model, counted=friction)}",
     )
     q = result.q * np.where(c.angular & degrees, math.degrees(1.0), 1.0)
@@ -203,9 +208,8 @@ def simulation_view(
         numbers("at", result.times[peaks], seconds, "s"),
     )
     yield _energies(result)
-    error = f"; error of the steps {residual(result.relative_error)} of the motion"
-    drift = f"drift {residual(result.relative_drift)} of the energy that moved"
-    yield drift + (error if np.isfinite(result.relative_error) else "")
+    if np.isfinite(result.relative_error):
+        yield f"error of the steps: {residual(result.relative_error)} of the motion"
     yield from (f"· {event}" for event in result.events[:_MOST])
     if len(result.events) > _MOST:
         yield f"· … {len(result.events)} events in all"

@@ -302,7 +302,7 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Line:
     if not known:
         return Line(("MOTORS", "bold"), ": their limits are not known.")
     nearest = max(known, key=lambda use: use.tightest.share)
-    return Line(("MOTORS OK", "bold green"), f": nearest to its limits is {nearest.words}.")
+    return Line(("MOTORS OK", "bold green"), f": all limits kept. Closest: {nearest.words}.")
 
 
 # ── The report

@@ -40,6 +40,7 @@ class Word(StrEnum):
     OVER_LIMIT = "OVER LIMIT"
     COLLISION = "COLLISION"
     CONTACT = "CONTACT"
+    STOPPED = "STOPPED"
     LOOK_AGAIN = "LOOK AGAIN"
 
 
@@ -53,9 +54,9 @@ class Verdict:
     Parameters
     ----------
     word
-        OK only where nothing speaks against it. UNSURE where the data cannot tell. OVER LIMIT where a limit is passed for
-        certain. COLLISION where two links touch, by the distance of their shapes. CONTACT where a sensor feels more than its
-        load. LOOK AGAIN where the input contradicts itself, so that no number of the report can be trusted.
+        OK only if nothing speaks against it. UNSURE if the data cannot tell. OVER LIMIT if a limit is exceeded for certain.
+        COLLISION if two links touch, by the distance of their shapes. CONTACT if a sensor measures more than its load. STOPPED
+        if a motion ended early. LOOK AGAIN if the input contradicts itself, so that no number of the report can be trusted.
     reasons
         A sentence for each thing that speaks against OK. Only OK may have none.
 

@@ -76,8 +76,7 @@ class DoctorReport:
     def summary(self) -> str:
         """Number of findings of each severity, in words."""
         counts = Counter(finding.severity for finding in self.findings)
-        said = [f"{counts[s]} {s}{'s' if counts[s] != 1 else ''}" for s in Severity if counts[s]]
-        return ", ".join(said) or "nothing found"
+        return ", ".join(f"{counts[s]} {s}{'s' if counts[s] != 1 else ''}" for s in Severity)
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
         """Exit code of a command that prints the report: 1 with errors or warnings, with notes too if ``strict``.
@@ -274,7 +273,7 @@ def doctor(
     --------
     >>> import twistwrench as tw
     >>> tw.doctor(tw.robots.path_of("ur5"), only="impossible").summary
-    'nothing found'
+    '0 errors, 0 warnings, 0 notes'
     """
     names = list(CHECKS) if only is None else [only] if isinstance(only, str) else list(only)
     for one in names:

@@ -176,7 +176,7 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
         for j in np.flatnonzero(shares > 1.0):
             axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=style.SMALL)
     axes.set_xticks(at, names, fontsize=style.SMALL)
-    axes.set_ylabel("% left in fifths held out")
+    axes.set_ylabel("% unexplained, 5-fold cross-validation")
     axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
@@ -333,19 +333,21 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
 
 # ── The report in blocks
 
-_KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, each predicted from the others"}
+_KINDS = {"test": "in the logs of --test", "five-fold": "in 5-fold cross-validation over time"}
 _VAGUE = 5
 
 
 def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
     """Verdict and its basis; with the essential groups if ``essential``."""
-    left = f"{percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}"
-    yield verdict(found.verdict.word, f"  {found.original.name}: {left}")
+    joints = [f"{name} {percent(share, 3)}" for name, share in found.held_out.joints.items() if math.isfinite(share)]
+    left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
+    vague = f"{len(found.vague)} of {int((~found.base.held).sum())} parameter groups poorly determined."
+    yield verdict(found.verdict.word, f": {left} ({listed(joints, _VAGUE)}). {vague}")
     yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
     yield from found.notes
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
     yield Table(
-        "Residuals of rows held out",
+        "Unexplained share of the torques, in rows held out",
         words("joint", found.held_out.joints),
         numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
         numbers(
@@ -357,17 +359,17 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
         mass = plus_minus(payload.mass, payload.mass_deviation)
         yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
         if payload.unidentifiable:
-            yield f"no torque of this robot tells {', '.join(payload.unidentifiable)}: taken as the file has it"
+            yield f"not determined by the torques, taken from the file: {', '.join(payload.unidentifiable)}"
     yield _groups_table(found)
     if found.base.held.any():
         yield f"{int(found.base.held.sum())} parameters were held at known values"
     if vague := found.vague:
         names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
-        yield f"vague, deviation beyond 30 %: {names}"
+        yield f"Poorly determined, standard deviation above 30 %: {names}"
     if essential:
         yield _essential(found)
     if found.untold:
-        yield "What this log cannot tell:"
+        yield "Not determined by this log:"
         yield from (f"• {sentence}" for sentence in found.untold.values())
 
 

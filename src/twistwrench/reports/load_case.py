@@ -368,11 +368,15 @@ class PayloadMargin:
     """The joint that is then at its limit."""
     time: float
     """When [s]."""
+    frame: str = ""
+    """Frame of the payload."""
 
     @property
     def words(self) -> str:
         """A sentence; the mass is rounded down."""
-        return sentence("margin", mass=rounded_down(self.mass), joint=self.joint, time=seconds(self.time))
+        return sentence(
+            "margin", mass=rounded_down(self.mass), frame=self.frame, joint=self.joint, time=seconds(self.time)
+        )
 
 
 class PayloadMarginTally:
@@ -415,7 +419,9 @@ class PayloadMarginTally:
         nv = self._load.robot.nv
         if unlimited(self._load.robot.model, self._effort[:nv], self._carried[:nv]):
             return None
-        return PayloadMargin(self._share * self._load.payloads[0].mass, self._names[self._joint], self._time)
+        payload = self._load.payloads[0]
+        frame = payload.frame or self._load.robot.model.tip or ""
+        return PayloadMargin(self._share * payload.mass, self._names[self._joint], self._time, frame)
 
 
 # ── Locked joints: names or patterns such as ``*wheel*``

@@ -6,16 +6,16 @@ from types import MappingProxyType
 
 SENTENCES = MappingProxyType(
     {
-        "over": "{joint} at t = {time} s takes {peak}{doubt} {unit}, limit {limit} ({share}){because}",
-        "because": ", mostly {cause} ({share})",
+        "over": "{joint} needs {peak}{doubt} {unit} at t = {time} s, {share} of its limit ({limit} {unit}){because}",
+        "because": ". Largest part: {cause}, {share}",
         "doubt": " ± {sigma}",
-        "open": "noise leaves open whether {joint} is over its limit{end}: {peak} ± {sigma} {unit}, limit {limit}",
-        "end": " at an end of the log",
-        "motion": "{joint} at t = {time} s passes its {kind} limit by {by} {unit}: {value}, limit {limit}",
+        "open": "{joint} may exceed its limit{end}, within the noise: {peak} ± {sigma} {unit}, limit {limit} {unit}",
+        "end": " at one end of the log",
+        "motion": "{joint} exceeds its {kind} limit at t = {time} s by {by} {unit}: {value}, limit {limit}",
         "also": "also {others}",
         "other": "{joint} ({kinds})",
-        "follower": "{joint}, which follows {leader}, at t = {time} s bears {peak} {unit}, limit {limit} ({share})",
-        "open follower": "noise leaves open whether {joint} is over its limit: {peak} {unit}, limit {limit} ({share})",
+        "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit ({limit} {unit})",
+        "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",
         "no contact": "{words}, so contacts are missing from the torques",
@@ -25,13 +25,12 @@ SENTENCES = MappingProxyType(
         "unlimited": "no torque limit for {joints}, which cannot be judged; {remedy}",
         "some": "{count} of {all} joints{named}",
         "one": "the joint {joint}",
-        "nearest": "nearest to its limit is {joint}, {share}{sure} at t = {time} s{because}",
+        "nearest": "all limits kept. Closest: {joint}, {share}{sure} of its torque limit at t = {time} s{because}",
         "sure": " ± {share} (95 %)",
-        "smoothed": "noise is smoothed away, which as logged would take {joints} over a limit",
-        "no torque": "no limit is passed, and no joint has a torque to give",
-        "no motor": "no limit is passed, and no motor has a torque to give",
-        "margin": "By the joints' torque limits, a payload there may have up to {mass} kg: {joint} reaches its limit at "
-        "t = {time} s.",
+        "smoothed": "Without smoothing, noise would take {joints} over a limit",
+        "no torque": "all limits kept. No joint needs a torque",
+        "no motor": "all limits kept. No joint has a motor",
+        "margin": "Maximum payload on this path: {mass} kg at {frame} (limit of {joint} at t = {time} s).",
     }
 )
 """Forms for :meth:`str.format`, by name."""
@@ -41,6 +40,6 @@ def sentence(name: str, **words: str) -> str:
     """A sentence of :data:`SENTENCES` with its names and numbers.
 
     >>> sentence("because", cause="payload", share="63 %")
-    ', mostly payload (63 %)'
+    '. Largest part: payload, 63 %'
     """
     return SENTENCES[name].format(**words)

@@ -108,7 +108,8 @@ def _nearest(report: TorqueReport) -> str:
     share = percent_of_limit(j.share)
     nearest = sentence("nearest", joint=j.joint, share=share, sure=sure, time=seconds(j.time), because=because(j))
     clauses = [nearest, *([sentence("smoothed", joints=smoothed)] if smoothed else [])]
-    return "; ".join([*clauses, *([report.gaps.hidden_words] if report.gaps.hidden else [])])
+    hidden = report.gaps.hidden_words if report.gaps.hidden else ""
+    return ". ".join([*clauses, *([f"{hidden[0].upper()}{hidden[1:]}"] if hidden else [])])
 
 
 def _over_as_logged(report: TorqueReport) -> str:
@@ -151,6 +152,7 @@ def verdict_data(
             "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
             "near": NEAR, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
+        "frame": payload[0].frame or load.robot.model.tip or "",
         "driven": load_case.driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],
         "force": _force_at_base(model),

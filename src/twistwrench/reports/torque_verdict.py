@@ -141,7 +141,7 @@ def assumed_words(clauses: Sequence[str]) -> str:
     if not clauses:
         return ""
     return (
-        f"; 1 assumption: {clauses[0]}" if len(clauses) == 1 else f"; {len(clauses)} assumptions, first: {clauses[0]}"
+        f". Assumption: {clauses[0]}" if len(clauses) == 1 else f". {len(clauses)} assumptions, the first: {clauses[0]}"
     )
 
 
@@ -206,7 +206,9 @@ def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> t
     before = _wide_peaks(report) + _judge_motion(report)[1] + model_warnings(report.load.with_load.model, joints)
     after = []
     if any(outlier.matters for outlier in report.outliers):
-        after.append("samples were flattened that are no noise, and could be a torque beyond a limit")
+        after.append(
+            "samples that look like glitches were smoothed away; if the robot moved so, torques there are too low"
+        )
     after += [str(doubt) for doubt in report.doubts if doubt.level == "unsure"]
     after += [m.cut_words for m in report.measured if m.cut and m.matters]
     different = _different(report)
@@ -301,7 +303,7 @@ def _wide_peaks(report: TorqueReport) -> list[str]:
     if not wide:
         return []
     peaks = listed([_in_words(report, j) for j in wide], _MOST_LISTED, "; ")
-    return [f"noise is too much of the peak to say how large it is: {peaks}"]
+    return [f"noise is too large a part of the peak: {peaks}"]
 
 
 def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:

@@ -294,4 +294,4 @@ def _sentence(v: Violation) -> str:
     """Sentence for a limit that is passed: by how much, and when."""
     words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
     by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
-    return f"{v.joint} passes its {words} by {by} at t = {seconds(v.time)} s"
+    return f"{v.joint} exceeds its {words} by {by} at t = {seconds(v.time)} s"
