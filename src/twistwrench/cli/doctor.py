@@ -12,7 +12,7 @@ from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
 from ..errors import ValueRangeError
-from ..reports.blocks import Block, Line, Table, numbers, words
+from ..reports.blocks import Block, Line, Table, numbers, verdict, words
 from ..verify import Check, VerifyReport, verify
 from .main import Given, command, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
@@ -121,8 +121,9 @@ _LISTED = 6
 
 def doctor_view(report: DoctorReport, *, every: bool = False) -> Iterator[Block]:
     """Heading and a paragraph for each finding; all notes if ``every``."""
-    worst = {finding.severity for finding in report.findings}
-    word = Word.LOOK_AGAIN if Severity.ERROR in worst else Word.UNSURE if Severity.WARNING in worst else Word.OK
+    severities = {finding.severity for finding in report.findings}
+    doubtful = Severity.WARNING in severities or (every and severities)
+    word = Word.LOOK_AGAIN if Severity.ERROR in severities else Word.UNSURE if doubtful else Word.OK
     yield verdict(word, f": {report.robot}, {report.summary}.")
     if not report.findings:
         return

@@ -165,7 +165,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
 
 def _cannot(problem: PathError | None, report: Callable[[str, list[Block]], None]) -> ExitCode:
     """Say that the path cannot be followed."""
-    line = Line(("STOPPED", "bold red"), f": {problem}")
+    line = verdict(Word.STOPPED, f": {problem}")
     show(line)
     report("no path", [line])
     return ExitCode.NO
@@ -366,7 +366,7 @@ def _verdict(
     It has its word if it is ``named``; otherwise another verdict stands before it.
     """
     if cannot:
-        yield Line(("STOPPED", "bold red"), f": {cannot}")
+        yield verdict(Word.STOPPED, f": {cannot}")
     if violations:
         yield from (verdict(Word.OVER_LIMIT, f": {v}.") for v in violations[:_MOST_PASSED])
         if len(violations) > _MOST_PASSED:

@@ -16,7 +16,7 @@ from ..errors import SimulationError, ValueRangeError
 from ..joints.units import heading_unit
 from ..motion.bounds import LimitCheck, Violation, bounds_of
 from ..motion.coordinates import Coordinates
-from ..reports.blocks import Block, Line, Table, numbers, remarks, words
+from ..reports.blocks import Block, Line, Table, numbers, remarks, verdict, words
 from ..reports.robot_summary import degrees_hint, parse_configuration, parse_numbers, parse_rates
 from ..reports.torque_verdict import friction_words
 from ..robot import Robot
