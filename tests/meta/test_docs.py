@@ -65,6 +65,12 @@ SAID = [
     (command, text)
     for page in PAGES
     for command, text in re.findall(
+        r"^```console[^\n]*\n\$ ([^\n]+)\n([^$`][^`]*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+] + [
+    (command, text)
+    for page in PAGES
+    for command, text in re.findall(
         r"^```console[^\n]*\n\$ ([^\n]+)\n```\n\n```text\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
     )
 ]

@@ -162,9 +162,9 @@ def test_every_quantity_is_a_method_or_a_part_of_one():
     assert methods <= set(QUANTITIES) | derivatives
 
 
-def test_the_readme_names_every_method_of_a_quantity():
-    readme = (SOURCE.parents[1] / "README.md").read_text(encoding="utf-8")
-    missing = [name for name in METHODS if f"`{name}`" not in readme]
+def test_the_page_of_features_names_every_method_of_a_quantity():
+    page = (ROOT / "docs" / "features.md").read_text(encoding="utf-8")
+    missing = [name for name in METHODS if f"`{name}`" not in page]
     assert not missing
 
 

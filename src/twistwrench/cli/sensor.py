@@ -377,7 +377,10 @@ def proposal_view(proposal: PoseProposal, poses: Array, mass: float, doubted: Do
         yield verdict(Word.LOOK_AGAIN, f": {doubted}")
         if not known[-1, 0] < mass:
             return
-        yield ""
+    else:
+        sure = f"mass ± {number(known[-1, 0], 2)} kg, centre of mass ± {number(1e3 * known[-1, 1], 2)} mm (95 %)"
+        yield verdict(Word.OK, f": {len(poses)} orientations determine a load of {number(mass)} kg: {sure}.")
+    yield ""
     yield Table(
         "Next poses",
         words("no.", range(1, len(poses) + 1), fold=False),
