@@ -46,8 +46,7 @@ def info_command(options: RobotOptions, given: Given) -> None:
         if not any(defect in str(note.message) for defect in robot.defects):
             warnings.warn_explicit(note.message, note.category, note.filename, note.lineno)
     if given.json is not None or given.csv is not None:
-        kind = "csv" if given.json is None else "json"
-        write_text(given.json or given.csv, as_text(robot, kind))
+        write_text(given.json or given.csv, as_text(robot, "csv" if given.json is None else "json"))
         return
     show(*info_view(robot, degrees=options.degrees))
 

@@ -194,7 +194,7 @@ def _own_endings() -> Iterator[None]:
         raise
     except click.UsageError as error:
         if isinstance(error, click.NoSuchOption) and error.option_name in _RENAMED:
-            error.possibilities = [_RENAMED[error.option_name]]
+            error = click.NoSuchOption(error.option_name, possibilities=[_RENAMED[error.option_name]], ctx=error.ctx)
         where = f" See {error.ctx.command_path} --help." if error.ctx else ""
         raise _UsageLine(" ".join(error.format_message().split()) + where) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):

@@ -341,8 +341,8 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
     """Verdict and its basis; with the essential groups if ``essential``."""
     joints = [f"{name} {percent(share, 3)}" for name, share in found.held_out.joints.items() if math.isfinite(share)]
     left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
-    vague = f"{len(found.vague)} of {int((~found.base.held).sum())} parameter groups poorly determined."
-    yield verdict(found.verdict.word, f": {left} ({listed(joints, _VAGUE)}). {vague}")
+    poor = f"{len(found.vague)} of {int((~found.base.held).sum())} parameter groups poorly determined."
+    yield verdict(found.verdict.word, f": {left} ({listed(joints, _VAGUE)}). {poor}")
     yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
     yield from found.notes
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
