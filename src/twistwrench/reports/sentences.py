@@ -14,7 +14,8 @@ SENTENCES = MappingProxyType(
         "motion": "{joint} exceeds its {kind} limit at t = {time} s by {by} {unit}: {value}, limit {limit}",
         "also": "also {others}",
         "other": "{joint} ({kinds})",
-        "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit ({limit} {unit})",
+        "follower": "{joint}, which follows {leader}, needs {peak} {unit} at t = {time} s, {share} of its limit "
+        "({limit} {unit})",
         "open follower": "{joint} may exceed its limit, within the noise: {peak} {unit}, {share} of its limit ({limit} {unit})",
         "force": "Nothing drives the base, but the motion needs {force} N there{share}",
         "of weight": ", {share} of the robot's weight",
