@@ -32,7 +32,7 @@ def test_info_tells_what_a_robot_is_made_of(run, ur5):
 
 
 def test_info_tells_the_sites_and_the_configurations_of_a_file(run, tmp_path):
-    """All frames that may be named, and all names that --configuration takes."""
+    """All frames that may be named, and all names that --at takes."""
     text = """<mujoco><worldbody><body name="rod"><joint name="hinge" axis="0 1 0"/><geom size="0.1" mass="1" pos="1 0 0"/>
       <site name="foot" pos="1 0 0"/></body></worldbody><keyframe><key name="up" qpos="0.5"/></keyframe></mujoco>"""
     (tmp_path / "r.xml").write_text(text)
