@@ -196,6 +196,7 @@ def _live() -> dict[str, str]:
     shown = {
         "payload": page_text(ur5, motion=motion, embed=True, control="payload"),
         "speed": page_text(ur5, motion=motion, embed=True, control="speed"),
+        "fall": page_text(ur5, embed=True, control="fall"),
         "ellipsoid": page_text(ur5, section="5.4", embed=True, control="section"),
         "mass": page_text(tw.robots.planar_2r(), section="8.1.3", embed=True, control="section"),
     }

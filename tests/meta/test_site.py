@@ -107,7 +107,13 @@ def test_docstrings_are_completed_from_the_glossary_there(site):
 
 def test_guides_hold_pages_that_compute(site):
     """One on a page, not larger than 340 kB, on the landing page above the first 900 pixels of a screen, without network."""
-    held = {"index": "payload", "trajectories": "speed", "statics": "ellipsoid", "chapter-8": "mass"}
+    held = {
+        "index": "payload",
+        "trajectories": "speed",
+        "statics": "ellipsoid",
+        "chapter-8": "mass",
+        "simulation": "fall",
+    }
     for page, name in held.items():
         text = (site / f"{page}.html").read_text("utf-8")
         assert re.findall(r'<iframe class="?live"? src="?live/([^".]+)\.html', text) == [name]

@@ -39,7 +39,8 @@ from .terminal import frame_progress, show
     option("--html OUT.html", "Write the page to this file, without opening a browser."),
     option("--embed", "Write a page without side panel, to embed in another page; needs --html."),
     option(
-        "--control NAME", "Control of --embed: payload, push, speed, q:JOINT or section. [default: the first available]"
+        "--control NAME",
+        "Control of --embed: payload, push, speed, fall, q:JOINT or section. [default: the first available]",
     ),
     option("--movie OUT.gif|OUT.mp4", "Write a film of the motion."),
     option("--speed", "Playback speed of the film; 1 is real time.", default=1.0),

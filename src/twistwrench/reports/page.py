@@ -116,8 +116,7 @@ class ReportPage:
             parts.append(f"<h2>Doubts and notes</h2><ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>")
         parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(_table, self.tables))}")
         text = "\n".join(self._cut(part) for part in parts)
-        terms = _terms_in(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", text, flags=re.DOTALL))
-        if terms:
+        if terms := _terms_in(text):
             text += f"\n<h2>Terms</h2>{_list(terms)}"
         return _TEMPLATE.format(
             policy=html.escape(POLICY),
@@ -272,10 +271,19 @@ def _list(pairs: Iterable[tuple[str, str]]) -> str:
     return f"<dl>{''.join(f'<dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd>' for k, v in pairs)}</dl>"
 
 
-def _terms_in(text: str) -> list[tuple[str, str]]:
-    """Terms that occur in a text as words."""
+_HEADS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
+"""Elements that name a quantity; elsewhere words of everyday language, as gravity, mean no column."""
+
+
+def _terms_in(page: str) -> list[tuple[str, str]]:
+    """Terms that occur on a page as words; words of everyday language in its heads and names of rows."""
+    everywhere = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))
+    heads = html.unescape(re.sub(r"<[^>]+>", " ", " ".join(found[0] for found in _HEADS.finditer(page))))
     return [
         (term, said)
         for term, said in TERMS.items()
-        if re.search(rf"(?<!\w){re.escape(term)}(?!\w)", html.unescape(text))
+        if re.search(
+            rf"(?<!\w){re.escape(term)}(?!\w)",
+            heads if term.isalpha() and term.islower() and len(term) > 1 else everywhere,
+        )
     ]

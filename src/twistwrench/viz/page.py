@@ -101,7 +101,7 @@ def write_page(
     embed : bool, optional, leaves out the side panel, for a frame within another page
         ``#embed`` in the address of any page does the same, ``#full`` the opposite.
     control : str, optional, the control that an embedded page and a small screen keep
-        "payload", "push", "speed", "q:JOINT" or "section"; None: the first of these that the page has.
+        "payload", "push", "speed", "fall", "q:JOINT" or "section"; None: the first of these that the page has.
 
     Raises
     ------
@@ -200,6 +200,8 @@ def page_text(
     data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
     data["neighbours"] = dict(neighbours or {})
     data["embed"], data["control"] = embed, _checked_control(control, data)
+    if control == "fall":
+        data["target"][2] = data["floor"]  # what is let go hangs down
     # A section of the book is about mechanics, and its arms are examples: their inertias are not drawn.
     of_scene = scene.notes if book is None else scene.remarks
     data["notes"] = [
@@ -366,9 +368,9 @@ def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: b
 def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None:
     """The control, which the page has. Raises ValueRangeError."""
     tip, moves = data["payload"] is not None, data["motion"] is not None
-    known = [
-        name for name, there in (("payload", tip), ("push", tip), ("speed", moves), ("section", data["book"])) if there
-    ]
+    falls = data["fall"]["why"] is None and not data["book"]
+    every = (("payload", tip), ("push", tip), ("speed", moves), ("fall", falls), ("section", data["book"]))
+    known = [name for name, there in every if there]
     choices = [*known, *(f"q:{hand['name']}" for hand in data["hands"])]
     if control is not None and control not in choices:
         raise ValueRangeError(f"control {control!r}: this page has {listed(choices)}. Name one of them.")
@@ -404,9 +406,10 @@ def _switches(
     closed = data["loops"]["dependent"] if data["loops"] else None
     free = closed.count(False) if closed else len(data["torques"])
     layers = {shape.layer for shape in scene.shapes}
+    bare = not (scene.dressed or data["motion"] or data["embed"])
     known = (
         ("looks", "Robot", True, True),
-        ("inertia", "Inertia ellipsoids", "inertia" in layers, not scene.dressed and not scene.doubtful),
+        ("inertia", "Inertia ellipsoids", "inertia" in layers, bare and not scene.doubtful),
         ("torques", "Torques", bool(data["marks"]) and (book is None or "torques" in book.shown), True),
         ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
         ("com", "Centre of mass", "centre" in data["programs"], data["standing"] is not None),

@@ -17,9 +17,9 @@ class Compact {
 
   get parts() { // the verdict, and the control that is named, or the first there is
     const { robot } = this.viewer, name = robot.control ?? "", joint = name.startsWith("q:") ? robot.hands.findIndex((hand) => hand.name === name.slice(2)) : -1;
-    const named = { payload: "payload", push: "push-z", speed: "pace", section: "book" }[name] ?? (joint >= 0 ? `hand-${joint}` : null);
+    const named = { payload: "payload", push: "push-z", speed: "pace", fall: "let-go", section: "book" }[name] ?? (joint >= 0 ? `hand-${joint}` : null);
     const id = [named, ...(robot.book ? ["book"] : []), "payload", "pace", "hand-0"].find((found) => found && document.getElementById(found)), found = document.getElementById(id);
-    return [document.getElementById("verdict"), found && (found.closest("li") ?? found)].filter(Boolean);
+    return [document.getElementById("verdict"), found && (found.closest("li, p") ?? found)].filter(Boolean);
   }
 
   set(on) {
@@ -32,7 +32,7 @@ class Compact {
       const places = [main, document.querySelector("#one ul")];
       for (const part of this.parts) {
         this.homes.push([part, part.parentNode, part.nextSibling]);
-        places[part.tagName === "LI" ? 1 : 0].appendChild(part);
+        places[/^(LI|P)$/.test(part.tagName) ? 1 : 0].appendChild(part);
       }
       this.link.textContent = this.embedded ? "Open full" : "All controls";
     } else this.link.textContent = "One control";
