@@ -135,7 +135,7 @@ def test_the_shell_writes_embedded_pages_and_refuses_controls_that_are_not_there
     assert out.stat().st_size < 340_000
     done = run("view", "ur5", "--html", out, "--embed", "--control", "speed")
     assert done.exit_code == 2
-    assert "this page has payload, push, q:shoulder_pan_joint" in done.output
+    assert "this page has payload, push, fall, q:shoulder_pan_joint" in done.output
     done = run("view", "ur5", "--embed", "--no-browser")
     assert done.exit_code == 2
     assert "Add --html" in done.output
