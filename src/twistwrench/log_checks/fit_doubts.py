@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..identification.hyperparameters import FitSettings
     from ..identification.parameters import BaseParameters
     from ..motion.motion import Motion
+    from ..robot import Robot
 
 _UNEXPLAINED = 0.35
 """Share of the torques left in rows held out that refuses the logs."""
@@ -295,10 +296,10 @@ def _unexciting(seen: FittedLog) -> list[Doubt]:
 
 
 def _undetermined(seen: FittedLog) -> list[Doubt]:
-    """Joints whose torques the groups do not predict in another motion, as wide and as fast as the logs'."""
+    """Joints whose torques the groups do not predict in another motion, as fast as the logs' and as wide as the limits."""
     base, rng = seen.base, np.random.default_rng(0)
     q = np.concatenate([motion.q for motion in seen.motions])
-    wide = rng.uniform(q.min(axis=0), q.max(axis=0), (_MOTION, q.shape[1]))
+    wide = rng.uniform(*_reach(base.unknown.robot, q), (_MOTION, q.shape[1]))
     dq, ddq = (
         rng.normal(size=(_MOTION, x.shape[1])) * np.sqrt((x**2).mean(axis=0)) for x in (seen.speed, seen.acceleration)
     )
@@ -313,10 +314,19 @@ def _undetermined(seen: FittedLog) -> list[Doubt]:
     worst = np.argsort(-((W[:, bad[0]] ** 2).sum(axis=0) * seen.covariance.diagonal()))[:3]
     least_sure = "; ".join(base.names[k].split(" ")[0] for k in worst)
     said = (
-        f"of another motion, as wide and as fast, torques would be predicted no better than to: {told}. The logs are too "
-        f"short, or determine too little of {least_sure} and what is grouped with them."
+        f"of another motion, as fast and over the whole range, torques would be predicted no better than to: {told}. The "
+        f"logs are too short or too narrow: they determine too little of {least_sure} and what is grouped with them."
     )
     return [doubt("unexciting", [seen.names[j] for j in bad], said=said)]
+
+
+def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Least and largest positions (nv,) by the limits, half a turn at most; of joints without limits or motion, the logs'."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    turn = np.where([bool(body.joint.turning[0]) for body in robot.model.leaders], np.pi, np.inf)
+    lower, upper = np.maximum(robot.limits.lower, -turn), np.minimum(robot.limits.upper, turn)
+    known = (high > low) & np.isfinite(lower) & np.isfinite(upper)
+    return np.where(known, np.minimum(lower, low), low), np.where(known, np.maximum(upper, high), high)
 
 
 def _negative(seen: FittedLog, *, known: bool) -> list[Doubt]:
