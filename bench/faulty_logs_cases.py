@@ -288,6 +288,50 @@ def dead(log: Recording, *, column: str, joint: int) -> None:
     x[:, joint] = x[0, joint] if column == "q" else 0.0
 
 
+def half_way(log: Recording) -> Array:
+    """(n,) bool: rows of the second half."""
+    log.value |= {"from": SECONDS / 2}
+    return np.asarray(log.t >= SECONDS / 2)
+
+
+def scaled_half_way(log: Recording, *, times: float, joint: int) -> None:
+    """Torque of a joint times a number, in the second half."""
+    log.tau[half_way(log), joint] *= times
+
+
+def loaded_half_way(log: Recording) -> None:
+    """Two kilograms at the tip, in the second half."""
+    rows = half_way(log)
+    log.tau[rows] += log.truth.carrying(TIP_LOAD, TIP_COM).torques(*log.motion(log.t[rows]), log.t[rows])
+    log.tau[rows] -= log.torques_at(log.t[rows])
+
+
+def shifted_half_way(log: Recording, *, seconds: float) -> None:
+    """Positions that are late in the second half."""
+    rows = half_way(log)
+    log.q[rows] = log.motion(log.t[rows] - seconds)[0]
+
+
+def dropped_out(log: Recording, *, joint: int) -> None:
+    """A torque that is zero for four seconds."""
+    rows = (log.t >= 0.6 * SECONDS) & (log.t < 0.8 * SECONDS)
+    log.tau[rows, joint] = 0.0
+    log.value |= {"from": 0.6 * SECONDS, "to": 0.8 * SECONDS}
+
+
+def without_gravity_of(log: Recording, *, joint: int) -> None:
+    """A torque less that of gravity."""
+    q, dq, _ = log.motion(log.t)
+    log.tau[:, joint] -= log.truth.rigid(q, 0 * dq, 0 * dq)[:, joint]
+
+
+def standing(log: Recording) -> None:
+    """A robot at rest, whose encoders are noisy by a microradian."""
+    q = np.tile(log.q[100], (len(log.t), 1))
+    log.tau = log.truth.rigid(q, 0 * q, 0 * q) + log.noise
+    log.q = q + 1e-6 * log.rng.normal(size=q.shape)
+
+
 # ── The table
 
 
@@ -477,6 +521,24 @@ MORE: Mapping[str, Case] = {
         Case("drift of torque 2", ("drift",), log=(drifting,), joints=(1,)),
         Case("torque 3 dead", ("dead-torque",), log=(partial(dead, column="tau", joint=2),), joints=(2,)),
         Case("position 6 dead", ("dead-position",), log=(partial(dead, column="q", joint=5),), joints=(5,)),
+        Case(
+            "gain 1.5 on 3 half way",
+            ("gain-change",),
+            log=(partial(scaled_half_way, times=1.5, joint=2),),
+            value={"gain-change": 1.5},
+            joints=(2,),
+        ),
+        Case("payload 2 kg half way", ("load-change",), log=(loaded_half_way,), value={"load-change": TIP_LOAD}),
+        Case(
+            "clock 60 ms off half way",
+            ("late-change",),
+            log=(partial(shifted_half_way, seconds=0.06),),
+            value={"late-change": -60.0},
+            notes=("pause",),
+        ),
+        Case("torque 2 drops out", ("dropout",), log=(partial(dropped_out, joint=1),), joints=(1,)),
+        Case("no gravity in torque 2", ("no-gravity",), log=(partial(without_gravity_of, joint=1),), joints=(1,)),
+        Case("at rest", ("dead-position",), log=(standing,)),
     )
 }
 """Beyond the 70."""

@@ -169,6 +169,8 @@ def test_a_clean_log_is_scored():
 # ── Causes by name
 
 FEW = ("clean", "late 12 ms", "sign of torque 2", "tilt 10 deg", "zero of 2 off 5 deg", "load friction 10 %")
+PARTLY = ("gain 1.5 on 3 half way", "torque 2 drops out", "at rest")
+"""Faults of a part of the log, and a log of no motion."""
 OFF = 0.1
 """Share of a value by which the one that is said may be off."""
 
@@ -185,11 +187,20 @@ def says_the_cause(robot, name, seed=0):
     return row
 
 
-@pytest.mark.parametrize("name", FEW)
+@pytest.mark.parametrize("name", FEW + PARTLY)
 def test_the_cause_is_named_first_with_its_value(name):
     """An arm of three motors, with a joint that follows and a slide."""
     row = says_the_cause("geared", name, 1)
     assert (row["verdict"] == "OK") == (name == "clean")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["payload 2 kg half way", "clock 60 ms off half way", "no gravity in torque 2"])
+def test_what_changes_half_way_and_gravity_that_is_missing(name):
+    row = says_the_cause("geared", name, 1)
+    assert row["verdict"] == "LOOK AGAIN"
+    begins = [d["sentence"] for d in row["doubts"] if d["kind"].endswith("-change")]
+    assert all("from 10." in text or "at 10." in text for text in begins)
 
 
 BESIDES = ("low-pass 3 Hz", "low-pass 1 Hz", "all torques / 100", "saturated at 60 %")

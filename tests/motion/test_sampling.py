@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.estimation.sampling import cut_off
+from twistwrench.estimation.sampling import cut_off, moves
 
 ARM = tw.robots.planar_3r()
 HZ = 250.0
@@ -26,7 +26,7 @@ def torques(seed, t=T):
     return 5.0 * np.sin(q) + 0.1 * np.random.default_rng(seed).normal(size=q.shape)
 
 
-def doubts(q, tau=None, t=T, kinds=("repeated", "buffered", "pause", "spikes")):
+def doubts(q, tau=None, t=T, kinds=("repeated", "buffered", "pause", "spikes", "dropout")):
     found = tw.Motion(t, q, tau=tau, robot=ARM, in_seconds=True).doubts
     return [doubt for doubt in found if doubt.kind in kinds]
 
@@ -70,6 +70,32 @@ def test_spikes_are_counted(share, level):
     tau[rows, 1] += rng.choice([-50.0, 50.0], len(rows))
     (found,) = doubts(series(1), tau)
     assert (found.kind, found.level, found.joints, found.value) == ("spikes", level, ("joint2",), len(rows))
+
+
+@pytest.mark.parametrize("value", [0.0, 1.7])
+def test_a_torque_that_drops_out_is_named_with_its_time(value):
+    """Zero, or the last number, for two seconds."""
+    tau, out = torques(1), (T >= 7.0) & (T < 9.0)
+    tau[out, 1] = value
+    (found,) = doubts(series(1), tau)
+    assert (found.kind, found.joints) == ("dropout", ("joint2",))
+    assert found.value == pytest.approx(2.0, abs=0.01)
+    assert "first at t = 7.0000 s" in found.sentence
+    at_rest = series(1, np.minimum(T, 7.0) + np.maximum(T - 9.0, 0.0))
+    assert doubts(at_rest, tau) == []
+
+
+def test_positions_that_become_late_are_not_missing_rows():
+    """Rows cannot be missing where all joints step back."""
+    late = np.where((T > 10.0)[:, None], series(3, T - 0.06), series(3))
+    (found,) = doubts(late, torques(3))
+    assert found.kind == "pause" and "60 ms late from there on" in found.sentence
+
+
+def test_noise_is_not_motion():
+    noise = 1e-6 * np.random.default_rng(0).normal(size=(5000, 1))
+    columns = np.concatenate([noise, 0.0 * noise, series(0) * 1e-2 + noise], axis=1)
+    assert moves(columns).tolist() == [False, False, True, True, True]
 
 
 def clean_logs():

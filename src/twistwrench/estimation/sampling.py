@@ -67,6 +67,13 @@ def new_rows(q: Array) -> Array | None:
     return None
 
 
+def moves(x: Array) -> Array:
+    """(k,) bool: columns (n, k) whose variance is far above that of their white noise, by second differences."""
+    noise = (np.diff(x, 2, axis=0) ** 2).mean(axis=0) / 6.0 if len(x) > 2 else np.zeros(x.shape[1])
+    return np.asarray(x.var(axis=0) > np.maximum(_ABOVE_NOISE * noise, _ROUND**2))
+
+
+_ABOVE_NOISE = 10.0
 _FAR, _MADS = 3.0, 8.0
 """Usual steps of a joint, and deviations of e, from which it departs from its path."""
 _ALONE, _BESIDE = 5, 0.5
@@ -122,6 +129,29 @@ def spikes(x: Array) -> Array:
     before, after = steps[:-1], -steps[1:]
     off = (np.minimum(np.abs(before), np.abs(after)) > least) & (before * after > 0)
     return np.pad(off, ((1, 1), (0, 0)))
+
+
+_STANDS_FOR, _NEW, _SOME = 0.3, 0.8, 0.02
+"""Seconds for which a torque is one number where it drops out, share of the other rows in which it changes, and share of a
+joint's range that the joint moves by meanwhile."""
+
+
+def dropouts(time: Array, tau: Array, q: Array) -> Array:
+    """(n, k) bool: rows in which torques (n, k) are one number, while positions (n, k) move and torques change elsewhere.
+
+    Rows at the least or largest torque, unless it is zero, are those of a torque that is cut off.
+    """
+    found = np.zeros(tau.shape, bool)
+    for k, x in enumerate(tau.T):
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1, [len(x)]]).tolist()
+        rows = [slice(a, b) for a, b in pairwise(edges) if time[b - 1] - time[a] >= _STANDS_FOR]
+        others = len(x) - sum(run.stop - run.start for run in rows)
+        if len(edges) - 2 - len(rows) < _NEW * max(others, 1):
+            continue
+        moved, ends = _SOME * np.ptp(q[:, k]), {float(x.min()), float(x.max())} - {0.0}
+        for run in rows:
+            found[run, k] = np.ptp(q[run, k]) > moved and float(x[run.start]) not in ends
+    return found
 
 
 _CUT, _CUT_ROWS, _NEXT = 0.02, 30, 3.0

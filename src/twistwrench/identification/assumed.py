@@ -22,8 +22,9 @@ from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_
 from ..log_checks.doubts import doubt_table
 from ..typing import Array
 from . import causes
+from .cause_fit import CauseFit, law_columns, log_fit
 from .causes import Cause, FittedTorques, LogStates
-from .diagnosis import CauseFit, FoundCause, estimated, log_fit
+from .diagnosis import FoundCause, estimated
 from .hyperparameters import AssumedCause, FitOptions, FitSettings, SettingRows, Trial
 from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples, of_springs
@@ -49,6 +50,8 @@ JOINTS_OF_CAUSE: dict[str, tuple[int, ...]] = {
 _NOT_TAKEN_OFF = {
     "low-pass": "what a filter has taken away is not in the log. Log the torques before the filter, or filter positions alike.",
     "late-joint": "friction and elasticity of the joint show alike. Assume one of them, or late for all joints.",
+    "no-gravity": "log the torque before the controller takes gravity off it.",
+    **dict.fromkeys(("gain-change", "late-change", "load-change"), "use the rows before and after as two logs."),
 }
 _OF_TIME, _TURNING = ("warming", "drift"), ("tilt", "mounting")
 _STEPS, _SETTLED = 4, 1e-3
@@ -316,10 +319,10 @@ def _with_law(one: WantedCause, fit: CauseFit, x: Array) -> tuple[_TakenOff, Cau
     """A law of joints with its coefficient."""
     s = fit.states
     law = next(law for law in causes.laws(s) if (law.kind, law.joints) == (one.kind, _joints(one, s)))
-    refit = fit.refit(s, s.filtered(law.column(s, FittedTorques.from_groups(s, x)))[s.rows] * fit.live)
+    refit = fit.refit(s, law_columns(fit, law, FittedTorques.from_groups(s, x))[..., 0])
 
     def correct(s: LogStates, x: Array, beta: Array) -> LogStates:
-        return s.changed(tau=s.in_time - beta[0] * law.column(s, FittedTorques.from_groups(s, x)), shift=0.0)
+        return s.changed(tau=s.in_time - beta[0] * law.columns(s, FittedTorques.from_groups(s, x))[..., 0], shift=0.0)
 
     return _TakenOff(one, correct, refit.x[-1:], 1.0), refit
 
@@ -363,7 +366,7 @@ def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParamete
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     for speed in causes.STRIBECK_SPEEDS:
         mine = (law for law in causes.laws(s) if (law.kind, law.speed, len(law.joints)) == ("stribeck", speed, 1))
-        columns = (s.filtered(law.column(s, fitted))[s.rows] for law in mine)
+        columns = (law_columns(fit, law, fitted)[..., 0] for law in mine)
         best.append((fit.gained(fit.refit(s, *(e for e in columns if e.any()))), speed))
     friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))
     return replace(unknown, friction=friction, stribeck_speed=max(best)[1])

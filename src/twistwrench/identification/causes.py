@@ -28,14 +28,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bodies.inertia import SpatialInertia
 from ..lie import so3
+from ..model.model import BASE
 from ..typing import Array
 from .parameters import BaseParameters
 from .rows import SteadySamples, low_pass, of_springs, states_with_rows
 
 _PORTION = 2048
 _MADE_OF = {
-    "bodies": ("q", "dq", "ddq", "gravity", "rows", "lag"),
+    "bodies": ("q", "dq", "ddq", "gravity", "weightless", "rows", "lag"),
     "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lag"),
 }
 """Fields that columns are made of."""
@@ -58,6 +60,7 @@ class LogStates:
     gravity : (3,) array
     gain : (nv,) array
     lag : float, time constant of the low-pass of the torques [s]
+    weightless : tuple of int, joints whose torques are without those of gravity
     """
 
     base: BaseParameters
@@ -76,6 +79,7 @@ class LogStates:
     gain: Array
     lag: float = 0.0
     shift: float = 0.0
+    weightless: tuple[int, ...] = ()
 
     @classmethod
     def from_samples(
@@ -157,7 +161,11 @@ class LogStates:
         """Columns of the bodies at the rows, or in all states that a low-pass needs."""
         at = slice(None) if self.lag else self.rows
         places = self.base.unknown.of_bodies[self.base.kept]
-        Y = self.base.unknown.regressor(self.q[at], self.dq[at], self.ddq[at], self.gravity)
+        states = self.q[at], self.dq[at], self.ddq[at]
+        Y = self.base.unknown.regressor(*states, self.gravity)
+        if self.weightless:
+            joints = list(self.weightless)
+            Y[:, joints] = self.base.unknown.regressor(*states, 0.0 * self.gravity)[:, joints]
         return np.asarray(Y[:, :, places[places >= 0]])
 
     @cached_property
@@ -308,17 +316,28 @@ class FittedTorques(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Law of joints: a torque by the states and their fitted torques."""
+    """Law of joints: a torque by the states and their fitted torques, from some row on."""
 
     kind: str
     joints: tuple[int, ...]
     values: Callable[[LogStates, FittedTorques], Array]
     speed: float = 0.0
     """Speed at which static friction has faded."""
+    since: tuple[int, float] | None = None
+    """Piece and time [s] from which it acts."""
 
-    def column(self, s: LogStates, fitted: FittedTorques) -> Array:
-        """Column (n, nv) of the law, in the rows of its joints."""
-        return self.values(s, fitted) * np.isin(np.arange(len(s.gain)), self.joints)
+    def columns(self, s: LogStates, fitted: FittedTorques) -> Array:
+        """Columns (n, nv, k) of the law, in the rows of its joints."""
+        values = self.values(s, fitted)
+        values = values if values.ndim == 3 else values[..., None]
+        return values * np.isin(np.arange(len(s.gain)), self.joints)[:, None] * self.acting(s)[:, None, None]
+
+    def acting(self, s: LogStates) -> Array:
+        """(n,) bool: states in which it acts."""
+        if self.since is None:
+            return np.ones(len(s.time), bool)
+        piece, time = self.since
+        return np.asarray((s.piece > piece) | ((s.piece == piece) & (s.time >= time)))
 
 
 def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
@@ -328,6 +347,8 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
         yield Cause("torque-sign", (k,), partial(gain, k=k, g=-1.0))
         yield Cause("position-sign", (k,), partial(positions_times, k=k, factor=-1.0))
         yield Cause("both-signs", (k,), lambda s, k=k: gain(positions_times(s, k, -1.0), k, -1.0))
+        if s.gravity.any():
+            yield Cause("no-gravity", (k,), partial(LogStates.changed, weightless=(*s.weightless, k)))
         if turning[k]:
             yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
             for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
@@ -390,6 +411,37 @@ def laws(s: LogStates) -> Iterator[Law]:
         yield Law("drift", (k,), _drift)
 
 
+def changes(s: LogStates) -> Iterator[Law]:
+    """Laws that may begin within the log: another gain of a joint, another delay of all torques, a load on the tip."""
+    every = tuple(range(len(s.gain)))
+    for k in every:
+        yield Law("gain-change", (k,), lambda _s, fitted: fitted.whole)
+    yield Law("late-change", every, _delayed)
+    model = s.base.unknown.model
+    if model.tip is not None and model.frames[model.tip].body != BASE:
+        yield Law("load-change", every, _load)
+
+
+def _load(s: LogStates, _fitted: FittedTorques) -> Array:
+    """Columns of a mass m on the tip and of its first moments m c there, those of others left out; m c c' is neglected."""
+    model = s.base.unknown.model
+    frame = model.frames[str(model.tip)]
+    near = [SpatialInertia.from_com(1.0, c, np.zeros((3, 3))).in_frame(frame.pose).parameters for c in _NEAR]
+    point, *moved = np.array(near)
+    mine = slice(10 * frame.body, 10 * frame.body + 10)
+    Y = s.base.unknown.regressor(s.q, s.dq, s.ddq, s.gravity)[:, :, mine]
+    e = Y @ np.stack([point, *(0.5 * (a - b) / _OFF for a, b in zip(moved[::2], moved[1::2], strict=True))], axis=1)
+    size = np.maximum(np.linalg.norm(e, axis=(0, 1)), 1e-300)
+    R = np.linalg.qr((e / size).reshape(-1, 4))[1]
+    told = np.abs(R.diagonal()) > _DEPENDENT
+    return np.asarray(e[..., told])
+
+
+_OFF, _DEPENDENT = 1e-3, 1e-6
+"""Distance of finite differences [m], and share of a column that others leave of it, below which it depends on them."""
+_NEAR = np.concatenate([np.zeros((1, 3)), *(_OFF * way * np.eye(3)[[k]] for k in range(3) for way in (1, -1))])
+
+
 def _load_friction(s: LogStates, fitted: FittedTorques) -> Array:
     return np.abs(fitted.rigid) * _dry(s)
 
@@ -447,7 +499,8 @@ def in_units(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, 
 
 _TO_UNITS: Mapping[str, Callable[[float], float]] = {
     **dict.fromkeys(("zero", "tilt", "elasticity"), np.degrees),
-    **dict.fromkeys(("late", "late-joint"), lambda seconds: 1e3 * seconds),
+    **dict.fromkeys(("late", "late-change", "late-joint"), lambda seconds: 1e3 * seconds),
+    "gain-change": lambda share: 1.0 + share,
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
     **dict.fromkeys(("load-friction", "stribeck", "warming"), lambda share: 100.0 * share),
     **dict.fromkeys(("gain", "position-scale"), lambda x: float(np.exp(np.clip(x, -30.0, 30.0)))),

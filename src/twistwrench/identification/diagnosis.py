@@ -19,36 +19,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from ..estimation.covariance import autocorrelation_length, student_quantile
-from ..estimation.cross_validation import FOLDS
-from ..estimation.least_squares import MAD, NormalEquations, Prior
+from ..estimation.covariance import student_quantile
+from ..estimation.least_squares import MAD
 from ..typing import Array
 from . import causes
+from .cause_fit import LEAST_S, CauseFit, ScreenedCause, cause_columns, law_columns, screened, screened_changes
 from .causes import Cause, FittedTorques, Law, LogStates
-from .hyperparameters import SPEEDS, FitSettings
-from .parameters import BaseParameters, UnknownParameters
-from .rows import SteadySamples
+from .hyperparameters import SPEEDS
 
-LEAST_S = 0.25
-"""S from which a cause is raised: of 56 clean logs none had more than 0.19."""
-_CHANCE = 0.01
-_FLOOR = 0.005
-"""Share of a joint's torque (rms) below which no residual counts."""
 _ROUNDS = 3
 _DISCRETE = 0.03, 0.06
 """Residuals of all joints and of any one, as shares of their torques, from which discrete causes are tried."""
 _SUSPECTS = 8
 """Joints with the largest residuals, of which discrete causes are tried."""
-_SECONDS, _LENGTHS = (1.0, 2.5), 5.0
-"""Shortest and longest blocks of time [s], and lengths of the residuals' correlation in a block: other causes make it long."""
 _STEPS, _WORTH = 5, 0.005
 _REFINED, _STARTED = 5, 3
-_UNTOLD = 1e-7
 _TIE, _TIE_SHARE, _NEAR = 0.05, 0.03, 0.7
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Preference among causes that explain as much: the first."""
@@ -58,177 +48,6 @@ _PUSHED, _MOST_PUSHED, _BY_FORCE = 5.0, 0.25, 0.5
 """Times the usual residual, most of the rows, and least share of squares that one force explains, of a push."""
 _SWAYS = 0.5
 """Share of the squares of all joints that a base that sways explains at least: it moves all of them."""
-_ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
-"""Direction of gravity along no axis, so that groups are those of any mounting."""
-_HIGHEST, _SLOWEST = 10.0, 0.1
-"""Cut-off [Hz] and speed of friction at most."""
-_FEWEST, _MOST = 300, 1200
-_LEAST_ROWS, _PER_GROUP = 40, 3
-"""Rows, and equations for each group, from which causes are sought."""
-_NUMBERS = 5e6  # entries of rows at most
-
-
-class CauseFit:
-    """Fit of the rows of states, with columns of laws (m, nv) beside those of the groups, and its residuals held out.
-
-    Residuals ``left`` (m, nv) are in units of √(1 + w' C w / σ²), with C the covariance of the parameters from the other
-    fifths: rows that these do not determine say nothing.
-    """
-
-    def __init__(self, states: LogStates, prior: Prior, live: Array, laws: Sequence[Array] = ()) -> None:
-        self.states, self.live, self.laws, self._groups = states, live, tuple(laws), prior
-        tau = states.measured
-        W = np.concatenate([states.columns, *(e[..., None] for e in laws)], axis=2) if laws else states.columns
-        W, tau = np.asarray(W * live[:, None]), np.asarray(tau * live)
-        self.W, self.tau = W, tau
-        size = np.sqrt((tau**2).mean(axis=0))
-        if laws:
-            usual = [float(size.max() / max(np.abs(e).max(), 1e-9)) for e in laws]
-            prior = Prior(np.append(prior.mean, 0.0 * np.array(usual)), np.append(prior.size, 1e2 * np.array(usual)))
-        felt = np.concatenate([states.base.felt, *((e != 0.0).any(axis=0)[:, None] for e in laws)], axis=1)
-        edges = np.linspace(0, len(tau), FOLDS + 1).astype(int)
-        self.folds = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        parts = [NormalEquations.from_rows(W, tau, felt, rows=fold) for fold in self.folds]
-        total = sum(parts[1:], parts[0])
-        self.x, sigma = total.solve(prior)
-        self.weight = live / sigma**2
-        self._inverse, self._held = [], []
-        for part in [*parts, None]:
-            rest = total if part is None else total - part
-            A = np.einsum("jkl,j->kl", rest.N, self.weight)
-            c = (rest.c * self.weight[:, None]).sum(axis=0)
-            scaled = A * prior.size[:, None] * prior.size + np.eye(len(c))
-            inverse = prior.size[:, None] * np.linalg.inv(scaled) * prior.size
-            self._inverse.append(inverse)
-            self._held.append(prior.mean + inverse @ (c - A @ prior.mean))
-        self.spread = np.ones(tau.shape)
-        for f, inverse in zip(self.folds, self._inverse[:-1], strict=True):
-            for j in np.flatnonzero(live):
-                A = W[f, j][:, felt[j]]
-                self.spread[f, j] += self.weight[j] * ((A @ inverse[np.ix_(felt[j], felt[j])]) * A).sum(axis=1)
-        self.spread = np.sqrt(self.spread)
-        left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
-        self.left = left / self.spread
-        self.floor = (_FLOOR * size) ** 2 + 1e-300
-
-    def refit(self, states: LogStates, *laws: Array) -> CauseFit:
-        """Fit of other states, with more laws."""
-        return CauseFit(states, self._groups, self.live, (*self.laws, *laws))
-
-    @property
-    def enough(self) -> bool:
-        """True if there are rows enough for causes to be sought."""
-        count, groups = len(self.tau), self.states.base.count
-        return count >= _LEAST_ROWS and count * int(self.live.sum()) >= _PER_GROUP * groups
-
-    @cached_property
-    def squares(self) -> Array:
-        """(nv,) mean squares of the residuals held out."""
-        return np.asarray((self.left**2).mean(axis=0) + self.floor)
-
-    @cached_property
-    def shares(self) -> Array:
-        """(nv,) residuals held out as shares of the torques."""
-        return np.sqrt(self.squares / np.maximum((self.tau**2).mean(axis=0), 1e-300)) * self.live
-
-    def gained(self, other: CauseFit) -> float:
-        """S of a fit with a cause."""
-        volume = np.log(self.spread / other.spread).mean(axis=0)
-        return float((np.log(self.squares / other.squares) + 2.0 * volume)[self.live].sum())
-
-    def gained_by(self, columns: Array) -> tuple[float, Array]:
-        """S of more columns (m, nv, k), at the weights of this fit, and their coefficients (k,)."""
-        left, beta = self.with_columns(columns)
-        return float(np.log(self.squares / ((left**2).mean(axis=0) + self.floor))[self.live].sum()), beta
-
-    def with_columns(self, e: Array) -> tuple[Array, Array]:
-        """Residuals held out (m, nv) and coefficients (k,) of more columns (m, nv, k), at the weights of this fit."""
-        v, a, c = [], [], []
-        for f in self.folds:
-            weighted = e[f] * self.weight[:, None]
-            flat = weighted.reshape(-1, e.shape[2])
-            v.append(self.W[f].reshape(len(flat), -1).T @ flat)
-            a.append(e[f].reshape(flat.shape).T @ flat)
-            c.append(self.tau[f].ravel() @ flat)
-        left, beta = self.left.copy(), np.zeros(e.shape[2])
-        for b, (inverse, x) in enumerate(zip(self._inverse, self._held, strict=True)):
-            border, size, right = (sum(part[k] for k in range(FOLDS) if k != b) for part in (v, a, c))
-            moved = inverse @ border
-            own = size - border.T @ moved
-            if (own.diagonal() <= _UNTOLD * size.diagonal()).any():
-                return self.left, np.zeros(e.shape[2])
-            beta = np.linalg.solve(own, right - border.T @ x)
-            if b < FOLDS:
-                f = self.folds[b]
-                left[f] = self.left[f] - (e[f] - self.W[f] @ moved) @ beta / self.spread[f]
-        return left, beta
-
-    def change(self, e: Array, beta: Array) -> Array:
-        """(r,) by how much the groups are moved by columns (m, nv, k) with coefficients (k,) beside them."""
-        v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
-        return np.asarray(-(self._inverse[-1] @ v @ beta)[: self.states.base.count])
-
-    @cached_property
-    def joint_causes(self) -> list[ScreenedCause]:
-        """Laws of the joints and their elasticity, each by its column."""
-        return _screened_laws(self) if self.enough else []
-
-    def deviation(self, e: Array) -> Array:
-        """Deviations (k,) of the coefficients of columns (m, nv, k) whose values this fit has, by blocks of time."""
-        v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
-        across = e - self.W @ (self._inverse[-1] @ v)
-        size = np.linalg.pinv(np.einsum("mjk,mjl,j->kl", across, across, self.weight, optimize=True))
-        return self._block_deviation(across @ size)
-
-    @property
-    def law_deviation(self) -> Array:
-        """Deviation (1,) of the coefficient of the last law."""
-        return self._block_deviation((self.W @ self._inverse[-1][:, -1])[..., None])
-
-    def _block_deviation(self, influence: Array) -> Array:
-        """Deviations (k,) of Σ influence' Λ r, with r held out, which the fit takes part of away from its own rows.
-
-        The larger of two: by blocks of time, few of which may hold most of it; by rows and the length of their correlation.
-        """
-        u = np.einsum("mjk,mj,j->mk", influence, self.left * self.spread, self.weight, optimize=True)
-        by_blocks = (np.add.reduceat(u, self.blocks, axis=0) ** 2).sum(axis=0)
-        return np.sqrt(np.maximum(by_blocks, self.correlation * (u**2).sum(axis=0)))
-
-    @cached_property
-    def correlation(self) -> float:
-        """Integrated autocorrelation time of the residuals, in rows."""
-        return autocorrelation_length(self.left / np.sqrt(self.squares))
-
-    @cached_property
-    def blocks(self) -> Array:
-        """First rows of blocks of time, five autocorrelation lengths of the residuals long, of a second to 2.5."""
-        s = self.states
-        step = float(np.median(np.diff(s.time[s.rows]))) if len(s.rows) > 1 else 1.0
-        length = max(_SECONDS[0] / step, min(_SECONDS[1] / step, _LENGTHS * self.correlation))
-        count = max(2, int(len(self.left) / length))
-        return np.linspace(0, len(self.left), count + 1).astype(int)[:-1]
-
-    def sure(self, tried: int) -> float:
-        """Student's t that one of so many causes exceeds by chance once in a hundred logs."""
-        return float(student_quantile(max(1.0, len(self.blocks) - 1.0), 1.0 - _CHANCE / max(1, tried)))
-
-    def t_value(self, before: CauseFit) -> float:
-        """Mean over deviation of the block differences of log-likelihood against a fit without the cause."""
-        a, b = before.squares, self.squares
-        volume = 2.0 * np.log(before.spread / self.spread)
-        d = 0.5 * (before.left**2 / a - self.left**2 / b + np.log(a / b) + volume)[:, self.live].sum(axis=1)
-        sums = np.add.reduceat(d, self.blocks)
-        return float(sums.mean() / max(sums.std(ddof=1) / np.sqrt(len(sums)), 1e-300))
-
-
-@dataclass(frozen=True, eq=False)
-class ScreenedCause:
-    """Cause by its columns e (m, nv, k) alone, with β and S at the weights of the fit without it."""
-
-    S: float
-    cause: Cause | Law
-    beta: Array
-    e: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,26 +101,6 @@ class FoundCause:
         return causes.in_units(self.kind, self.value, t * self.deviation)
 
 
-def log_fit(
-    unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
-) -> CauseFit:
-    """Fit to the rows of logs that causes are sought in."""
-    base = askew_base(unknown)
-    nv, cutoff = unknown.model.nv, min(settings.cutoff, _HIGHEST)
-    most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
-    speed = np.minimum(settings.friction_speed, _SLOWEST)
-    s = LogStates.from_samples(base, samples, cutoff, speed, most).changed(shift=settings.shift)
-    size = [np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-6) for x in (s.tau, s.dq, s.ddq)]
-    sizes = unknown.scales(*(np.maximum(x, 1e-2 * np.median(x)) for x in size))
-    prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
-    return CauseFit(s, prior, ~dead)
-
-
-def askew_base(unknown: UnknownParameters) -> BaseParameters:
-    """Groups of the robot mounted askew, which are those of any mounting."""
-    return BaseParameters.from_unknowns(unknown, gravity=np.linalg.norm(unknown.model.gravity) * _ASKEW)
-
-
 def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
     """The best of some causes, at the value that explains the rows held out best, however little that is."""
     s, found = fit.states, list[FoundCause]()
@@ -310,8 +109,8 @@ def estimated(fit: CauseFit, tried: Iterable[Cause]) -> FoundCause:
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             continue
         # A step from far away promises more than it keeps.
-        screened = sorted(_screened(fit, [cause]), key=lambda one: -one.S)[:_STARTED]
-        found += [_refined(fit, cause, one.beta) for one in screened]
+        begins = sorted(screened(fit, [cause]), key=lambda one: -one.S)[:_STARTED]
+        found += [_refined(fit, cause, one.beta) for one in begins]
     return max(found, key=lambda one: one.S)
 
 
@@ -478,58 +277,42 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
     total = float(np.sqrt((fit.left**2).sum() / max(float((fit.tau**2).sum()), 1e-300)))
     much = total > _DISCRETE[0] or float(fit.shares.max()) > _DISCRETE[1]
     if much:
-        worst = np.argsort(-fit.shares)[:_SUSPECTS]
-        for cause in causes.discrete_causes(s, sorted(worst.tolist())):
+        worst = [k for k in np.argsort(-fit.shares)[:_SUSPECTS].tolist() if fit.live[k]]
+        for cause in causes.discrete_causes(s, sorted(worst)):
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             count += 1
-    screened = _screened(fit, causes.continuous_causes(s, wide=much))
-    return found + _refined_causes(fit, screened), count + len(screened)
+    tried = [*screened(fit, causes.continuous_causes(s, wide=much)), *screened_changes(fit)]
+    return found + _refined_laws(fit, tried) + _refined_causes(fit, tried), count + len(tried)
 
 
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
     """Stage 4: laws of the joints, by their columns, and their elasticity."""
-    found, screened = list[FoundCause](), sorted(fit.joint_causes, key=lambda one: -one.S)
-    laws = [(one, one.cause) for one in screened if isinstance(one.cause, Law)]
+    elastic = _refined_causes(fit, fit.joint_causes)
+    swaying, more = _sway(fit)
+    return _refined_laws(fit, fit.joint_causes) + elastic + swaying, len(fit.joint_causes) + more
+
+
+def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
+    """Laws whose columns gain most, by refits; the second one has columns by the torques that the first one fits."""
+    found, s, r = list[FoundCause](), fit.states, fit.states.base.count
+    laws = [(one, one.cause) for one in sorted(tried, key=lambda one: -one.S) if isinstance(one.cause, Law)]
     for one, law in laws[:_REFINED]:
         if one.S > 0.5 * LEAST_S:
-            refit = fit.refit(fit.states, one.e[..., 0])
-            value, deviation = refit.x[-1:], refit.law_deviation
+            refit = fit.refit(s, *np.moveaxis(one.e, -1, 0))
+            e = law_columns(fit, law, FittedTorques.from_groups(s, refit.x[:r]))
+            refit = fit.refit(s, *np.moveaxis(e, -1, 0))
+            k = e.shape[-1]
             told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
-            found.append(replace(told, law=law, value=value, deviation=deviation))
-    elastic = _refined_causes(fit, [one for one in screened if isinstance(one.cause, Cause)])
-    swaying, more = _sway(fit)
-    return found + elastic + swaying, len(screened) + more
-
-
-def _screened_laws(fit: CauseFit) -> list[ScreenedCause]:
-    """Laws of the joints and their elasticity, each by its column."""
-    s, found = fit.states, list[ScreenedCause]()
-    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
-    for law in causes.laws(s):
-        e = (s.filtered(law.column(s, fitted))[s.rows] * fit.live)[..., None]
-        if e.any():
-            S, beta = fit.gained_by(e)
-            found.append(ScreenedCause(S, law, beta, e))
-    return found + _screened(fit, causes.compliances(s, s.filtered(fitted.whole)))
-
-
-def _screened(fit: CauseFit, tried: Iterable[Cause]) -> list[ScreenedCause]:
-    """Causes with a value, by their columns at each of the values that they start from."""
-    s, found = fit.states, list[ScreenedCause]()
-    for cause in tried:
-        for start in cause.starts:
-            beta = np.full(cause.size, start)
-            at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            e = _columns(at, s, cause, beta)
-            S, step = at.gained_by(e)
-            found.append(ScreenedCause(fit.gained(at) + S if at is not fit else S, cause, beta + step, e))
+            span = None if law.since is None else (law.since[1], float(s.time[s.rows[-1]]))
+            value, deviation = refit.x[-k:][:1], refit.law_deviation(k)[:1]
+            found.append(replace(told, law=law, value=value, deviation=deviation, span=span))
     return found
 
 
-def _refined_causes(fit: CauseFit, screened: Sequence[ScreenedCause]) -> list[FoundCause]:
+def _refined_causes(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCause]:
     """Causes with a value whose columns gain most, refined by Gauss and Newton's steps."""
     found = dict[tuple[str, tuple[int, ...]], FoundCause]()
-    for one in sorted(screened, key=lambda one: -one.S):
+    for one in sorted(tried, key=lambda one: -one.S):
         if one.S < 0.5 * LEAST_S or len(found) == _REFINED:
             break
         cause = one.cause
@@ -538,23 +321,13 @@ def _refined_causes(fit: CauseFit, screened: Sequence[ScreenedCause]) -> list[Fo
     return sorted(found.values(), key=lambda one: _ORDER.get(one.kind, 0))
 
 
-def _columns(fit: CauseFit, s: LogStates, cause: Cause, beta: Array) -> Array:
-    """-d(residual)/dβ (m, nv, k) by central differences, at the unknowns of the fit."""
-    x, found = fit.x[: fit.W.shape[2] - len(fit.laws)], []
-    for axis in np.eye(cause.size):
-        ends = [cause.correct(s, beta + way * cause.step * axis) for way in (1.0, -1.0)]
-        plus, minus = (one.columns @ x - one.measured for one in ends)
-        found.append((plus - minus) / (2.0 * cause.step) * fit.live)
-    return np.stack(found, axis=-1)
-
-
 def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
     """The cause at the value that explains the rows held out best, from a value near it."""
     s = fit.states
     best = fit.refit(cause.correct(s, beta))
     S = fit.gained(best)
     for _ in range(_STEPS):
-        step = best.with_columns(_columns(best, s, cause, beta))[1]
+        step = best.gained_by(cause_columns(best, s, cause, beta)[:, :, None])[1][0]
         refit = fit.refit(cause.correct(s, beta + step))
         gained = fit.gained(refit)
         worth = gained > S + _WORTH
@@ -562,7 +335,7 @@ def _refined(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
             best, S, beta = refit, gained, beta + step
         if not worth:
             break
-    deviation = best.deviation(_columns(best, s, cause, beta))
+    deviation = best.deviation(cause_columns(best, s, cause, beta))
     found = _judged(fit, best, replace(cause, correct=partial(cause.correct, beta=beta)))
     return replace(found, value=beta, deviation=deviation, step=cause.step)
 
@@ -584,13 +357,15 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     q = middle + half * rng.uniform(-1.0, 1.0, (_STATES, len(half)))
     dq, ddq = (rng.normal(size=q.shape) * np.sqrt((x**2).mean(axis=0)) for x in (s.dq, s.ddq))
     none = np.zeros(_STATES)
+    first = none + s.time[0]  # before whatever begins later
     other = s.changed(
-        pieces=(), rows=np.arange(_STATES), time=none, piece=none, rate=none, q=q, dq=dq, ddq=ddq, tau=0.0 * q, lag=0.0
+        pieces=(), rows=np.arange(_STATES), time=first, piece=none, rate=none, q=q, dq=dq, ddq=ddq, tau=0.0 * q, lag=0.0
     )
     r = s.base.count
     before = other.columns @ fit.x[:r]
     after = (found.correct(other) if found.correct else other).changed(lag=0.0).columns @ found.fit.x[:r]
     if found.law is not None:
-        after = after + found.law.column(other, FittedTorques.from_groups(other, found.fit.x[:r])) * found.fit.x[-1]
+        e = found.law.columns(other, FittedTorques.from_groups(other, found.fit.x[:r]))
+        after = after + e @ found.fit.x[-e.shape[-1] :]
     size = np.sqrt((before**2).mean(axis=0))
     return float((np.sqrt(((after - before) ** 2).mean(axis=0)) / np.maximum(size, 1e-300))[fit.live].max())

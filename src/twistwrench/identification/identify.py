@@ -14,7 +14,7 @@ from ..errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, 
 from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..estimation.sampling import SingleRowGlitches, gaps, new_rows, pauses, spikes
+from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, new_rows, pauses, spikes
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubt_of_cause, doubts_of
@@ -24,8 +24,9 @@ from ..robot import Robot
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
+from .cause_fit import log_fit
 from .chunks import gap_notes
-from .diagnosis import FoundCause, diagnose, law_changes, log_fit
+from .diagnosis import FoundCause, diagnose, law_changes
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
@@ -36,7 +37,7 @@ MOST_SAMPLES = 90_000
 """Samples of all logs, beyond which their rows are accumulated by chunk."""
 METHODS = ("irls", "wls", "ols")
 _WRONG = 0.01  # share of the rows that may leave their path alone, to be left out
-_CLOSED = 1.0  # s of a pause whose stamps were closed up
+_CLOSED = 0.06, 6.0  # s, and usual steps, of a pause whose stamps were closed up
 _DEAD = 0.8  # share of the rows, in which a torque that is measured is one number at most
 
 
@@ -346,7 +347,10 @@ def _believed(motion: Motion) -> Motion:
     if "repeated" in found and (new := new_rows(q)) is not None:
         kept &= new
     if "pause" in found:
-        time = time + _CLOSED * np.searchsorted([gap.time for gap in gaps(time, q)], time)
+        length = max(_CLOSED[0], _CLOSED[1] * float(np.median(np.diff(time))))
+        time = time + length * np.searchsorted([gap.time for gap in gaps(time, q)], time)
+    if "dropout" in found:
+        kept &= ~dropouts(time, np.asarray(motion.tau), q).any(axis=1)
     if 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):
         kept &= ~np.isin(motion.time, wrong)
         names = [motion.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]

@@ -15,6 +15,7 @@ from ..estimation.sampling import (
     OVERLAP,
     Gap,
     SingleRowGlitches,
+    dropouts,
     gaps,
     late_by_turns,
     new_rows,
@@ -413,12 +414,23 @@ class Contradictions:
             apart = step * float(np.median(np.concatenate([np.diff(np.flatnonzero(new)) for new in rows])))
             rates, told = [number(1 / x, 3) for x in (apart, step)], {"value": 1 / apart, "unit": "Hz"}
             repeated = doubt("repeated", rate=rates[0], rows=rates[1], apart=seconds(apart, 3), found=told)
-            return [repeated, *self._of_spikes()]
+            return [repeated, *self._of_torques()]
         found = [gap for t, q in zip(times, self._curves, strict=True) for gap in gaps(t, q)]
-        return [*_of_gaps(found, times), *self._of_spikes()]
+        return [*_of_gaps(found, times), *self._of_torques()]
 
-    def _of_spikes(self) -> Iterator[Doubt]:
+    def _of_torques(self) -> Iterator[Doubt]:
+        """Doubts about torques that are far off in single rows, or one number for a while."""
         off = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
+        held = dict[int, tuple[float, float]]()
+        for one, curves in zip(self.runs, self._curves, strict=True):
+            tau = np.zeros((0, len(self._single))) if one.tau is None else one.tau[:, self._single]
+            out = dropouts(one.time, tau, curves)
+            for k in np.flatnonzero(out.any(axis=0)).tolist():
+                begin, length = held.get(k, (float(one.time[out[:, k].argmax()]), 0.0))
+                held[k] = begin, length + float(np.diff(one.time)[out[1:, k]].sum())
+        for k, (begin, length) in held.items():
+            said: dict[str, Any] = {"from_": seconds(begin, 4), "length": number(length, 3)}
+            yield doubt("dropout", [self._own[k]], found={"value": length, "unit": "s"}, **said)
         rows, total = sum(int(one.any(axis=1).sum()) for one in off), sum(map(len, off))
         if rows:
             joint = self._names[int(np.sum([one.sum(axis=0) for one in off], axis=0).argmax())]
@@ -439,4 +451,8 @@ def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
         yield doubt("buffered", found=told, share=percent(share, 2), **said)
         return
     when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
-    yield doubt("pause", when=when, found={"value": found[0].time, "unit": "s"})
+    back = [1e3 * gap.late for gap in found if gap.late > 0]  # not where rows are missing
+    why = "rows are missing there, and the stamps were closed up"
+    if len(back) == len(found):
+        why = f"positions are {number(back[0], 2)} ms late from there on: a clock was shifted"
+    yield doubt("pause", when=when, why=why, found={"value": found[0].time, "unit": "s"})

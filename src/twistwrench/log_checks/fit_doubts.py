@@ -15,7 +15,7 @@ from ..core.text import listed
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Prior
 from ..estimation.noise import quantum
-from ..estimation.sampling import cut_off
+from ..estimation.sampling import cut_off, moves
 from ..model.model import BASE
 from ..typing import Array
 from .doubts import Doubt, Level, doubt, doubt_table
@@ -97,10 +97,11 @@ _COARSE = 0.15
 
 def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
     """Doubts about dead, saturated and coarse columns."""
-    moved = np.any([np.ptp(motion.q[:, : len(seen.names)], axis=0) > 0 for motion in seen.motions], axis=0)
+    moved = np.any([moves(motion.q[:, : len(seen.names)]) for motion in seen.motions], axis=0)
     for kind, which in (("dead-torque", seen.dead), ("dead-position", ~seen.dead & ~moved)):
         if joints := [seen.names[k] for k in np.flatnonzero(which)]:
-            yield doubt(kind, joints)
+            still = kind == "dead-position" and not moved.any()
+            yield doubt(kind, joints, **({"named": "all joints", "level": "refuse"} if still else {}))
     cutoff = seen.settings.cutoff
     for k in np.flatnonzero(~seen.dead).tolist():
         tau = np.concatenate([np.asarray(m.tau)[:, k] for m in seen.motions])

@@ -1,0 +1,310 @@
+"""Fit of the rows of logs in which causes are sought, and the gain of columns beside it, judged by rows held out.
+
+With s_j² the mean square of the residual of joint j in fifths of the time that were held out, columns of a cause make
+
+    S = Σ_j log(s_j² without it / s_j² with it),
+
+the criterion that settings are chosen by, in which each joint counts alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from ..estimation.covariance import autocorrelation_length, student_quantile
+from ..estimation.cross_validation import FOLDS
+from ..estimation.least_squares import NormalEquations, Prior
+from ..typing import Array
+from . import causes
+from .causes import Cause, FittedTorques, Law, LogStates
+from .hyperparameters import FitSettings
+from .parameters import BaseParameters, UnknownParameters
+from .rows import SteadySamples
+
+LEAST_S = 0.25
+"""S from which a cause is raised: of 56 clean logs none had more than 0.19."""
+_CHANCE = 0.01
+_FLOOR = 0.005
+"""Share of a joint's torque (rms) below which no residual counts."""
+_SECONDS, _LENGTHS = (1.0, 2.5), 5.0
+"""Shortest and longest blocks of time [s], and lengths of the residuals' correlation in a block: other causes make it long."""
+_UNTOLD = 1e-7
+_BEGINS = 6
+"""Parts of a log between which laws are tried to begin at first."""
+_ASKEW = np.array([0.31, -0.27, -0.911]) / np.linalg.norm([0.31, -0.27, -0.911])
+"""Direction of gravity along no axis, so that groups are those of any mounting."""
+_HIGHEST, _SLOWEST = 10.0, 0.1
+"""Cut-off [Hz] and speed of friction at most."""
+_FEWEST, _MOST = 300, 1200
+_LEAST_ROWS, _PER_GROUP = 40, 3
+"""Rows, and equations for each group, from which causes are sought."""
+_NUMBERS = 5e6  # entries of rows at most
+
+
+class CauseFit:
+    """Fit of the rows of states, with columns of laws (m, nv) beside those of the groups, and its residuals held out.
+
+    Residuals ``left`` (m, nv) are in units of √(1 + w' C w / σ²), with C the covariance of the parameters from the other
+    fifths: rows that these do not determine say nothing.
+    """
+
+    def __init__(self, states: LogStates, prior: Prior, live: Array, laws: Sequence[Array] = ()) -> None:
+        self.states, self.live, self.laws, self._groups = states, live, tuple(laws), prior
+        tau = states.measured
+        W = np.concatenate([states.columns, *(e[..., None] for e in laws)], axis=2) if laws else states.columns
+        W, tau = np.asarray(W * live[:, None]), np.asarray(tau * live)
+        self.W, self.tau = W, tau
+        size = np.sqrt((tau**2).mean(axis=0))
+        if laws:
+            usual = [float(size.max() / max(np.abs(e).max(), 1e-9)) for e in laws]
+            prior = Prior(np.append(prior.mean, 0.0 * np.array(usual)), np.append(prior.size, 1e2 * np.array(usual)))
+        felt = np.concatenate([states.base.felt, *((e != 0.0).any(axis=0)[:, None] for e in laws)], axis=1)
+        edges = np.linspace(0, len(tau), FOLDS + 1).astype(int)
+        self.folds = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        parts = [NormalEquations.from_rows(W, tau, felt, rows=fold) for fold in self.folds]
+        total = sum(parts[1:], parts[0])
+        self.x, sigma = total.solve(prior)
+        self.weight = live / sigma**2
+        self._inverse, self._held = [], []
+        for part in [*parts, None]:
+            rest = total if part is None else total - part
+            A = np.einsum("jkl,j->kl", rest.N, self.weight)
+            c = (rest.c * self.weight[:, None]).sum(axis=0)
+            scaled = A * prior.size[:, None] * prior.size + np.eye(len(c))
+            inverse = prior.size[:, None] * np.linalg.inv(scaled) * prior.size
+            self._inverse.append(inverse)
+            self._held.append(prior.mean + inverse @ (c - A @ prior.mean))
+        self.spread = np.ones(tau.shape)
+        for f, inverse in zip(self.folds, self._inverse[:-1], strict=True):
+            for j in np.flatnonzero(live):
+                A = W[f, j][:, felt[j]]
+                self.spread[f, j] += self.weight[j] * ((A @ inverse[np.ix_(felt[j], felt[j])]) * A).sum(axis=1)
+        self.spread = np.sqrt(self.spread)
+        left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
+        self.left = left / self.spread
+        self.floor = (_FLOOR * size) ** 2 + 1e-300
+
+    def refit(self, states: LogStates, *laws: Array) -> CauseFit:
+        """Fit of other states, with more laws."""
+        return CauseFit(states, self._groups, self.live, (*self.laws, *laws))
+
+    @property
+    def enough(self) -> bool:
+        """True if there are rows enough for causes to be sought."""
+        count, groups = len(self.tau), self.states.base.count
+        return count >= _LEAST_ROWS and count * int(self.live.sum()) >= _PER_GROUP * groups
+
+    @cached_property
+    def squares(self) -> Array:
+        """(nv,) mean squares of the residuals held out."""
+        return np.asarray((self.left**2).mean(axis=0) + self.floor)
+
+    @cached_property
+    def shares(self) -> Array:
+        """(nv,) residuals held out as shares of the torques."""
+        return np.sqrt(self.squares / np.maximum((self.tau**2).mean(axis=0), 1e-300)) * self.live
+
+    def gained(self, other: CauseFit) -> float:
+        """S of a fit with a cause."""
+        volume = np.log(self.spread / other.spread).mean(axis=0)
+        return float((np.log(self.squares / other.squares) + 2.0 * volume)[self.live].sum())
+
+    def gained_by(self, e: Array) -> tuple[Array, Array]:
+        """S (g,) of more columns e (m, nv, g, k), k at a time, at the weights of this fit, and their coefficients (g, k)."""
+        left, beta = self.with_columns(e)
+        squares = (left**2).mean(axis=0) + self.floor[:, None]
+        return np.log(self.squares[:, None] / squares)[self.live].sum(axis=0), beta
+
+    def with_columns(self, e: Array) -> tuple[Array, Array]:
+        """Residuals held out (m, nv, g) and coefficients (g, k) of more columns e (m, nv, g, k), k at a time beside the others.
+
+        Columns that others make up, in the rows that any fifth is predicted from, have coefficients of 0.
+        """
+        v, a, c = [], [], []
+        for f in self.folds:
+            weighted = e[f] * self.weight[:, None, None]
+            flat = weighted.reshape(-1, *e.shape[2:])
+            v.append(np.tensordot(self.W[f].reshape(len(flat), -1), flat, (0, 0)))
+            a.append(np.einsum("xgk,xgl->gkl", e[f].reshape(flat.shape), flat))
+            c.append(np.tensordot(self.tau[f].ravel(), flat, (0, 0)))
+        solved, told = [], np.ones(e.shape[2], bool)
+        for b, (inverse, x) in enumerate(zip(self._inverse, self._held, strict=True)):
+            border, size, right = (sum(part[k] for k in range(FOLDS) if k != b) for part in (v, a, c))
+            moved = np.tensordot(inverse, border, 1)
+            own = size - np.einsum("rgk,rgl->gkl", border, moved)
+            diagonals = (np.diagonal(each, axis1=1, axis2=2) for each in (own, size))
+            told &= np.greater(next(diagonals), _UNTOLD * next(diagonals)).all(axis=1)
+            solved.append((own, right - np.tensordot(x, border, 1), moved))
+        left, beta = np.repeat(self.left[..., None], e.shape[2], axis=2), np.zeros(e.shape[2:])
+        for b, (own, right, moved) in enumerate(solved if told.any() else ()):
+            beta[told] = np.linalg.solve(own[told], right[told, :, None])[..., 0]
+            if b < FOLDS:
+                f = self.folds[b]
+                across = e[f] - np.tensordot(self.W[f], moved, 1)
+                left[f] -= np.einsum("mjgk,gk->mjg", across, beta) / self.spread[f][..., None]
+        return left, beta
+
+    def change(self, e: Array, beta: Array) -> Array:
+        """(r,) by how much the groups are moved by columns (m, nv, k) with coefficients (k,) beside them."""
+        v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
+        return np.asarray(-(self._inverse[-1] @ v @ beta)[: self.states.base.count])
+
+    @cached_property
+    def joint_causes(self) -> list[ScreenedCause]:
+        """Laws of the joints and their elasticity, each by its column."""
+        return _laws_screened(self) if self.enough else []
+
+    def deviation(self, e: Array) -> Array:
+        """Deviations (k,) of the coefficients of columns (m, nv, k) whose values this fit has, by blocks of time."""
+        v = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
+        across = e - self.W @ (self._inverse[-1] @ v)
+        size = np.linalg.pinv(np.einsum("mjk,mjl,j->kl", across, across, self.weight, optimize=True))
+        return self._block_deviation(across @ size)
+
+    def law_deviation(self, count: int) -> Array:
+        """Deviations of the coefficients of the last ``count`` columns of laws."""
+        return self._block_deviation(self.W @ self._inverse[-1][:, -count:])
+
+    def _block_deviation(self, influence: Array) -> Array:
+        """Deviations (k,) of Σ influence' Λ r, with r held out, which the fit takes part of away from its own rows.
+
+        The larger of two: by blocks of time, few of which may hold most of it; by rows and the length of their correlation.
+        """
+        u = np.einsum("mjk,mj,j->mk", influence, self.left * self.spread, self.weight, optimize=True)
+        by_blocks = (np.add.reduceat(u, self.blocks, axis=0) ** 2).sum(axis=0)
+        return np.sqrt(np.maximum(by_blocks, self.correlation * (u**2).sum(axis=0)))
+
+    @cached_property
+    def correlation(self) -> float:
+        """Integrated autocorrelation time of the residuals, in rows."""
+        return autocorrelation_length(self.left / np.sqrt(self.squares))
+
+    @cached_property
+    def blocks(self) -> Array:
+        """First rows of blocks of time, five autocorrelation lengths of the residuals long, of a second to 2.5."""
+        s = self.states
+        step = float(np.median(np.diff(s.time[s.rows]))) if len(s.rows) > 1 else 1.0
+        length = max(_SECONDS[0] / step, min(_SECONDS[1] / step, _LENGTHS * self.correlation))
+        count = max(2, int(len(self.left) / length))
+        return np.linspace(0, len(self.left), count + 1).astype(int)[:-1]
+
+    def sure(self, tried: int) -> float:
+        """Student's t that one of so many causes exceeds by chance once in a hundred logs."""
+        return float(student_quantile(max(1.0, len(self.blocks) - 1.0), 1.0 - _CHANCE / max(1, tried)))
+
+    def t_value(self, before: CauseFit) -> float:
+        """Mean over deviation of the block differences of log-likelihood against a fit without the cause."""
+        a, b = before.squares, self.squares
+        volume = 2.0 * np.log(before.spread / self.spread)
+        d = 0.5 * (before.left**2 / a - self.left**2 / b + np.log(a / b) + volume)[:, self.live].sum(axis=1)
+        sums = np.add.reduceat(d, self.blocks)
+        return float(sums.mean() / max(sums.std(ddof=1) / np.sqrt(len(sums)), 1e-300))
+
+
+def log_fit(
+    unknown: UnknownParameters, samples: Sequence[SteadySamples], settings: FitSettings, dead: Array
+) -> CauseFit:
+    """Fit to the rows of logs that causes are sought in."""
+    base = askew_base(unknown)
+    nv, cutoff = unknown.model.nv, min(settings.cutoff, _HIGHEST)
+    most = max(_FEWEST, min(_MOST, _NUMBERS / (nv * base.count)))
+    speed = np.minimum(settings.friction_speed, _SLOWEST)
+    s = LogStates.from_samples(base, samples, cutoff, speed, most).changed(shift=settings.shift)
+    size = [np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-6) for x in (s.tau, s.dq, s.ddq)]
+    sizes = unknown.scales(*(np.maximum(x, 1e-2 * np.median(x)) for x in size))
+    prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
+    return CauseFit(s, prior, ~dead)
+
+
+def askew_base(unknown: UnknownParameters) -> BaseParameters:
+    """Groups of the robot mounted askew, which are those of any mounting."""
+    return BaseParameters.from_unknowns(unknown, gravity=np.linalg.norm(unknown.model.gravity) * _ASKEW)
+
+
+# ── Causes by their columns
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedCause:
+    """Cause by its columns e (m, nv, k) alone, with β and S at the weights of the fit without it."""
+
+    S: float
+    cause: Cause | Law
+    beta: Array
+    e: Array
+
+
+def screened(fit: CauseFit, tried: Iterable[Cause]) -> list[ScreenedCause]:
+    """Causes with a value, by their columns at each of the values that they start from."""
+    s, found = fit.states, list[ScreenedCause]()
+    for cause in tried:
+        for start in cause.starts:
+            beta = np.full(cause.size, start)
+            at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
+            e = cause_columns(at, s, cause, beta)
+            (S,), (step,) = at.gained_by(e[:, :, None])
+            found.append(ScreenedCause(fit.gained(at) + S if at is not fit else S, cause, beta + step, e))
+    return found
+
+
+def cause_columns(fit: CauseFit, s: LogStates, cause: Cause, beta: Array) -> Array:
+    """-d(residual)/dβ (m, nv, k) by central differences, at the unknowns of the fit."""
+    x, found = fit.x[: fit.W.shape[2] - len(fit.laws)], []
+    for axis in np.eye(cause.size):
+        ends = [cause.correct(s, beta + way * cause.step * axis) for way in (1.0, -1.0)]
+        plus, minus = (one.columns @ x - one.measured for one in ends)
+        found.append((plus - minus) / (2.0 * cause.step) * fit.live)
+    return np.stack(found, axis=-1)
+
+
+def law_columns(fit: CauseFit, law: Law, fitted: FittedTorques) -> Array:
+    """Columns (m, nv, k) of a law in the rows of a fit, filtered as the torques are."""
+    s = fit.states
+    return np.asarray(s.filtered(law.columns(s, fitted))[s.rows] * fit.live[:, None])
+
+
+def _laws_screened(fit: CauseFit) -> list[ScreenedCause]:
+    """Laws of the joints and their elasticity, each by its column."""
+    s, found = fit.states, list[ScreenedCause]()
+    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
+    for law in causes.laws(s):
+        e = law_columns(fit, law, fitted)
+        if e.any():
+            (S,), (beta,) = fit.gained_by(e[:, :, None])
+            found.append(ScreenedCause(S, law, beta, e))
+    return found + screened(fit, causes.compliances(s, s.filtered(fitted.whole)))
+
+
+def screened_changes(fit: CauseFit) -> list[ScreenedCause]:
+    """Laws that begin within the log, each at the row from which its columns gain most."""
+    s, found = fit.states, list[ScreenedCause]()
+    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
+    for law in causes.changes(s):
+        e = law_columns(fit, law, fitted)
+        if not e.any():
+            continue
+        S, beta, begin = _best_begin(fit, e)
+        k = int(s.rows[begin])
+        after = (np.arange(len(e)) >= begin)[:, None, None]
+        found.append(ScreenedCause(S, replace(law, since=(int(s.piece[k]), float(s.time[k]))), beta, e * after))
+    return found
+
+
+def _best_begin(fit: CauseFit, e: Array) -> tuple[float, Array, int]:
+    """S and coefficients of columns e (m, nv, k) from some row on, and the row, found by halving steps."""
+    rows, step = np.arange(len(e)), len(e) // _BEGINS
+    tried, best = step * np.arange(1, _BEGINS), (-np.inf, np.zeros(0), 0)
+    while tried.size:
+        after = (rows[:, None] >= tried)[:, None, :, None]
+        S, beta = fit.gained_by(e[:, :, None] * after)
+        k = int(S.argmax())
+        best = max(best, (float(S[k]), beta[k], int(tried[k])), key=lambda one: one[0])
+        step //= 2
+        tried = best[2] + step * np.array([-1, 1]) if best[0] > 0.5 * LEAST_S and step else np.zeros(0, int)
+        tried = tried[(tried > 0) & (tried < len(e))]
+    return best
