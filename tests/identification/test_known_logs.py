@@ -135,6 +135,37 @@ def test_friction_that_fades_with_speed_is_found_and_kept_in_the_actuator_file(t
 # ── what is wrong with a log ──
 
 
+def test_a_dead_torque_is_no_partner_of_an_exchange():
+    """Exchanged with a torque that is not measured, any torque would leave no residual."""
+    tau = LOG.motion.tau.copy()
+    tau[:, 3], tau[:, 1] = 0.0, -tau[:, 1]
+    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
+    assert "dead-torque" in kinds(found) and found.doubts[0].kind == "torque-sign"
+
+
+def test_rows_that_repeat_others_are_noted(tmp_path):
+    arm = tw.robots.planar_2r()
+    path = known_log(arm, 2, seconds=8.0).motion.to_csv(tmp_path / "log.csv")
+    first, *rows = path.read_text("utf-8").splitlines()
+    path.write_text("\n".join([first, *(row for row in rows for _ in range(2))]), "utf-8")
+    found = identify(
+        arm, tw.Motion.from_file(path, arm), motor_inertia=False, cutoff=10.0, friction_speed=0.05, shift=0.0
+    )
+    assert any("rows that repeat the row before" in note for note in found.notes)
+
+
+def test_a_robot_at_rest_is_refused_without_causes():
+    """Encoders that are noisy by a microradian: no cause is sought in their noise, and nothing warns."""
+    arm, t = tw.robots.planar_2r(), np.arange(0, 10, 0.01)
+    rng = np.random.default_rng(0)
+    q = 0.3 + 1e-6 * rng.normal(size=(len(t), 2))
+    log = tw.Motion(t, q, tau=[3.0, 1.0] + 0.01 * rng.normal(size=q.shape), robot=arm)
+    assert tw.identification.measured_causes(arm, log) == ()
+    found = identify(arm, log)
+    assert [(doubt.kind, doubt.refuses) for doubt in found.doubts] == [("dead-position", True)]
+    assert "all joints" in found.doubts[0].sentence
+
+
 @pytest.mark.parametrize("joint", [0, 3])
 def test_a_torque_of_the_wrong_sign(joint):
     tau = LOG.motion.tau.copy()

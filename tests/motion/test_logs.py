@@ -337,8 +337,8 @@ def test_rows_that_repeat_are_dropped_and_others_of_one_time_averaged(model, wri
     np.testing.assert_allclose(motion.time, [0, 0.1, 0.2, 0.3])
     np.testing.assert_allclose(motion.q, [[1, 2], [3, 4], [6, 7], [9, 10]])
     said = " ".join(log.notes)
-    assert "3 rows that repeat the row before dropped" in said
-    assert "2 rows have a time that others have too, the first at t = 0.2 s" in said
+    assert "Left out: 3 rows that repeat the row before." in said
+    assert "2 rows with a time that others have too, first t = 0.2 s" in said
 
 
 def test_no_mean_is_taken_across_a_turn(model, write):

@@ -84,7 +84,7 @@ class CauseFit:
             for j in np.flatnonzero(live):
                 A = W[f, j][:, felt[j]]
                 self.spread[f, j] += self.weight[j] * ((A @ inverse[np.ix_(felt[j], felt[j])]) * A).sum(axis=1)
-        self.spread = np.sqrt(self.spread)
+        self.spread = np.sqrt(np.maximum(self.spread, 1.0))  # less only by rounding
         left = np.concatenate([tau[f] - W[f] @ x for f, x in zip(self.folds, self._held[:-1], strict=True)])
         self.left = left / self.spread
         self.floor = (_FLOOR * size) ** 2 + 1e-300

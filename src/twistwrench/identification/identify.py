@@ -14,7 +14,7 @@ from ..errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, 
 from ..estimation.covariance import autocorrelation_length
 from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
-from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, new_rows, pauses, spikes
+from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, moves, new_rows, pauses, spikes
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubt_of_cause, doubts_of
@@ -270,7 +270,8 @@ def measured_causes(robot: Robot, logs: Motion | Sequence[Motion]) -> tuple[Doub
     dead, nv = _dead(motions), robot.nv
     cutoff = min(_HIGHEST, 0.1 * min(s.rate for s in samples))
     rows = ROW_RATE * cutoff * sum(s.seconds for s in samples)
-    if dead.all() or rows < _FEWEST_ROWS * BaseParameters.from_unknowns(unknown).count:
+    still = not any(moves(motion.q).any() for motion in motions)
+    if still or dead.all() or rows < _FEWEST_ROWS * BaseParameters.from_unknowns(unknown).count:
         return ()
     settings = FitSettings(cutoff, np.full(nv, _USUAL_SPEED), 0.0)
     causes, _ = diagnose(log_fit(unknown, samples, settings, dead))

@@ -101,7 +101,7 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
     for kind, which in (("dead-torque", seen.dead), ("dead-position", ~seen.dead & ~moved)):
         if joints := [seen.names[k] for k in np.flatnonzero(which)]:
             still = kind == "dead-position" and not moved.any()
-            yield doubt(kind, joints, **({"named": "all joints", "level": "refuse"} if still else {}))
+            yield doubt(kind, joints, named="all joints" if still else None, level="refuse" if still else None)
     cutoff = seen.settings.cutoff
     for k in np.flatnonzero(~seen.dead).tolist():
         tau = np.concatenate([np.asarray(m.tau)[:, k] for m in seen.motions])

@@ -74,6 +74,17 @@ class JoinedFile:
         size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
 
+    def check_columns(self) -> None:
+        """Raise TrajectoryError if all files have the same columns, as several logs of one robot have."""
+        first, *others = ({*part.header} for part in self.parts)
+        meant = any(":" not in _distinct(cell, part.path) for part in self.parts for cell in first)
+        if all(other == first for other in others) and not meant:
+            names = [str(part.path) for part in self.parts]
+            raise TrajectoryError(
+                f"{self.path}: the files have the same columns, as several logs have. '+' joins the columns of one motion. "
+                f"Give logs one by one: {' '.join(names)}"
+            )
+
     def table(self, used: Sequence[int]) -> Array:
         """Table (n, len(used)) of those columns, resampled at the stamps of the first file if those of others differ."""
         wanted = [self.places[k] for k in used]

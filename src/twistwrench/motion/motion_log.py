@@ -32,7 +32,7 @@ from .coordinates import Coordinates
 from .csv_reader import CsvFile
 from .log_table import slices, table_of, without_times
 from .matching import varying_columns
-from .motion_file import MotionFile, open_motion_file, with_sums
+from .motion_file import JoinedFile, MotionFile, open_motion_file, with_sums
 
 _MOST = 10_000
 """Rows of one time, from which the clock is taken to stand."""
@@ -94,19 +94,17 @@ class DuplicateTimestamps:
         found[:, 0] = rows[starts, 0]
         return np.asarray(found)
 
-    def notes(self) -> list[str]:
-        """A sentence for dropped rows, and one for averaged rows."""
+    def doubts(self) -> list[Doubt]:
+        """Notes on dropped rows, and on averaged rows."""
         said = []
         if self.dropped:
-            said.append(
-                f"{self.dropped} row{'s that repeat the row' if self.dropped > 1 else ' that repeats the row'} before dropped."
-            )
+            said.append(f"{self.dropped} row{'s that repeat' if self.dropped > 1 else ' that repeats'} the row before")
         if self.averaged and self.first is not None:
+            first = printed(self.first)
             said.append(
-                f"{self.averaged} rows have a time that others have too, the first at t = {printed(self.first)} s: the "
-                "mean of each is taken."
+                f"{self.averaged} rows with a time that others have too, first t = {first} s, but the mean of each time"
             )
-        return said
+        return [doubt("rows-left-out", what=what) for what in said]
 
 
 def steady_times(stamps: Array) -> Array | None:
@@ -267,6 +265,8 @@ class MotionLog:
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
         file = open_motion_file(path, topic, episode) if isinstance(path, str | Path) else path
+        if isinstance(file, JoinedFile) and not columns:
+            file.check_columns()
         file = with_sums(file, columns or {})
         dataset = file.dataset if isinstance(file, ArrayFile) else ""
         degrees = degrees or dataset == "degrees"
@@ -371,7 +371,7 @@ class MotionLog:
                 "Time stamps are rounded so that several rows share one: a steady clock of "
                 f"{number(last.clock, 4)} Hz is taken."
             )
-        said += [*last.duplicates.notes(), *self.file.notes]
+        said += self.file.notes
         return (*said, *(str(d) for d in self.doubts() if d.level == "note" and d.kind not in ASKED))
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[Doubt, ...]:
@@ -393,7 +393,8 @@ class MotionLog:
         }
         misread = [doubt("unused-columns", held, **words)] if self.unused else []
         found = last.contradictions.doubts(limits, glitches=glitches)
-        return (*misread, *self.of_source, *found, *last.mimic_joints, *stamp_doubts(last.stamps, left_out=True))
+        left_out = *last.duplicates.doubts(), *stamp_doubts(last.stamps, left_out=True)
+        return (*misread, *self.of_source, *found, *last.mimic_joints, *left_out)
 
     def _steady_clock(self, table: Array) -> float | None:
         """Replace stamps that rounding makes equal, as the first rows show, by a steady clock and return its rate [Hz]."""
