@@ -122,7 +122,7 @@ def test_files_without_time_are_joined_row_by_row(tmp_path):
 def test_logs_of_the_same_columns_are_not_joined(tmp_path):
     """Two logs of one robot, unless columns are named."""
     a, b = (write_csv(tmp_path / name, ["time", *NAMES], np.column_stack([TIME, Q])) for name in ("a.csv", "b.csv"))
-    with pytest.raises(tw.TrajectoryError, match="same columns, as several logs have.*Give logs one by one"):
+    with pytest.raises(tw.TrajectoryError, match=r"same columns, as several logs have.*Give logs one by one"):
         tw.Motion.from_file(f"{a}+{b}", ARM)
     named = tw.Motion.from_file(f"{a}+{b}", ARM, columns={name: f"b:{name}" for name in NAMES})
     assert np.allclose(named.q, Q)
