@@ -282,7 +282,7 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             count += 1
     tried = [*screened(fit, causes.continuous_causes(s, wide=much)), *screened_changes(fit)]
-    return found + _refined_laws(fit, tried) + _refined_causes(fit, tried), count + len(tried)
+    return found + _refined_causes(fit, tried) + _refined_laws(fit, tried), count + len(tried)
 
 
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
