@@ -539,6 +539,12 @@ MORE: Mapping[str, Case] = {
         Case("torque 2 drops out", ("dropout",), log=(partial(dropped_out, joint=1),), joints=(1,)),
         Case("no gravity in torque 2", ("no-gravity",), log=(partial(without_gravity_of, joint=1),), joints=(1,)),
         Case("at rest", ("dead-position",), log=(standing,)),
+        Case(
+            "zeros of 2 and 3 off 5 and -4 deg",
+            ("zero",),
+            log=(partial(zero_off, degrees=5.0, joint=1), partial(zero_off, degrees=-4.0, joint=2)),
+            value={"zero": 5.0},
+        ),
     )
 }
 """Beyond the 70."""

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -132,8 +133,8 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
             best = _first(fit, tried, count)
             if best is None:
                 break
-            found.append(best)
-            fit = best.fit
+            found += _with_another_zero(best) if best.kind == "zero" else [best]
+            fit = found[-1].fit
     return _together(start, found), before
 
 
@@ -168,6 +169,35 @@ def _together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
         value, deviation = np.asarray(refined.value)[part], np.asarray(refined.deviation)[part]
         found[k] = replace(found[k], value=value, deviation=deviation, correct=partial(moved[k], beta=value))
     return [found[k] for k in first.values()]
+
+
+def _with_another_zero(first: FoundCause) -> list[FoundCause]:
+    """A zero, with that of another joint if the two explain more: zeros that nearly cancel hide each other."""
+    fit, own = first.fit, first.joints
+    zeros = [one for one in causes.continuous_causes(fit.states, wide=False) if one.kind == "zero"]
+    columns = {one.joints: cause_columns(fit, fit.states, one, np.zeros(1)) for one in zeros}
+    mine = next(one for one in zeros if one.joints == own)
+    others = [one for one in zeros if one is not mine]
+    if not others:
+        return [first]
+    pairs = [np.concatenate([columns[own], columns[one.joints]], axis=2) for one in others]
+    S, beta = fit.gained_by(np.stack(pairs, axis=2))
+    k = int(S.argmax())
+    other = others[k]
+
+    def correct(s: LogStates, beta: Array) -> LogStates:
+        return other.correct(mine.correct(s, beta[:1]), beta[1:])
+
+    if S[k] < LEAST_S:
+        return [first]
+    both = _refined(fit, Cause("zero", (*own, *other.joints), correct, mine.step, 2), beta[k])
+    if both.value is None or both.deviation is None or both.S < LEAST_S or both.t < fit.sure(len(zeros)):
+        return [first]
+    value = np.asarray(first.value) + both.value[:1]
+    same: dict[str, Any] = {"fit": both.fit, "effect": max(first.effect, effect(fit, both))}
+    begun = replace(first, value=value, deviation=both.deviation[:1], correct=partial(mine.correct, beta=value), **same)
+    more = replace(both, joints=other.joints, value=both.value[1:], deviation=both.deviation[1:], **same)
+    return [begun, replace(more, correct=partial(other.correct, beta=both.value[1:]))]
 
 
 def law_changes(fit: CauseFit) -> Array:
