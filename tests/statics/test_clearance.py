@@ -176,7 +176,7 @@ def test_the_first_contact_of_a_motion_is_found(tmp_path, coal):
     found = through(robot, [0.7, 0.0], [-0.3, 0.0])
     assert str(found.verdict).startswith("COLLISION: a and c are in contact at t = 5.0")
     assert abs(found.time - 5.0) <= 0.01 + 1e-9
-    assert found.lines == [f"Closest: a – c, in contact from t = {found.time:.3f} s (exact, every 10 ms)."]
+    assert found.lines == [f"Closest links: a – c, in contact from t = {found.time:.3f} s (exact, every 10 ms)."]
 
 
 @pytest.mark.parametrize(("asked", "word"), [(0.0, "OK"), (0.29, "OK"), (0.31, "OVER LIMIT")])
@@ -256,9 +256,13 @@ def test_torques_ends_with_1_after_a_collision(tmp_path, run, coal):
     code, output = run("torques", robot, "--trajectory", ahead, "--clearance")
     assert code == 1 and output.startswith("COLLISION: a and c are in contact at t = 4.")
     code, output = run("torques", robot, "--trajectory", away, "--clearance", "0.1")
-    assert code == 0 and output.startswith("OK:") and "\nClosest: a – c, 0.5 m at t = 0.000 s (exact, every" in output
+    assert (
+        code == 0
+        and output.startswith("OK:")
+        and "\nClosest links: a – c, 0.5 m at t = 0.000 s (exact, every" in output
+    )
     code, output = run("torques", robot, "--trajectory", away)
-    assert code == 0 and "Closest" not in output
+    assert code == 0 and "Closest links" not in output
 
 
 @pytest.mark.parametrize(("end", "word"), [(0.6, "OK"), (0.1, "COLLISION"), (0.25, "OVER LIMIT")])
@@ -266,20 +270,21 @@ def test_motions_of_other_commands_are_judged_likewise(tmp_path, run, coal, end,
     robot = slider(tmp_path, SPHERE, SPHERE, SPHERE)
     code, output = run("move", robot, "--from", "jb=0.7", "--to", f"jb={end}", "--clearance", "0.1")
     assert (code, output.partition(":")[0]) == (0 if word == "OK" else 1, word)
-    assert "\nClosest: a – c" in output
+    assert "\nClosest links: a – c" in output
     assert not output.partition("\n")[2].startswith("OK")
     code, output = run(
         "simulate", robot, "--at", "jb=0.7", "--velocity", f"jb={end - 0.7:g}", "--duration", "1", "--clearance", "0.1"
     )
-    assert (code, output.partition(":")[0]) == (0 if word == "OK" else 1, "DONE" if word == "OK" else word)
+    assert (code, output.partition(":")[0]) == (0 if word == "OK" else 1, word)
+    assert "\nOK" not in output and "\nClosest links: a – c" in output
 
 
 def test_an_exciting_motion_is_judged_by_the_exact_distance(tmp_path, run, coal):
     robot = slider(tmp_path, SPHERE, SPHERE, SPHERE)
-    options = "--seconds", 4, "--harmonics", 1, "--restarts", 1, "--acceleration", 5
+    options = "--duration", 4, "--harmonics", 1, "--restarts", 1, "--acceleration", 5
     code, output = run("excite", robot, *options, "--clearance", "0.9")
     assert code == 1 and output.startswith("OVER LIMIT: a and c come within 0.")
-    assert "\nClosest: a – c, 0." in output and "\nOK" not in output
+    assert "\nClosest links: a – c, 0." in output and "\nOK" not in output
 
 
 def test_view_says_the_same_and_its_page_too(tmp_path, run, coal):

@@ -397,8 +397,8 @@ def excite_command(options: RobotOptions, given: Given) -> ExitCode:
     answer = found.verdict if clearance is None else found.verdict.joined(clearance.verdict)
     closest = [] if clearance is None else clearance.lines
     show(*excitation_view(found, answer, closest, degrees=options.degrees))
-    if given.out is not None:
-        click.echo(f"wrote {found.to_csv(given.out, degrees=options.degrees)}")
+    if given.csv is not None:
+        click.echo(f"wrote {found.to_csv(given.csv, degrees=options.degrees)}")
     return answer.exit_code
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from .main import Given, note, option, with_option_names
 from .report import REPORT, drawn, robot_picture, write_report
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
+
+if TYPE_CHECKING:
+    from ..statics.clearance import PathClearance
 
 _CONTACT = "1e5,0.3,0.5"
 
@@ -106,9 +109,7 @@ def simulate_command(options: RobotOptions, given: Given) -> ExitCode:
         if result is None:
             raise
     clearance = shared.clearance_along(given, loaded, [(result.times, result.q)])
-    first, *rest = simulation_view(loaded, result, degrees=options.degrees, friction=friction)
-    closest = [] if clearance is None else clearance.lines
-    blocks = [*shared.clearance_verdict(clearance), first, *closest, *rest]
+    blocks = list(simulation_view(loaded, result, clearance, degrees=options.degrees, friction=friction))
     show(*blocks)
     to_csv = partial(result.to_csv, degrees=options.degrees)
     for path, write in ((given.csv, to_csv), (given.npz, result.to_npz), (given.plot, result.plot)):
@@ -169,17 +170,26 @@ _ROUNDING = 12
 
 
 def simulation_view(
-    robot: Robot, result: SimulationResult, *, degrees: bool = False, friction: bool = True
+    robot: Robot,
+    result: SimulationResult,
+    clearance: PathClearance | None = None,
+    *,
+    degrees: bool = False,
+    friction: bool = True,
 ) -> Iterator[Block]:
-    """Verdict with remarks on limits, then coordinates, velocities, energies, accuracy and events."""
+    """Verdict with remarks on limits and the closest links, then coordinates, velocities, energies, accuracy and events."""
     c = Coordinates.from_model(robot.model)
     drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
+    touching = shared.clearance_verdict(clearance)
+    yield from touching
     if result.completed:
-        yield verdict(Word.OK, f": simulated {number(result.times[-1], 6)} s. {drift}")
+        done = f"simulated {number(result.times[-1], 6)} s. {drift}"
+        yield f"{done[0].upper()}{done[1:]}" if touching else verdict(Word.OK, f": {done}")
     else:
         yield verdict(
             Word.STOPPED, f" at t = {number(result.times[-1], 6)} s: {with_option_names(result.stopped)}. {drift}"
         )
+    yield from () if clearance is None else clearance.lines
     yield from remarks(_limits_passed(robot, result))
     yield ""
     yield Line(

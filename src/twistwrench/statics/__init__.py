@@ -1,7 +1,8 @@
-"""Statics: wrenches, payloads and footholds from joint torques. Modern Robotics section 5.2."""
+"""Statics: wrenches, payloads and footholds from joint torques, and clearance between links. Modern Robotics section 5.2."""
 
 from __future__ import annotations
 
+from .clearance import Clearance
 from .contacts import Contact
 from .equilibrium import (
     Equilibrium,
@@ -31,6 +32,7 @@ from .payload import (
 )
 
 __all__ = [
+    "Clearance",
     "Contact",
     "Equilibrium",
     "LargestPayload",

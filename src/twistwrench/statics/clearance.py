@@ -330,7 +330,7 @@ class PathClearance:
     def words(self) -> str:
         """Nearest links, their distance, its time, and how it was computed."""
         if not self.pair[0]:
-            return "Closest: not known" if self.pairs.unknown else "Closest: no two links can touch"
+            return "Closest links: not known" if self.pairs.unknown else "Closest links: no two can touch"
         exact = self.pairs.shapes is not None
         if self.distance > 0.0:
             size = f"{'' if exact else 'at least '}{quantity(self.distance, 'm', 3)} at"
@@ -338,7 +338,7 @@ class PathClearance:
             size = f"{'in contact' if exact else 'capsules overlap'} from"
         how = "exact" if exact else "capsules around the links"
         step = f", every {quantity(1000.0 * self.step, 'ms', 3)}" if self.step else ""
-        return f"Closest: {' – '.join(self.pair)}, {size} t = {seconds(self.time)} s ({how}{step})"
+        return f"Closest links: {' – '.join(self.pair)}, {size} t = {seconds(self.time)} s ({how}{step})"
 
     @property
     def lines(self) -> list[str]:
