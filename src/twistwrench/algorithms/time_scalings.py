@@ -42,7 +42,21 @@ class Polynomial:
         return s, np.where(moving, ds / self.duration, 0.0), np.where(moving, dds / self.duration**2, 0.0)
 
     def third(self, t: ArrayLike) -> Array:
-        """d³s/dt³ at t (...) [s]; zero before 0 and after T."""
+        """d³s/dt³ at t [s]; zero before 0 and after T.
+
+        Parameters
+        ----------
+        t : (...) array_like [s]
+
+        Returns
+        -------
+        third : (...) array [1/s³]
+
+        Examples
+        --------
+        >>> round(float(quintic(1.0).third(0.1)), 9)
+        27.6
+        """
         t = arguments.real(t, "t")
         p = horner(
             differentiated(differentiated(differentiated(self.coefficients))), np.clip(t / self.duration, 0.0, 1.0)
@@ -272,7 +286,21 @@ class Averaged:
         return s, np.where(before | after, 0.0, ds), np.where(before | after, 0.0, dds)
 
     def third(self, t: ArrayLike) -> Array:
-        """d³s/dt³ at t (...) [s]; zero before 0 and after T."""
+        """d³s/dt³ at t [s]; zero before 0 and after T.
+
+        Parameters
+        ----------
+        t : (...) array_like [s]
+
+        Returns
+        -------
+        third : (...) array [1/s³]
+
+        Examples
+        --------
+        >>> round(float(s_curve(1.0).third(0.1)), 9)
+        60.75
+        """
         t = arguments.real(t, "t")
         return np.where((t < 0) | (t > self.duration), 0.0, self._derivative(t, 3))
 

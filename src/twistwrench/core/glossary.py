@@ -228,6 +228,7 @@ ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
 """Errors that go with a parameter whose general wording is used."""
 
 RETURNS: Mapping[str, str] = {
+    "Averaged": "scaling : Averaged",
     "Axis": "axis : Axis",
     "BaseParameters": "base : BaseParameters",
     "ClosedForm": "terms : ClosedForm",

@@ -137,7 +137,15 @@ class Trajectory:
         return q, q1 * ds, q2 * ds * ds + q1 * dds
 
     def jerk(self, t: ArrayLike) -> Array:
-        """Third derivative of q at t (...) [s], (..., nv): q‴ ds³ + 3 q″ ds dds + q′ ddds.
+        """Third derivative of q at t [s]: q‴ ds³ + 3 q″ ds dds + q′ ddds.
+
+        Parameters
+        ----------
+        t : (...) array_like [s]
+
+        Returns
+        -------
+        jerk : (..., nv) array [rad/s³, sliding joints: m/s³]
 
         Raises
         ------
