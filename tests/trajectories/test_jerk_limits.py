@@ -157,8 +157,9 @@ def shortest_by_collocation(path, bounds, start, parts=40):
     found = minimize(
         lambda y: y[0], x / size, method="SLSQP", constraints=rules, options={"maxiter": 300, "ftol": 1e-8}
     )
-    assert found.success, found.message
-    return float(found.x[0] * T)
+    x = found.x * size
+    assert np.abs(shares(x)).max() < 1 + 1e-5 and np.abs(motion(x)[1]).max() < 1e-6, found.message
+    return float(x[0])
 
 
 @pytest.mark.slow

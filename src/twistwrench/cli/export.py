@@ -24,6 +24,8 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
         "--c FOLDER|OUT.c", "Write C99: a header, a source and a test program, into a folder or beside OUT.c.", "path"
     ),
     option("--st FOLDER|OUT.st", "Write Structured Text (IEC 61131-3) for PLCs, with a test; it was not run on a PLC."),
+    option("--ros2 DIR", "Write a ROS 2 package, a plug-in of inverse_dynamics_solver; DIR is made and names it."),
+    option("--license NAME", "License in the ROS 2 package.", default="Apache-2.0"),
     option(
         "--quantity NAME[:OPTION=VALUE,…]",
         "Function to export, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Join several values "
@@ -59,16 +61,18 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
     examples=(
         "export panda --c . --quantity inverse_dynamics --quantity mass_matrix",
         "export ur5 --st ur5.st --payload 3 --actuators demo --torque motor",
+        "export panda --ros2 panda_dynamics --payload 2",
     ),
     angles=False,
 )
 def export_command(options: RobotOptions, given: Given) -> None:
-    """Write dynamics functions of a robot as C99 or Structured Text without memory allocation, with a test program."""
+    """Write dynamics functions of a robot as C99, Structured Text or a ROS 2 package, with a test program."""
     from ..export.c99 import export_c
+    from ..export.ros2 import export_ros2
     from ..export.structured_text import export_st
 
-    if given.path is None and given.st is None:
-        raise ValueRangeError("nothing is to be written. Add --c OUT.c or --st OUT.st.")
+    if given.path is None and given.st is None and given.ros2 is None:
+        raise ValueRangeError("nothing is to be written. Add --c OUT.c, --st OUT.st or --ros2 DIR.")
     if given.st is None and (given.style, given.torque) != ("function_block", "joint"):
         raise ValueRangeError("--style and --torque apply to Structured Text. Add --st OUT.st, or leave them out.")
     robot = load_case(options.load(), options, given).with_load
@@ -76,6 +80,11 @@ def export_command(options: RobotOptions, given: Given) -> None:
     if given.gravity_input:
         wanted = [(name, {**own, "gravity": "input"}) for name, own in wanted]
     common = given.pick("precision", "prefix", "test") | {"inputs": options.files}
+    if given.ros2 is not None:
+        if given.gravity_input or given.precision != "double" or given.prefix is not None:
+            raise ValueRangeError("--gravity-input, --float and --prefix do not apply to --ros2. Leave them out.")
+        export_ros2(robot, given.ros2, license=given.license, label="--ros2")
+        show_written(given.ros2)
     if given.st is not None:
         show_written(export_st(robot, wanted, given.st, label="--st", **given.pick("style", "torque"), **common))
     if given.path is not None:

@@ -351,6 +351,39 @@ class SharedMethods(Generic[MethodName, Simulated, RolledOut]):
             self._open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
         )
 
+    def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> tuple[Path, ...]:  # noqa: A002
+        """ROS 2 package export: a plug-in of ``inverse_dynamics_solver`` with a test. Not built by colcon so far.
+
+        docs/export.md shows the files. The plug-in compares joints and masses with ``robot_description``.
+
+        Parameters
+        ----------
+        path : str or Path, the folder to make; its last part is the name of the package
+        license : str, for package.xml
+
+        Returns
+        -------
+        files : tuple of Path
+
+        Raises
+        ------
+        KernelError
+            A joint has several coordinates, or none moves.
+        ValueRangeError
+            The folder is there already or its name is not one of a package, or the license is not a name.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     files = tw.robots.panda().export_ros2(f"{folder}/panda_dynamics")
+        ...     print("getInertiaMatrix" in files[4].read_text())
+        True
+        """
+        from ..export.ros2 import export_ros2
+
+        return export_ros2(self._open(), path, license=license)
+
     def export_cuda(
         self,
         quantities: Quantities,

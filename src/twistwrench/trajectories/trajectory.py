@@ -139,10 +139,6 @@ class Trajectory:
     def jerk(self, t: ArrayLike) -> Array:
         """Third derivative of q at t [s]: q‴ ds³ + 3 q″ ds dds + q′ ddds.
 
-        Parameters
-        ----------
-        t : (...) array_like [s]
-
         Returns
         -------
         jerk : (..., nv) array [rad/s³, sliding joints: m/s³]
