@@ -172,7 +172,9 @@ def test_tables_of_waypoints_and_limits_are_read_as_motions_are(run, tmp_path, d
     assert "0.75" in output
 
 
-@pytest.mark.parametrize("upper, code, said", [("0.5", 1, "OVER LIMIT: joint1"), ("1.5", 0, "OK: 1.07457 s, within all limits")])
+@pytest.mark.parametrize(
+    "upper, code, said", [("0.5", 1, "OVER LIMIT: joint1"), ("1.5", 0, "OK: 1.07457 s, within all limits")]
+)
 def test_limits_of_positions_are_those_of_the_file(run, tmp_path, upper, code, said):
     limits = tmp_path / "limits.csv"
     limits.write_text(f"joint,lower,upper,velocity,effort\njoint1,-2,{upper},2,200\njoint2,-2,2,2,200\n")
@@ -201,7 +203,9 @@ def test_limits_of_jerk_come_from_the_option_or_from_files_and_a_bad_file_is_nam
     code, output = run(*way, "--fastest", "--plot", picture)
     assert code == 0, output
     words = " ".join(output.split())
-    assert re.search(r"OK: [\d.]+ s, within all limits; \d+ % slower than without jerk limits; not proven shortest", words)
+    assert re.search(
+        r"OK: [\d.]+ s, within all limits; \d+ % slower than without jerk limits; not proven shortest", words
+    )
     assert "Jerk limits of 2 of 2 joints are from the robot's file and" in words and picture.exists()
     shown = [re.search(r"timing: ([\d.]+) s", run(*way, *more)[1])[1] for more in ((), ("--scaling", "s-curve"))]
     again = re.search(r"timing: ([\d.]+) s", run(*way, "--jerk", 20)[1])[1]
