@@ -192,6 +192,14 @@ def test_the_cause_is_named_first_with_its_value(name):
     """An arm of three motors, with a joint that follows and a slide."""
     row = says_the_cause("geared", name, 1)
     assert (row["verdict"] == "OK") == (name == "clean")
+    assert name != "torque 2 drops out" or row["held out"] < 0.05  # its rows are left out
+
+
+def test_a_narrow_log_is_unsure_of_the_whole_range():
+    """Six seconds of ordinary work, whose torques elsewhere would be wrong by 9 %."""
+    row = score.score(parts.Task("ordinary", "planar_3r", "ordinary 38", 38), quick=True)
+    assert row["wrong"] > 0.05 and row["verdict"] == "UNSURE"
+    assert [d["kind"] for d in row["doubts"]] == ["unexciting"]
 
 
 @pytest.mark.slow

@@ -135,14 +135,6 @@ def test_friction_that_fades_with_speed_is_found_and_kept_in_the_actuator_file(t
 # ── what is wrong with a log ──
 
 
-def test_a_dead_torque_is_no_partner_of_an_exchange():
-    """Exchanged with a torque that is not measured, any torque would leave no residual."""
-    tau = LOG.motion.tau.copy()
-    tau[:, 3], tau[:, 1] = 0.0, -tau[:, 1]
-    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
-    assert "dead-torque" in kinds(found) and found.doubts[0].kind == "torque-sign"
-
-
 def test_rows_that_repeat_others_are_noted(tmp_path):
     arm = tw.robots.planar_2r()
     path = known_log(arm, 2, seconds=8.0).motion.to_csv(tmp_path / "log.csv")
