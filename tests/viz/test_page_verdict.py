@@ -64,7 +64,7 @@ def test_the_sentence_is_that_of_the_command_for_every_payload(demo, demo_log):
     assert words == ["OK", "OK", "OK", "OVER LIMIT", "OVER LIMIT"]
     for text, share in zip(found, ["42 %", "76 %", "99.997 %", "100.1 %", "111 %"], strict=True):
         assert share in text
-    assert all("up to 8.38 kg" in text for text in found[1:])
+    assert all("Maximum payload on this path: 8.38 kg at tool0" in text for text in found[1:])
 
 
 def numbers_to_print():
@@ -222,7 +222,7 @@ def test_mimic_joints_with_limits_are_judged_at_every_load_and_tip(tmp_path):
     expected = [said(report_of(robot, log, *([Payload(mass, frame=tips[k])] if mass else []))) for mass, k in given]
     assert found == expected
     assert any("right, which follows left" in text for text in found)
-    assert any("up to" in text for text in found)
+    assert any("Maximum payload" in text for text in found)
 
 
 @pytest.mark.slow
@@ -244,7 +244,7 @@ def test_a_robot_without_limits_is_never_ok(tmp_path, bundled):
     texts = under_node(page, SAY, [under(m) for m in (0.0, 0.5, 50.0)])
     assert texts[0] == said(report)
     assert all(text.startswith("UNSURE: no torque limit for 3 of 3 joints") for text in texts)
-    assert not any("up to" in text for text in texts)
+    assert not any("Maximum payload" in text for text in texts)
     limits = tmp_path / "limits.csv"
     limits.write_text("joint,effort\n" + "".join(f"{joint},60\n" for joint in robot.joint_names))
     stated = read_limits(limits, robot.model)

@@ -158,7 +158,7 @@ def test_a_payload_that_is_typed_is_judged_and_red_where_it_is_too_much(show, de
     assert text.startswith(
         "OVER LIMIT: shoulder_lift_joint needs -150.2 N m at t = 1.808 s, 100.1 % of its limit (150 N m)"
     )
-    assert "up to 8.38 kg" in text
+    assert "Maximum payload on this path: 8.38 kg" in text
     assert page.run(red) == [1, 1, True]
     assert page.run("document.getElementById('told').textContent") == text
     page.run("viewer.panel.toggle(); viewer.seek(1.808)")

@@ -152,7 +152,6 @@ def verdict_data(
             "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
             "near": NEAR, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
-        "frame": payload[0].frame or load.robot.model.tip or "",
         "driven": load_case.driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],
         "force": _force_at_base(model),

@@ -132,7 +132,7 @@ class Verdict {
     const assumed = word !== "OK" ? "" : mass ? data.assumed.loaded : data.assumed.empty;
     const [first, ...others] = reasons.length ? reasons : [this.nearest(joints, scale)], lines = [`: ${first}${assumed}.`, ...others.map((reason) => `  - ${reason}.`)];
     const certain = word === "OK" || word === "OVER LIMIT", agrees = margin && (margin.mass >= mass) !== (mimics.over.length + mimics.open.length > 0 || limited.some((j) => Math.abs(j.largest) - j.limit > bounds.tolerance * j.limit));
-    if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), frame: data.frame, joint: this.names[margin.joint], time: this.time(margin.row) }));
+    if (mass && certain && agrees) lines.push(this.say("margin", { mass: roundedDown(margin.mass), frame: motion.mechanics.robot.payloadFrame, joint: this.names[margin.joint], time: this.time(margin.row) }));
     lines.push(...data.closest, ...data.questions);
     if (force) lines.push(`${data.force.question} ${this.say("contact", { words: force })}`);
     return { word, lines, text: word + lines.join("\n"), over: new Set(limited.filter((j) => j.share > 1 + bounds.tolerance).map(({ k }) => k)), margin, note: data.joints && this.moved ? "Intervals are those of the command's load and speed." : "" };
