@@ -81,6 +81,8 @@ def test_a_torque_that_drops_out_is_named_with_its_time(value):
     assert (found.kind, found.joints) == ("dropout", ("joint2",))
     assert found.value == pytest.approx(2.0, abs=0.01)
     assert "first at t = 7.0000 s" in found.sentence
+    unpowered = np.where(out[:, None], value, tau)
+    assert doubts(series(1), unpowered) == []
     at_rest = series(1, np.minimum(T, 7.0) + np.maximum(T - 9.0, 0.0))
     assert doubts(at_rest, tau) == []
 

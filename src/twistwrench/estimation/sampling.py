@@ -131,17 +131,18 @@ def spikes(x: Array) -> Array:
     return np.pad(off, ((1, 1), (0, 0)))
 
 
-_STANDS_FOR, _NEW, _SOME = 0.3, 0.8, 0.02
-"""Seconds for which a torque is one number where it drops out, share of the other rows in which it changes, and share of a
-joint's range that the joint moves by meanwhile."""
+_STANDS_FOR, _NEW, _SOME, _ALONE_SHARE = 0.3, 0.8, 0.02, 0.5
+"""Seconds for which a torque is one number where it drops out, share of the other rows in which it changes, share of a joint's
+range that the joint moves by meanwhile, and share of these rows in which all torques are, as of motors without power."""
 
 
 def dropouts(time: Array, tau: Array, q: Array) -> Array:
     """(n, k) bool: rows in which torques (n, k) are one number, while positions (n, k) move and torques change elsewhere.
 
-    Rows at the least or largest torque, unless it is zero, are those of a torque that is cut off.
+    Rows at the least or largest torque, unless it is zero, are those of a torque that is cut off. Where all torques are one
+    number at once, the motors were switched off.
     """
-    found = np.zeros(tau.shape, bool)
+    found, off = np.zeros(tau.shape, bool), (np.diff(tau, axis=0, append=np.inf) == 0).all(axis=1)
     for k, x in enumerate(tau.T):
         edges = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1, [len(x)]]).tolist()
         rows = [slice(a, b) for a, b in pairwise(edges) if time[b - 1] - time[a] >= _STANDS_FOR]
@@ -150,7 +151,8 @@ def dropouts(time: Array, tau: Array, q: Array) -> Array:
             continue
         moved, ends = _SOME * np.ptp(q[:, k]), {float(x.min()), float(x.max())} - {0.0}
         for run in rows:
-            found[run, k] = np.ptp(q[run, k]) > moved and float(x[run.start]) not in ends
+            alone = float(off[run].mean()) < _ALONE_SHARE
+            found[run, k] = alone and np.ptp(q[run, k]) > moved and float(x[run.start]) not in ends
     return found
 
 
