@@ -428,7 +428,7 @@ def test_finding_31_the_smoothed_answer_is_given_with_its_interval(tmp_path):
     bench = Bench("arm", tmp_path)
     path = noisy(bench)
     said = " ".join(bench.torques(path).output.split())
-    assert "(95 %)" in said and "noise is smoothed away, which as logged would take 2 joints over a limit" in said
+    assert "(95 %)" in said and "Without smoothing, noise would take 2 joints over a limit" in said
     bench.options = ["--smooth"]
     assert first_word(bench.torques(path)) == "OK"
 

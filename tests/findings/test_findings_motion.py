@@ -321,7 +321,7 @@ def test_finding_28_identify_writes_the_robot_that_explains_a_log_already(run, t
     head = "time,shoulder,elbow,shoulder.torque,elbow.torque"
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="", fmt="%.9g")
     code, said = run("identify", "arm.urdf", "log.csv", "--out", "new.urdf")
-    assert (code, said[:3]) == (0, "OK "), said[-600:]
+    assert (code, said[:3]) == (0, "OK:"), said[-600:]
     assert (tmp_path / "new.urdf").exists() and "error" not in said
 
 

@@ -152,8 +152,8 @@ def test_one_limit_of_acceleration_holds_for_both_ways(ur5, tmp_path, header, ro
 @pytest.mark.parametrize(
     "header, words",
     [
-        ("acceleration", "1 assumption: limits of acceleration are not judged"),
-        ("acceleration,jerk", "1 assumption: limits of acceleration and jerk are not judged"),
+        ("acceleration", "Assumption: limits of acceleration are not judged"),
+        ("acceleration,jerk", "Assumption: limits of acceleration and jerk are not judged"),
         ("velocity", "OK"),
     ],
 )

@@ -143,7 +143,7 @@ def test_a_knock_is_reported_without_smooth_too(tmp_path):
     q[300, 1] += 0.02
     report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=False, friction=False)
     assert [(s.column, s.time) for s in report.outliers] == [(1, pytest.approx(1.5))]
-    assert any("no noise" in reason for reason in report.verdict.reasons)
+    assert any("look like glitches" in reason for reason in report.verdict.reasons)
     assert not any(reason.startswith("noise explains") for reason in report.verdict.reasons)
 
 

@@ -53,7 +53,7 @@ def test_json_and_report_list_them(tmp_path):
     found = identify(arm, tw.Motion(t, q, tau=tau, robot=arm), cutoff=5.0, friction_speed=0.03, shift=0.0)
     assert json.loads(found.to_json())["cannot_tell"] == found.untold and set(found.untold) < set(untold_table())
     blocks = list(identification_view(found))
-    at = blocks.index("What this log cannot tell:")
+    at = blocks.index("Not determined by this log:")
     assert blocks[at + 1 :] == [f"• {sentence}" for sentence in found.untold.values()]
     page = found.report(tmp_path / "report.html").read_text("utf-8")
     assert "What this log cannot tell" in page and found.untold["clock-rate"] in page

@@ -223,7 +223,7 @@ def _verdict(found: LargestPayload, where: str, robot: Robot, carried: str, assu
         why = str(found).removeprefix("no payload: ")
         return verdict(Word.OVER_LIMIT, f": no payload. {why.replace('the robot alone', itself) if carried else why}.")
     if found.joint < 0:
-        unlimited = "the payload is not limited in this pose: no joint torque depends on it"
+        unlimited = "the payload is not limited at this pose: no joint torque depends on it"
         return verdict(Word.OK, f": {unlimited}{assumed}.")
     k = int(found.joint)
     side = "upper" if found.side > 0 else "lower"
