@@ -94,6 +94,13 @@ def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
             assert line == "…" or plain(line) in said, line
 
 
+def test_titles_of_pages_are_those_of_the_navigation():
+    nav = dict(re.findall(r"^ +- (.+): ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
+    titles = {name: title for title, name in nav.items()}
+    for page in PAGES[1:]:
+        assert page.read_text("utf-8").partition("\n")[0] == f"# {titles[page.name]}", page.name
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):
