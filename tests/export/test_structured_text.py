@@ -295,7 +295,7 @@ def test_the_command_writes_what_the_library_writes(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "Add --c OUT.c or --st OUT.st"),
+        ([], "Add --c OUT.c, --st OUT.st or --ros2 DIR"),
         (["--c", "a.c", "--torque", "motor"], "Add --st OUT.st"),
         (["--st", "a.st", "--torque", "motor"], "--torque motor needs an actuator"),
         (["--st", "a.c"], "--st 'a.c'"),

@@ -52,7 +52,7 @@ def test_a_real_log_whose_own_torques_are_others_is_no_ok(run):
     flags = ("--trajectory", PENDULUM / "sysid_pd_measured.csv")
     code, text = run("torques", PENDULUM / "dfki_simple_pendulum.urdf", *flags)
     assert code == 1
-    assert first_lines(text).startswith("UNSURE: noise is too much of the peak to say how large it is: Joint_1")
+    assert first_lines(text).startswith("UNSURE: noise is too large a part of the peak: Joint_1")
     assert "-17.59 in the file's own torque column" in first_lines(text)
 
 
@@ -153,7 +153,7 @@ def test_a_peak_that_is_mostly_noise_is_unsure_where_no_limit_is_known(arm, tmp_
     free = Limits(np.full(2, -99.0), np.full(2, 99.0), np.full(2, 99.0), np.full(2, np.inf))
     report = report_of(arm, path, limits=free)
     assert report.verdict.word == "UNSURE"
-    assert "noise is too much of the peak" in str(report.verdict)
+    assert "noise is too large a part of the peak" in str(report.verdict)
     clean = write_positions(tmp_path / "c.csv", arm, *swing()[:2])
     [reason] = report_of(arm, clean, limits=free).verdict.reasons
     assert reason.startswith("no torque limit for 2 of 2 joints")

@@ -56,4 +56,4 @@ def test_json_and_report_list_them(tmp_path):
     at = blocks.index("Not determined by this log:")
     assert blocks[at + 1 :] == [f"• {sentence}" for sentence in found.untold.values()]
     page = found.report(tmp_path / "report.html").read_text("utf-8")
-    assert "What this log cannot tell" in page and found.untold["clock-rate"] in page
+    assert "Not determined by this log" in page and found.untold["clock-rate"] in page

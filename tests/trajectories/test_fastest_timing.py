@@ -121,7 +121,7 @@ def test_acceleration_limits_of_the_file_are_kept_if_none_are_given(bundled):
     path = joint_line(limited, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0])
     own = fastest(limited, path)
     assert own.duration == pytest.approx(fastest(bundled("ur5"), path, acceleration=3.0, deceleration=2.0).duration)
-    assert str(own).endswith("acceleration limits are the robot's own")
+    assert str(own).endswith("limits of acceleration are the robot's own")
     assert "robot's own" not in str(fastest(limited, path, acceleration=30.0))
     assert trajectories.move(limited, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0]).violations() == ()
 

@@ -137,8 +137,10 @@ class CauseFit:
             border, size, right = (sum(part[k] for k in range(FOLDS) if k != b) for part in (v, a, c))
             moved = np.tensordot(inverse, border, 1)
             own = size - np.einsum("rgk,rgl->gkl", border, moved)
-            diagonals = (np.diagonal(each, axis1=1, axis2=2) for each in (own, size))
-            told &= np.greater(next(diagonals), _UNTOLD * next(diagonals)).all(axis=1)
+            left_over, before = (np.diagonal(each, axis1=1, axis2=2) for each in (own, size))
+            told &= np.greater(left_over, _UNTOLD * before).all(axis=1)
+            scale = np.sqrt(np.where(left_over > 0.0, left_over, 1.0))
+            told &= np.linalg.eigvalsh(own / (scale[:, :, None] * scale[:, None]))[:, 0] > _UNTOLD
             solved.append((own, right - np.tensordot(x, border, 1), moved))
         left, beta = np.repeat(self.left[..., None], e.shape[2], axis=2), np.zeros(e.shape[2:])
         for b, (own, right, moved) in enumerate(solved if told.any() else ()):

@@ -311,8 +311,9 @@ def _of_the_log(fit: CauseFit) -> tuple[list[FoundCause], int]:
         for cause in causes.discrete_causes(s, sorted(worst)):
             found.append(_judged(fit, fit.refit(cause.correct(s)), cause))
             count += 1
-    tried = [*screened(fit, causes.continuous_causes(s, wide=much)), *screened_changes(fit)]
-    return found + _refined_causes(fit, tried) + _refined_laws(fit, tried), count + len(tried)
+    whole = screened(fit, causes.continuous_causes(s, wide=much))
+    tried = [*whole, *screened_changes(fit)]
+    return found + _refined_causes(fit, tried) + _refined_laws(fit, tried), count + len(whole)
 
 
 def _of_the_joints(fit: CauseFit) -> tuple[list[FoundCause], int]:
