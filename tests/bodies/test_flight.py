@@ -394,6 +394,7 @@ def short_push(t, T, V):
     return [0, 0, 0, 0, 0, 100.0 if 0.5 <= t < 0.505 else 0.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [2, 4, 6])
 def test_a_pulse_between_the_times_of_a_method_is_remarked(order):
     body = tw.RigidBody(tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=2.0))

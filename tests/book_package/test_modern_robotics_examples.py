@@ -206,6 +206,7 @@ def long_examples():
     yield "SimulateControl", (Q, DQ, G, np.ones((100, 6)), *LISTS, theta, dtheta, ddtheta, *model, 20, 10, 18, step, 8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "arguments"), [pytest.param(*e, id=e[0]) for e in long_examples()])
 def test_long_examples_equal_what_the_package_computes(name, arguments, monkeypatch):
     book = pytest.importorskip("modern_robotics", reason="the book's package is not installed")

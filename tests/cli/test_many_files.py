@@ -73,6 +73,7 @@ def test_results_come_in_order_and_failures_stay_their_own(team):
         assert found == [1, Failure("below zero"), 3]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such signals")
 def test_bits_do_not_depend_on_workers_nor_on_their_death(team):
     logs = [known_log(ARM, seed, seconds=20.0, rate=200.0).motion for seed in range(6)]

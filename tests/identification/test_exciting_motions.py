@@ -108,6 +108,7 @@ def test_rates_are_those_of_the_positions(name):
         assert np.abs((a - b) / (2 * h) - value).max() < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_tells_more_than_the_best_of_random_motions(name):
     """Of 100 that keep the same limits and are as wide as these let them be."""
@@ -118,6 +119,7 @@ def test_it_tells_more_than_the_best_of_random_motions(name):
     assert np.median(one.predicted_deviations) < 0.8 * least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_each_criterion_is_better_at_its_own(name):
     def merit(one, by):

@@ -153,6 +153,7 @@ def test_normal_equations_lose_no_digits_that_matter(gathered):
     assert gathered.check() < 1e-6
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     """Of 95 %: 13 groups of 8 logs, whose noise hangs together; fewer than nine in ten would be 4 deviations of the count."""
     inside = []

@@ -50,6 +50,7 @@ def _coverage(robot, count, cutoff):
     return float(np.mean(inside))
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_and_those_of_the_textbook_do_not():
     """Noise that forgets itself in 30 ms, at rows of 20 ms: what the textbook takes for independent is not."""
     arm = tw.robots.planar_2r()
@@ -224,6 +225,7 @@ def test_a_motion_too_short_to_tell():
     assert "unexciting" in kinds(identify(ARM, LOG.changed(rows=slice(0, 250)), **GIVEN))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar_2r", "planar_3r", "geared", "sliding"])
 def test_too_short_a_log_is_not_called_late(name):
     """1.6 s, whose clock's offset is a guess: other motions would be predicted to a tenth and worse, which is the reason told."""

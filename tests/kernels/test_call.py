@@ -130,6 +130,7 @@ def test_robots_with_it_pickle_copy_and_go(robot):
     del method
 
 
+@pytest.mark.slow
 def test_nothing_leaks():
     """Every way is gone once before anything is counted: the first error of a robot known from the cache makes its model."""
     robot = tw.robots.planar_2r()

@@ -313,6 +313,7 @@ def test_a_batch_of_one_is_not_a_batch_of_many(robot):
 # ── life ──
 
 
+@pytest.mark.slow
 def test_nothing_leaks_in_any_way():
     robot = tw.robots.panda()
     q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]

@@ -275,6 +275,7 @@ def test_a_long_chain_s_mass_matrix_gives_its_forces_and_agrees_with_pinocchio()
         assert np.array_equal(M[k], M[k].T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "quadruped"])
 def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, name):
     robot = bundled(name)

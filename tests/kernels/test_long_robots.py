@@ -47,6 +47,7 @@ def sizes(robot: Robot, q: np.ndarray) -> np.ndarray:
     return d[..., :, None] * d[..., None, :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "floating"), [(1, False), (2, True)])
 def test_trees_of_all_joints_have_the_matrices_they_have_unrolled(seed, floating):
     """Poses of random robots are some metres from the base, tips of a kilogram: 1e-15 times (distance over size)² of inertia."""

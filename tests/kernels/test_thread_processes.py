@@ -204,6 +204,7 @@ except KeyboardInterrupt:
 # ── the benchmark's section ──
 
 
+@pytest.mark.slow
 def test_the_benchmark_times_it_and_the_report_shows_it(jobs, monkeypatch, capsys):
     pytest.importorskip("pinocchio", reason="the benchmark needs its peers")
     monkeypatch.syspath_prepend(str(ROOT))
@@ -264,6 +265,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "kind"),
     [

@@ -100,6 +100,7 @@ def assert_near(found, wanted):
     assert np.abs(found - wanted).max() <= TOLERANCE * max(1.0, np.abs(wanted).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed,floating", CASES)
 def test_pinocchio_s_spherical_joint_agrees(seed, floating):
     robot = ball_robot(seed, floating)

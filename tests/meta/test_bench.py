@@ -144,6 +144,7 @@ def panda(bench, monkeypatch):
     return replace(next(c for c in bench("cases").CASES if c.name == "panda"), batch=64)
 
 
+@pytest.mark.slow
 def test_derivatives_agree_with_pinocchio_and_make_tables(bench, panda, capsys):
     found = bench("derivatives").times(1, (panda,), size=64)
     quantities = found["robots"]["panda"]["quantities"]
@@ -309,6 +310,7 @@ def test_a_stream_reaches_every_byte(bench):
         assert np.all(to == 7)
 
 
+@pytest.mark.slow
 def test_shares_of_limits_are_measured_and_shown(bench, panda, monkeypatch, capsys):
     bounds, limits = bench("bounds"), bench("limits")
     monkeypatch.setattr(bounds, "COMPARED", ("gravity_forces",))
@@ -416,6 +418,7 @@ def test_results_go_elsewhere_when_asked_to(bench, monkeypatch, tmp_path, capsys
 # ── rollouts ──
 
 
+@pytest.mark.slow
 def test_rollouts_agree_with_mujoco_and_make_tables(bench, capsys):
     found = bench("rollout").times(1, size=8, steps=10)
     assert found["agreement"] < 1e-12
@@ -427,6 +430,7 @@ def test_rollouts_agree_with_mujoco_and_make_tables(bench, capsys):
     assert "## Rollouts" not in bench("report").write(without)
 
 
+@pytest.mark.slow
 def test_simulations_agree_with_a_loop_of_mujoco_and_make_a_table(bench, monkeypatch):
     simulate = bench("simulate")
     monkeypatch.setattr(simulate, "STEPS", 20)

@@ -17,6 +17,7 @@ import twistwrench as tw
 EXAMPLES = ROOT / "examples"
 
 
+@pytest.mark.slow
 def test_the_intermediate_axis(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     example = runpy.run_path(str(EXAMPLES / "intermediate_axis.py"))

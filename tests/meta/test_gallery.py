@@ -62,6 +62,7 @@ def assert_shows_something(pixels: np.ndarray) -> None:
     assert (np.ptp(halves[1], axis=-1) > 0.2).mean() > 0.005
 
 
+@pytest.mark.slow
 def test_the_fall_keeps_its_energy_as_well_as_its_method(ran):
     """Schemes of order 4 and of order 2, and Euler's two; and good ones agree on where the arm is."""
     example = ran(1)
@@ -105,6 +106,7 @@ def test_the_payload_takes_one_joint_to_its_limit_and_none_beyond(ran):
     assert_shows_something(example.pixels)
 
 
+@pytest.mark.slow
 def test_what_controllers_do_not_know_stays_as_an_error_of_its_kind(ran):
     """At rest: Kp e = Δg under PD, M Kp e = Δg under computed torque, K x_e = m g under impedance."""
     example = ran(4)
@@ -132,6 +134,7 @@ def test_what_controllers_do_not_know_stays_as_an_error_of_its_kind(ran):
     assert_shows_something(example.pixels)
 
 
+@pytest.mark.slow
 def test_the_floor_carries_the_weight_until_its_centre_passes_the_feet(ran):
     example = ran(5)
     names, dog = example.names, tw.robots.quadruped()
@@ -178,6 +181,7 @@ def test_the_hands_of_the_rollouts_are_off_by_the_load_over_the_square_of_the_fr
     assert_shows_something(example.pixels)
 
 
+@pytest.mark.slow
 def test_the_nut_of_the_gripper_does_the_work_of_its_pads(ran):
     """F ds + Σ f dx = dV along the openings, by central differences good to 1e-3; and the nut is where the geometry has it."""
     example = ran(7)
@@ -196,6 +200,7 @@ def test_the_nut_of_the_gripper_does_the_work_of_its_pads(ran):
     assert_shows_something(example.pixels)
 
 
+@pytest.mark.slow
 def test_the_legs_of_the_hexapod_carry_its_weight_by_virtual_work(ran):
     """Σ F dl = dV around the circle at rest, and the power of the legs that of the energy in motion; slopes by Fourier sums."""
     example = ran(8)

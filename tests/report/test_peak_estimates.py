@@ -96,6 +96,7 @@ def check_coverage(z):
     assert np.sqrt(np.mean(np.clip(z, -4, 4) ** 2)) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothing", [False, True])
 def test_intervals_hold_the_true_peak(tmp_path, smoothing):
     robot = robots.planar_2r()

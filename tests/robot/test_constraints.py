@@ -307,6 +307,7 @@ def springs(robot, q, stiffness=40.0):
     return torques, lambda q: robot.potential_energy(q) + 0.5 * stiffness * ((q[where] - rest) ** 2).sum()
 
 
+@pytest.mark.slow
 def test_a_platform_on_three_legs_keeps_its_loops_over_ten_seconds(platform):
     closed, q = platform
     torques, stored = springs(closed.robot, q)

@@ -105,6 +105,7 @@ def alarms(rng, files, poses, noise, rates, fresh=400):
     return found.mean(axis=0) / rates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [SIX, UNEQUAL], ids=["equal", "unequal"])
 def test_false_alarms_of_a_file_from_twelve_poses_come_as_often_as_stated(noise):
     # As if the sensor were known exactly they came 4, 26 and 226 times as often. Deviations of these means, over files:

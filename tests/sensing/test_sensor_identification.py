@@ -90,6 +90,7 @@ def test_all_in_motion_inertia_and_mounting_come_out_too():
     np.testing.assert_allclose(found.turn, turn, atol=4e-3)
 
 
+@pytest.mark.slow
 def test_coverage_holds_with_inertia_and_mounting():
     turn = np.array([0.02, -0.03, 0.05])
     sensor = tool(mounting=tw.so3.exp(turn))

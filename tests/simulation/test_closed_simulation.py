@@ -297,6 +297,7 @@ def test_closing_begins_at_configurations_that_the_model_knows(monkeypatch):
     assert bent.close(**asked).degrees_of_freedom([-0.6, 0.2, 2.2]) == 1
 
 
+@pytest.mark.slow
 def test_the_delta_robot_of_the_examples_keeps_its_platform_level(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     example = runpy.run_path(str(ROOT / "examples" / "delta_robot.py"))

@@ -258,6 +258,7 @@ def test_springs_are_in_the_energy():
 # ── other libraries ──
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 6])
 def test_scipys_dop853_agrees(seed):
     """At every state of the record, between the steps too, to 1e-9."""

@@ -90,6 +90,7 @@ def test_shortest_decimal_within_round_off():
     assert shortest(0.1 + 1e-15, 10.0) == 0.1  # but not after the difference of two numbers near ten
 
 
+@pytest.mark.slow
 def test_numbers_of_the_file_come_back():
     """Through fusing a fixed link, and through the origin and back by Steiner's theorem."""
     rng = np.random.default_rng(3)

@@ -99,6 +99,7 @@ def test_a_mass_that_slows_down_by_another_limit_than_it_speeds_up(d, a, b):
     assert (passed.kind, passed.limit) == ("acceleration", pytest.approx(-np.sign(d) * 0.9 * b, rel=1e-12))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_spline_is_kept_to_both_limits_while_joints_turn_back(bundled, seed):
     """Joints change direction on the way, each at a place of its own: there the limits that apply change over."""

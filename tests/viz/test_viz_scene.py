@@ -314,6 +314,7 @@ def real():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", real(), ids=str)
 def test_real_robots_are_dressed_and_thin_down(path):
     pytest.importorskip("trimesh")
