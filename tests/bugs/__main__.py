@@ -91,7 +91,19 @@ def failing(bug: Bug | None, tests: list[str], seconds: float) -> str | None:
         shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("*.pyc.*"))  # bytecode saves seconds
         if bug:
             bug.put_into(source)
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *tests]
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "--no-header",
+            "-p",
+            "no:cacheprovider",
+            "-m",
+            "slow or not slow",
+            *tests,
+        ]
         environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
         run = subprocess.Popen(
             command,
