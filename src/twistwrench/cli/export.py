@@ -123,7 +123,8 @@ def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     given.check_files(options.files)
     robot = options.load()
     lost = save(robot, given.out, overwrite=given.overwrite)
-    click.echo(f"OK: wrote {given.out}." + (f" {len(lost)} properties are lost:" if lost else ""))
+    less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
+    click.echo(f"OK: wrote {given.out}.{less}")
     for sentence in grouped(lost):
         click.echo(f"lost: {sentence}")
     if shaped := len(robot.model.shaped):
