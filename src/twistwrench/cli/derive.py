@@ -40,7 +40,7 @@ _PIPED, _NARROWEST = 100, 40
         choices=("auto", "expanded", "named"),
         default="auto",
     ),
-    option("--steps STEP,…|all", "Steps to print and write, by name. [default: the equations]"),
+    option("--steps STEP,…|all", "Steps to print and write, by name. [default: all]"),
     *(option(f"--{name} OUT|-", f"{text} - is the terminal.") for name, text in _FILES.items()),
     examples=("derive planar_2r", "derive cart_pole --latex -"),
     angles=False,

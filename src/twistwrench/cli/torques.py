@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,6 +34,9 @@ from .main import Given, check_matplotlib, note, option
 from .report import PAGE, REPORT, drawn, robot_picture, write_report, write_viewer
 from .shared import RobotOptions, robot_command
 from .terminal import progress_bar, show
+
+if TYPE_CHECKING:
+    from ..viz.drawn_motion import DrawnMotion
 
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """Time to estimate the noise of a motion, and to fit the smoothing, relative to the analysis."""
@@ -98,15 +102,17 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         note("--smooth changes nothing: the file gives velocities and accelerations.")
     blocks = list(report_view(report, degrees=options.degrees, why=given.why))
     show(*blocks)
-    for kind, picture in plots.items():
-        _plot(report, kind, picture, given.joints)
-    shared.show_written(given.csv, *plots.values())
-    link = ""
-    if given.html is not None:
+    link, motion = "", None
+    if given.html is not None or not plots.keys() <= {"torques", "motors"}:
         from ..viz.drawn_motion import reported_motion
 
+        motion = reported_motion(report)
+    for kind, picture in plots.items():
+        _plot(report, motion, kind, picture, given.joints)
+    shared.show_written(given.csv, *plots.values())
+    if given.html is not None:
         time = f"#t={number(report.joints[report.worst].time, 6)}" if report.worst is not None else ""
-        link = write_viewer(given, report.load.robot, time, motion=reported_motion(report))
+        link = write_viewer(given, report.load.robot, time, motion=motion)
     if given.report is not None:
         write_torque_report(report, blocks, given, files, link)
     return report.verdict.exit_code
@@ -128,20 +134,19 @@ def _parse_plots(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _plot(report: TorqueReport, kind: str, path: str, joints: Sequence[str]) -> None:
-    """Draw a report, its motors, or its motion."""
+def _plot(report: TorqueReport, motion: DrawnMotion | None, kind: str, path: str, joints: Sequence[str]) -> None:
+    """Draw a report or its motors; causes, power and phase are drawn from its motion."""
     from ..plotting import motion as of_motion
     from ..plotting.torques import plot_motors, plot_report
-    from ..viz.drawn_motion import reported_motion
 
     if kind == "motors" and not report.motors:
         raise ValueRangeError("--plot motors=…: the actuator file describes no motor.")
-    if kind in ("torques", "motors"):
-        (plot_report if kind == "torques" else plot_motors)(report, path)
+    if motion is None or kind in ("torques", "motors"):
+        (plot_motors if kind == "motors" else plot_report)(report, path)
     elif kind == "power":
-        of_motion.plot_power(reported_motion(report), path)
+        of_motion.plot_power(motion, path)
     else:
-        (of_motion.plot_split if kind == "causes" else of_motion.plot_phase)(reported_motion(report), path, joints)
+        (of_motion.plot_split if kind == "causes" else of_motion.plot_phase)(motion, path, joints)
 
 
 def write_torque_report(
