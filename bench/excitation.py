@@ -1,4 +1,4 @@
-"""Exciting motions beside random ones under the same constraints: the table of docs/identification.md.
+"""Exciting motions beside random ones under the same constraints: the table of docs/identification-method.md.
 
 python -m bench.excitation
 """

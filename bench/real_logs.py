@@ -1,4 +1,4 @@
-"""What identification leaves unexplained of public logs of real robots: the figures of docs/identification.md.
+"""What identification leaves unexplained of public logs of real robots: the figures of docs/identification-method.md.
 
 The logs are no part of the repository; where they lie, tests/support/places.py says. python -m bench.real_logs
 """

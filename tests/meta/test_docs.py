@@ -136,7 +136,7 @@ def page(name: str) -> str:
 def test_doubts_of_identify_and_what_no_log_tells_are_the_tables():
     from twistwrench.log_checks.doubts import doubt_table, untold_table
 
-    text = (ROOT / "docs" / "identification.md").read_text("utf-8").replace("\\|", "|")
+    text = (page("identification-method") + page("identification")).replace("\\|", "|")
     rows = [
         f"| `{k.name}` | {k.stage} | {k.tests} | {k.threshold} |"
         for k in doubt_table().values()
@@ -168,7 +168,7 @@ def test_shares_of_intervals_are_those_measured():
 
 
 def test_exciting_motions_are_better_than_the_best_of_random_ones_as_measured():
-    text, found = page("identification"), kept("excitation")
+    text, found = page("identification-method"), kept("excitation")
     for robot in ("ur5", "panda"):
         mine, best = found[robot]["found"], found[robot]["best of 500"]
         assert mine["condition"] <= best["condition"] and mine["worst deviation"] <= best["worst deviation"]
@@ -179,7 +179,7 @@ def test_exciting_motions_are_better_than_the_best_of_random_ones_as_measured():
 
 
 def test_what_real_logs_leave_unexplained_is_what_was_measured():
-    text, found = page("identification"), kept("real_logs")
+    text, found = page("identification-method"), kept("real_logs")
     robot, one, other, simple = (
         found[name]["held out"]
         for name in (
