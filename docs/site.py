@@ -15,7 +15,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\]\((\.\./|docs/|)([^)#:]+)(#[^)]*)?\)")
 _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
-"""What the tests read behind a block's language: no-run, exit=1."""
+"""What the tests read behind a block's language: no-run, exit=1, file=limits.csv."""
 _LIVE = re.compile(r"^<!-- live: (\S+), (.+) -->$", re.MULTILINE)
 """A page that computes, within a page of the site: its name, and its title."""
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")

@@ -1,0 +1,175 @@
+"""Write docs/unsure.md from the table of doubts and the sentences of the verdict: `python docs/doubts.py`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from twistwrench.log_checks.doubts import DoubtKind, doubt_table
+from twistwrench.reports.load_case import TEMPLATE
+from twistwrench.reports.sentences import SENTENCES
+
+PAGE = Path(__file__).with_name("unsure.md")
+_SOURCES = PAGE.parent.parent / "src" / "twistwrench"
+_HEAD = """# My verdict is UNSURE or LOOK AGAIN
+
+`UNSURE` means that the data cannot tell; it is not a yes. `LOOK AGAIN` means that the input contradicts itself, so no
+figure can be trusted. The sentence after the word is the reason. Search this page for words of your sentence; …
+stands for names and numbers.
+
+[Verdicts and exit codes](verdicts.md) explains all words. `python docs/doubts.py` writes this page from the program's
+own sentences.
+"""
+_LIMITS = """
+## Limits, noise and the robot file
+
+Reasons of `torques`, `payload`, `move` and `size`.
+
+"""
+_LOG = """
+## The log
+
+`torques` and `identify` check every motion before any physics. In Python, `tw.Motion(...).doubts` lists all doubts,
+each with `kind`, `joints`, `sentence`, `level` and, if there is one, `value` and `unit`; `.contradictions` are those
+that lead to `LOOK AGAIN`. A unit in the name of a column, such as `time [s]`, takes precedence. Values that are
+unusual but possible lead to a question below the verdict, `IS THE UNIT RIGHT?`
+
+"""
+_STEPS = """
+`buffered` and `pause` are found by steps. With the mean speed $v_j$ on both sides of a step, the unexplained part of
+the step of joint j is
+
+$$e_j = q_j(t + h) - q_j(t) - h v_j .$$
+
+If positions begin to be late by $s$, $e_j = -s v_j$ in all joints. A step counts if $e_j$ exceeds 3 usual steps of
+the joint and 8 standard deviations, in two joints at once. None of these doubts was raised for 400 clean logs of ten
+robots.
+"""
+_CAUSES = """
+## Causes in measured torques
+
+If the log has torques of all joints, `identify` and `torques` [search for causes](identification-method.md#doubts).
+A cause is raised if S ≥ 0.25 and t at 0.01 over the number of causes; further conditions stand in the last column. The
+verdict depends on how much a cause changes the torques of another motion. `identify` begins with `LOOK AGAIN` above
+5 %, with `UNSURE` above 1 %. `torques` is `UNSURE` above 5 %.
+
+"""
+_FIT = """
+## The fit of identify
+
+"""
+_SENSOR = """
+## Force-torque sensors
+
+Reasons of [`sensor`](sensor.md).
+
+"""
+_SEARCHED = "S >= 0.25 and t at 0.01 over the number of causes"
+_LEVELS = {"refuse": "LOOK AGAIN", "unsure": "UNSURE", "note": "note", "effect": "by effect"}
+_OTHER = (
+    ("…: the arm's own weight takes at most … of …, and 25 to 83 % in real arms",
+     "The efforts of the robot file are probably not limits of its motors.", "[Give limits](limits.md) from the data sheet."),
+    ("noise is too large a part of the peak: …",
+     "Half the 95 % interval of a peak exceeds half of it, or noise exceeds half of the raw peak.",
+     "Log velocities and accelerations, or record a slower or longer motion."),
+    ("noise explains why the … limit of … is passed", "The excess is smaller than the noise of the log.", "As above."),
+    ("the robot moves while nothing is logged for … s after t = … s",
+     "A pause is longer than 15 % of the log, or beside a peak above 80 % of a limit.", "Record the log without the pause."),
+    ("samples that look like glitches were smoothed away; if the robot moved so, torques there are too low",
+     "Positions more than 6 σ off the smooth curve.", "If the robot did not move so, remove these rows."),
+    ("… no mass, so … weight is missing from the torques", "Moving links have no `<inertial>`.",
+     "Add their masses to the robot file, or as `--payload`."),
+    ("the measured torque of … is exactly … in … of the rows, while the torque computed changes: it is cut off there, or its "
+     "channel is dead", "A driver limits the current, or nothing is measured.", "Log the torque before it is limited."),
+    ("the file's own torque column disagrees with the torques computed: …",
+     "`UNSURE` if the measured torque is larger, as by friction that the file lacks; else `LOOK AGAIN`: sign or unit.",
+     "[Compare measured torques](torques.md#torques-that-were-measured); [identify](identification.md) the friction."),
+    ("the payload of … kg lies … m from …, and the robot reaches … m: offsets are in metres",
+     "`LOOK AGAIN`: `--payload` was given in millimetres.", "Give the position in metres."),
+    ("… may … (capsules; …)", "Capsules overlap, and coal, which could decide, is not installed.",
+     "`pip install 'twistwrench[clearance]'`"),
+    ("clearance not known of … of … links, whose shapes are not in the file or could not be read: …",
+     "Links without `<collision>` and `<visual>`, or meshes that were not found.",
+     "Install the extra `mesh`, or correct the paths of the meshes."),
+    ("stall data only", "A catalogue gives the stall torque and no thermal data.",
+     "Add `thermal` or `current_continuous` to the [catalogue](sizing.md#the-catalogue)."),
+)  # fmt: skip
+"""Reasons outside the table of doubts: words, cause and remedy. Each piece of the words occurs in a source file."""
+
+
+def page() -> str:
+    """The page, as it has to be."""
+    kinds = [k for k in doubt_table().values() if k.level != "note" or "UNSURE" in k.threshold]
+    sensor = [k for k in kinds if k.reads == ("sensor",)]
+    log = [k for k in kinds if "motion" in k.reads]
+    causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor]
+    fit = [k for k in kinds if k not in sensor and k not in log and k not in causes]
+    parts = [_HEAD, _LIMITS, _rows(("the report says", "cause", "what to do"), [*_own(), *_others()])]
+    for text, found in ((_LOG, log), (_STEPS + _CAUSES, causes), (_FIT, fit), (_SENSOR, sensor)):
+        parts += [text, _rows(("the report says", "verdict", "what to do", "`kind`: test, bound"), map(_row, found))]
+    return "".join(parts)
+
+
+def _own() -> Iterable[tuple[str, ...]]:
+    """Rows of the sentences of the verdict on a motion that stand for a doubt."""
+    yield _words(SENTENCES["unlimited"].replace("; {remedy}", "")), "The robot file has no `effort` there.", _template()
+    yield (
+        _words(SENTENCES["open"]),
+        "The noise of the log decides.",
+        "Log velocities and accelerations, or more slowly.",
+    )
+    yield _words(SENTENCES["open follower"]), "The same, for a mimic joint.", "As above."
+    yield (
+        _words(f"… {SENTENCES['no contact'].removeprefix('{words}, ')}"),
+        "The base floats, and nothing carries it.",
+        "Give `--wrench-on-robot`; in Python `inverse_dynamics(wrench_on_robot=)`.",
+    )
+
+
+def _template() -> str:
+    return f"{TEMPLATE[0].upper()}{TEMPLATE[1:]}; see [limits](limits.md)."
+
+
+def _others() -> Iterable[tuple[str, ...]]:
+    for words, cause, remedy in _OTHER:
+        lacking = [piece for piece in words.split("…") if len(piece) > 9 and not _occurs(piece)]
+        assert not lacking, f"no source has {lacking}"
+        yield _words(words), cause, remedy
+
+
+def _occurs(piece: str) -> bool:
+    return re.sub(r"\s+", " ", piece).strip(" ;:,.(") in _source()
+
+
+@cache
+def _source() -> str:
+    """Text of the modules that word verdicts, their string literals joined."""
+    files = sorted((_SOURCES / "reports").glob("*.py")) + sorted((_SOURCES / "sizing").glob("*.py"))
+    text = " ".join(f.read_text("utf-8") for f in (*files, _SOURCES / "statics" / "clearance.py"))
+    return re.sub(r"\s+", " ", re.sub(r'"\s*f?"', "", re.sub(r"\{[^{}]*\}", "…", text)))
+
+
+def _row(kind: DoubtKind) -> tuple[str, ...]:
+    words = kind.tests if set(kind.sentence) <= set("{said}") else kind.sentence.replace("{interval}", "")
+    bound = kind.threshold.removeprefix(_SEARCHED).lstrip("; ")
+    test = "" if kind.reads == ("sensor",) else f": {kind.tests}{f'; {bound}' if bound else ''}"
+    return _words(words), _LEVELS[kind.level], _words(kind.remedy) or "–", _words(f"`{kind.name}`{test}")
+
+
+def _words(text: str) -> str:
+    """A sentence with … for its names and numbers, as Markdown."""
+    shown = re.sub(r"\{\w+\}", "…", text).strip().rstrip(":")
+    return (
+        re.sub(r"…+", "…", shown.replace("[…]", "[unit]")).replace("<", "&lt;").replace("_0", "₀").replace("*", r"\*")
+    )
+
+
+def _rows(heads: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [" | ".join(cell.replace("|", r"\|") for cell in row) for row in (heads, ("---",) * len(heads), *rows)]
+    return "".join(f"| {line} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
