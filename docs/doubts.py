@@ -15,7 +15,7 @@ PAGE = Path(__file__).with_name("unsure.md")
 _SOURCES = PAGE.parent.parent / "src" / "twistwrench"
 _HEAD = """# My verdict is UNSURE or LOOK AGAIN
 
-`UNSURE` means that the data cannot tell; it is not a yes. `LOOK AGAIN` means that the input contradicts itself, so no
+`UNSURE` means that the data cannot decide; it is not a yes. `LOOK AGAIN` means that the input contradicts itself, so no
 figure can be trusted. The sentence after the word is the reason. Search this page for words of your sentence; …
 stands for names and numbers.
 
