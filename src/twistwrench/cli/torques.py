@@ -25,6 +25,7 @@ from ..motion.motion_log import MotionLog
 from ..reports.blocks import Block, Column, Line, Table, numbers, remarks, share_bar, share_cell, verdict, words
 from ..reports.load_case import TERMS, cause_label
 from ..reports.motors import Demand, MotorUse, Steps
+from ..reports.recording import require_mcap, require_rerun
 from ..reports.robot_summary import read_limits
 from ..reports.spoken_verdict import verdict_view
 from ..reports.torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport, analyse
@@ -65,6 +66,8 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     ),
     shared.LIMITS,
     shared.CLEARANCE,
+    option("--mcap OUT.mcap", "Write states, torques, causes and limits as a ROS 2 recording, for Foxglove."),
+    option("--rerun OUT.rrd", "Write the same for rerun."),
     REPORT,
     PAGE,
     option("--why", "Split the peak of the worst joint by link, payload and rotor."),
@@ -83,9 +86,10 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
     path = shared.motion_path(options, given.trajectory)
     given.logs = paths = shared.expand_paths(path, given.trajectory)
     if paths != [str(path)] or given.workers is not None or given.scheduler is not None:
-        if any((given.plots, given.split, given.why, given.report, given.html)):
+        if any((given.plots, given.split, given.why, given.mcap, given.rerun, given.report, given.html)):
             raise ValueRangeError(
-                "--plot, --split, --why, --report and --html are of one motion. Give one file, and no --workers."
+                "--plot, --split, --why, --mcap, --rerun, --report and --html are of one motion. Give one file, and no "
+                "--workers."
             )
         return run_batch(BatchTorques(options, given), paths)
     plots = _parse_plots(given.plots)
@@ -95,6 +99,10 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         raise ValueRangeError("--joint selects panels of --plot causes=… and phase=…. Add one of them.")
     files = {"--trajectory": path, "--limits": given.limits, "--srdf": given.srdf, **options.files}
     given.check_files(files, **{f"plot {kind}": picture for kind, picture in plots.items()})
+    if given.mcap is not None:
+        require_mcap()
+    if given.rerun is not None:
+        require_rerun()
     with progress_bar(path.name) as progress:
         steps = Steps(progress, (_PLANNING_AND_SMOOTHING if given.smooth else _PLANNING, 1.0))
         report = analysis(options, given, path, steps, csv=given.csv, split=given.split)
@@ -109,7 +117,10 @@ def torques_command(options: RobotOptions, given: Given) -> ExitCode:
         motion = reported_motion(report)
     for kind, picture in plots.items():
         _plot(report, motion, kind, picture, given.joints)
-    shared.show_written(given.csv, *plots.values())
+    for out, write in ((given.mcap, report.to_mcap), (given.rerun, report.to_rerun)):
+        if out is not None:
+            write(out)
+    shared.show_written(given.csv, *plots.values(), given.mcap, given.rerun)
     if given.html is not None:
         time = f"#t={number(report.joints[report.worst].time, 6)}" if report.worst is not None else ""
         link = write_viewer(given, report.load.robot, time, motion=motion)

@@ -14,9 +14,9 @@ from ..bodies.inertia import SpatialInertia
 from ..bodies.mesh import convex_hull
 from ..bodies.solids import clipped, rotational_inertia, second_moments
 from ..errors import ModelWarning, TwistWrenchError, ValueRangeError
+from ..formats.source import MESHES, find_resource
 from ..typing import Array
 from ..viz import surface
-from ..viz.visuals import MESHES, find_resource
 
 _LARGEST = 200 * 2**20
 """Bytes of a mesh file that is opened."""

@@ -1,4 +1,4 @@
-"""Source of robot text: a file, or the text itself."""
+"""Source of robot text: a file, or the text itself; xacro, and the files of meshes that a robot file names."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import codecs
 import difflib
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from ..core.files import read_bytes, read_standard_input
 from ..core.numbers import printed
@@ -145,6 +146,48 @@ def _decoded(data: bytes, name: str) -> str:
             ) from None
         except LookupError:
             raise RobotFileError(unknown) from None
+
+
+# ── Meshes that a robot file names
+
+MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
+"""Endings of the files that are opened; a robot file may come from anywhere, and names no others."""
+_PACKAGES = ("package://", "model://")
+
+
+def find_resource(uri: str, robot_file: Path) -> Path | None:
+    """The file that ``uri`` means in ``robot_file``, or None if it is nowhere.
+
+    A package is looked for in the folders around the robot file, then in those of ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``; a name that leads out of it counts as missing. So does a file whose ending is not that of a mesh, and
+    what would have to be fetched, as with http://.
+    """
+    try:
+        places = _places(uri.strip(), robot_file)
+        return next((path for path in places if path.suffix.lower() in MESHES and path.is_file()), None)
+    except (OSError, ValueError):  # names that no file system takes
+        return None
+
+
+def _places(uri: str, robot_file: Path) -> Iterator[Path]:
+    scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
+    if scheme is not None:
+        name, _, rest = unquote(uri[len(scheme) :]).partition("/")
+        inside = Path(os.path.normpath(rest))
+        if name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
+            return
+        for folder in robot_file.resolve().parents:
+            yield folder / name / rest
+            if folder.name == name:
+                yield folder / rest
+        for root in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+            yield Path(root) / name / rest
+        for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+            yield Path(prefix) / "share" / name / rest
+    elif uri.startswith("file://"):
+        yield Path(unquote(uri.removeprefix("file://")))
+    elif "://" not in uri and uri:
+        yield robot_file.parent / uri
 
 
 # ── xacro, a language of macros with Python expressions, in which robot files are written

@@ -51,6 +51,8 @@ class ArrayFile:
     """A sentence for each thing in the file that is not read."""
     advice: str = "remove the row"
     """Remedy of numbers that are not finite."""
+    epoch: int = 0
+    """Stamp of time 0 of a ROS recording [ns]."""
     dataset: str = ""
     """Unit of a LeRobot dataset's positions by its metadata: ``degrees``, ``radians``, ``range`` or ``unknown``."""
 

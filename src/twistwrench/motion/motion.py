@@ -74,8 +74,9 @@ class Motion:
     (['time', 'joint1', 'joint2'], (101, 6), (101,))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     table, picture = motion.to_csv(f"{folder}/motion.csv"), motion.plot(f"{folder}/motion.svg")
-    ...     table.read_text().split(",")[0], picture.name
-    ('time', 'motion.svg')
+    ...     table.read_text().split(",")[0], picture.name, motion.to_mcap(f"{folder}/motion.mcap").name
+    ('time', 'motion.svg', 'motion.mcap')
+    >>> motion.to_rerun("motion.rrd")  # doctest: +SKIP
     """
 
     time: Array
@@ -90,6 +91,8 @@ class Motion:
     """True if times are known to be seconds: long steps of time are then not doubted."""
     read: tuple[Doubt, ...] | None = None
     """Doubts found while its file was read; None: those of :attr:`doubts` are found in its numbers."""
+    epoch: int = 0
+    """Stamp of time 0 in recordings: nanoseconds since 1970, or of the clock of the recording that it was read from."""
 
     def __post_init__(self) -> None:
         if self.robot is None:
@@ -229,8 +232,8 @@ class Motion:
         doubts = log.doubts(robot.limits)
         said = (f"LOOK AGAIN: {doubt}" if doubt.refuses else str(doubt) for doubt in doubts if doubt.level != "note")
         asked = (str(doubt) for doubt in doubts if doubt.level == "note" and doubt.kind in ASKED)
-        given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "in_seconds": True}
-        return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *said, *asked))
+        given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "epoch": log.epoch}
+        return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *said, *asked), in_seconds=True)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -488,6 +491,42 @@ class Motion:
         with csv_table(path, columns) as table:
             table.numbers(np.column_stack(list(columns.values())))
         return path
+
+    def to_mcap(self, path: str | Path) -> Path:
+        """Write an MCAP recording of ROS 2, as Foxglove shows and ``twistwrench torques`` reads it.
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError, ValueRangeError
+            mcap-ros2-support is not installed, nothing can be written, or times are negative.
+        """
+        from ..reports.recording import Recording, write_mcap
+
+        return write_mcap(path, Recording.from_motion(self))
+
+    def to_rerun(self, path: str | Path, robot: Robot | None = None) -> Path:
+        """Write an .rrd file that rerun shows: the moving robot, and a curve of each joint.
+
+        Parameters
+        ----------
+        robot : Robot, optional, with the same coordinates; None: the motion's own
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError, ValueRangeError
+            rerun-sdk is not installed, nothing can be written, or times are negative.
+        """
+        from ..reports.recording import Recording, write_rerun
+
+        return write_rerun(path, Recording.from_motion(self if robot is None else self.with_robot(robot)))
 
     def to_pandas(self) -> Any:
         """Data frame with the time [s] as its index and a column for each entry.

@@ -230,7 +230,8 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
             rows = [sum(sign * table[s, needed.index(k)] for k, sign in every[column]) for column in used]
             yield np.stack(rows, axis=1)
 
-    return ArrayFile(file.path, (*file.header, *labels), file.size, read, file.notes)
+    epoch = file.epoch if isinstance(file, ArrayFile) else 0
+    return ArrayFile(file.path, (*file.header, *labels), file.size, read, file.notes, epoch=epoch)
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

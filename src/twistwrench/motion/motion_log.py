@@ -175,6 +175,8 @@ class _Decoded:
     """Doubts about the columns of mimic joints."""
     date: tuple[str, ...]
     """A sentence on the date from which time counts, where the file's counts from 1970."""
+    epoch: int
+    """Stamp of time 0 [ns since 1970]; 0 where time does not count from there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,6 +301,11 @@ class MotionLog:
         """
         return self._decoded.table
 
+    @property
+    def epoch(self) -> int:
+        """Stamp of time 0: nanoseconds since 1970, or of a recording's own clock; 0 where the file has none."""
+        return self._decoded.epoch
+
     @cached_property
     def _decoded(self) -> _Decoded:
         table = self.file.table(self.columns.used)
@@ -310,9 +317,10 @@ class MotionLog:
             table = table_of(timed, table.shape[1] + 1, self.path)
         elif self.columns.seconds != 1.0:
             table[:, 0] *= self.columns.seconds
-        date = date_note(float(table[0, 0]))
-        if date:
-            table[:, 0] -= float(table[0, 0])
+        begin, epoch = float(table[0, 0]), self.file.epoch if isinstance(self.file, ArrayFile) else 0
+        if date := date_note(begin):
+            table[:, 0] -= begin
+            epoch = round(begin * 1e9)
         clock = None if self.columns.counted else self._steady_clock(table)
         self._check_rows(table)
         turning, duplicates = np.flatnonzero(self.coordinates.angular), DuplicateTimestamps()
@@ -328,7 +336,7 @@ class MotionLog:
         found.runs = [self.motion(run) for run in log_table.excerpts(table, *_RUNS)]
         portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
         mimic = mimic_doubts(self.columns.mimic_joints, portions)
-        return _Decoded(table, duplicates, clock, stamps, found, mimic, date)
+        return _Decoded(table, duplicates, clock, stamps, found, mimic, date, epoch)
 
     def _contradictions(self, table: Array) -> Contradictions:
         columns = self.columns

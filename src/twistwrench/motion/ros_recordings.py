@@ -10,6 +10,7 @@ import os
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +90,12 @@ def ros_file(path: Path, topic: str | None = None) -> ArrayFile:
         else:
             header, table, note = _plan(messages, where)
             notes.append(note)
+    epoch = 0
     if kind in ("JointState", "JointTrajectoryControllerState"):
-        notes += date_note(_seconds(messages[0].header.stamp))
+        stamp = messages[0].header.stamp
+        notes, epoch = [*notes, *date_note(_seconds(stamp))], _nanoseconds(stamp)
     size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
-    return ArrayFile.from_table(path, header, table, size, notes)
+    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch)
 
 
 def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
@@ -118,11 +121,15 @@ def _chosen(path: Path, topics: Topics, wanted: str | None) -> list[str]:
 # ── Messages as tables
 
 
+def _nanoseconds(stamp: Any) -> int:
+    """Nanoseconds of a stamp or duration of ROS 1 or 2."""
+    sec, nano = ("sec" if hasattr(stamp, "sec") else "secs"), ("nanosec" if hasattr(stamp, "nanosec") else "nsecs")
+    return int(getattr(stamp, sec)) * 10**9 + int(getattr(stamp, nano))
+
+
 def _seconds(stamp: Any, begin: Any = None) -> float:
     """Seconds of a stamp or duration, since ``begin``: whole nanoseconds since 1970 do not fit into a float."""
-    sec, nano = ("sec" if hasattr(stamp, "sec") else "secs"), ("nanosec" if hasattr(stamp, "nanosec") else "nsecs")
-    first = (0, 0) if begin is None else (getattr(begin, sec), getattr(begin, nano))
-    return float((getattr(stamp, sec) - first[0]) + 1e-9 * (getattr(stamp, nano) - first[1]))
+    return (_nanoseconds(stamp) - (0 if begin is None else _nanoseconds(begin))) / 1e9
 
 
 def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array]:

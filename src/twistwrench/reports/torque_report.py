@@ -187,6 +187,18 @@ class TorqueReport:
 
         return verdict_of(self)
 
+    def to_mcap(self, path: str | Path) -> Path:
+        """Write the motion, its torques, causes, limits and verdict as an MCAP recording; raises MissingExtraError."""
+        from .recording import Recording, write_mcap
+
+        return write_mcap(path, Recording.from_report(self))
+
+    def to_rerun(self, path: str | Path) -> Path:
+        """Write the same as an .rrd file for rerun; raises MissingExtraError."""
+        from .recording import Recording, write_rerun
+
+        return write_rerun(path, Recording.from_report(self))
+
     @property
     def scale(self) -> float:
         """The largest torque; what is some 1e-9 of it is zero up to rounding."""

@@ -1,19 +1,16 @@
-"""Visuals of a robot file: the paths of its meshes, and the ``<visual>`` elements of URDF. Nothing is fetched."""
+"""Visuals of a robot file: its ``<visual>`` elements and their meshes. Nothing is fetched."""
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import unquote
 
 import numpy as np
 
 from ..errors import MissingExtraError, ModelError, NotFoundError
-from ..formats.source import EXPAND, read_robot_text, xacro_in
+from ..formats.source import EXPAND, find_resource, read_robot_text, xacro_in
 from ..formats.urdf import origin_of
 from ..formats.xml import Element, parse
 from ..typing import Array
@@ -21,46 +18,6 @@ from .surface import Surface, box, cylinder, read_mesh, sphere
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
-"""Endings of the files that are opened; a robot file may come from anywhere, and names no others."""
-_PACKAGES = ("package://", "model://")
-
-
-def find_resource(uri: str, robot_file: Path) -> Path | None:
-    """The file that ``uri`` means in ``robot_file``, or None if it is nowhere.
-
-    A package is looked for in the folders around the robot file, then in those of ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``; a name that leads out of it counts as missing. So does a file whose ending is not that of a mesh, and
-    what would have to be fetched, as with http://.
-    """
-    try:
-        places = _places(uri.strip(), robot_file)
-        return next((path for path in places if path.suffix.lower() in MESHES and path.is_file()), None)
-    except (OSError, ValueError):  # names that no file system takes
-        return None
-
-
-def _places(uri: str, robot_file: Path) -> Iterator[Path]:
-    scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
-    if scheme is not None:
-        name, _, rest = unquote(uri[len(scheme) :]).partition("/")
-        inside = Path(os.path.normpath(rest))
-        if name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
-            return
-        for folder in robot_file.resolve().parents:
-            yield folder / name / rest
-            if folder.name == name:
-                yield folder / rest
-        for root in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-            yield Path(root) / name / rest
-        for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-            yield Path(prefix) / "share" / name / rest
-    elif uri.startswith("file://"):
-        yield Path(unquote(uri.removeprefix("file://")))
-    elif "://" not in uri and uri:
-        yield robot_file.parent / uri
-
 
 # ── ``<visual>`` elements of URDF
 
