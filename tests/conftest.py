@@ -14,7 +14,7 @@ import twistwrench as tw
 
 collect_ignore = ["support"]
 """Helpers without tests or examples. In old versions of pytest, a module of fixtures that the search for examples has seen
-is no plugin for others any more."""
+is not a plugin for others any more."""
 
 CACHE = "TWISTWRENCH_CACHE_DIR"
 

@@ -78,7 +78,7 @@ def serves(emulation: Emulation) -> bool:
     if lacking := emulation.missing():
         print(f"{emulation.name}: not run, {' and '.join(lacking)} not installed: apt-get install {emulation.packages}")
     elif emulation.name == "Windows" and not host().triple.startswith("x86_64"):
-        print(f"{emulation.name}: not run, Wine emulates no processor, and this one is no x86-64")
+        print(f"{emulation.name}: not run, Wine emulates no processor, and this one is not an x86-64")
     else:
         return True
     return False

@@ -371,7 +371,7 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
     allowed = range(-min(x.ndim, 2), 0) if axis is None else (axis,)
     found = [k for k in allowed if -x.ndim <= k < x.ndim and x.shape[k] == 6]
     if len(found) != 1:
-        several = "both of the last two axes are 6 long: say axis=-1 for twists, axis=-2 for a Jacobian"
+        several = "both of the last two axes are 6 long: pass axis=-1 for twists, axis=-2 for a Jacobian"
         raise ShapeError(
             f"swap_halves: rows has shape {x.shape}, and {several if found else 'no axis of 6 where they are wanted'}."
         )

@@ -340,7 +340,7 @@ REFUSED = {
     "a bent pose": (lambda: tw.Pose(BENT, "a", "b"), "not a rotation: R' R is 0.0201 off the identity"),
     "a pose of NaN": (lambda: tw.Pose(np.full((4, 4), np.nan), "a", "b"), "a pose has the entry nan at (0, 0)"),
     "a pose without a name": (lambda: tw.Pose(np.eye(4), to="", of="b"), "the frame that a pose leads to is ''"),
-    "a frame that is no name": (lambda: tw.Wrench(np.zeros(6), 3), "the frame of a wrench is 3; a frame's name is a text"),
+    "a frame that is not a name": (lambda: tw.Wrench(np.zeros(6), 3), "the frame of a wrench is 3; a frame's name is a text"),
     "five numbers": (lambda: tw.Twist(np.zeros(5), "b"), "a twist, angular part first, has shape (5,), expected (..., 6)."),
     "a row of one": (lambda: F_B[0], "no row 0 in a wrench of batch shape ()"),
     "rows of one": (lambda: list(F_B), "one wrench has no rows to go through"),

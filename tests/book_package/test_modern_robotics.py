@@ -53,7 +53,7 @@ def lists(rng, n):
 
 
 def joints(rng, n):
-    """Joint vectors whose entries are no tiny angles."""
+    """Joint vectors whose entries are not tiny angles."""
     return rng.uniform(0.1, 2.0, n) * rng.choice([-1.0, 1.0], n)
 
 

@@ -12,7 +12,7 @@ from twistwrench.cli.main import main
 
 
 def commands(group=main, path=()):
-    """Every command that is no group, with the words that call it."""
+    """Every command that is not a group, with the words that call it."""
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)

@@ -1,7 +1,7 @@
 """Whatever comes in at a public door of lie, screws and bodies: a result, or one error of the tree that names the argument.
 
 Every function is called with each kind of junk in each of its places. Nothing may end in an error of NumPy or Python, and
-nothing that is no array of real numbers of the right shape may give a result.
+nothing that is not an array of real numbers of the right shape may give a result.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ NUMBERS: dict[str, Any] = {
 
 
 def junk(x: np.ndarray) -> dict[str, Any]:
-    """What is no array of real numbers of the shape of x, by name."""
+    """What is not an array of real numbers of the shape of x, by name."""
     return {
         "a text": "abc",
         "None": None,
@@ -258,7 +258,7 @@ MESSAGES = {
     "text": (lambda: so3.hat("abc"), "so3.hat: w has shape () of text, expected (..., 3)."),
     "complex": (lambda: so3.exp([1j, 0, 0]), "so3.exp: w has shape (3,) of complex numbers, expected (..., 3) of real numbers."),
     "None": (lambda: se3.log(None), "se3.log: T has shape () of NoneType, expected (..., 4, 4)."),
-    "ragged": (lambda: se3.exp([[1, 2], [3]]), "se3.exp: V is no array, expected (..., 6) of real numbers: "),
+    "ragged": (lambda: se3.exp([[1, 2], [3]]), "se3.exp: V is not an array, expected (..., 6) of real numbers: "),
     "batches": (lambda: so3.cross(np.ones((2, 3)), np.ones((4, 3))), "do not broadcast: a (2, 3), b (4, 3)."),
     "poses": (lambda: Ad(np.ones((2, 4, 4))) , "Ad: T is not a pose: its last row is 1 off (0, 0, 0, 1), allowed 1e-06 (row 0 of the batch)."),
     "covariance": (lambda: move_covariance(np.eye(3), np.eye(6)), "move_covariance: T_ab has shape (3, 3), expected (..., 4, 4)."),
@@ -271,7 +271,7 @@ MESSAGES = {
         lambda: tw.SpatialInertia.from_com(1.0, (0, 0, 0), [1e-3] * 3),
         "moment_about_com has shape (3,), expected (3, 3). Three moments about the axes are np.diag(…) of them.",
     ),
-    "ragged moments": (lambda: tw.SpatialInertia.from_com(1.0, (0, 0, 0), [[1.0], [2.0, 3.0]]), "moment_about_com is no array"),
+    "ragged moments": (lambda: tw.SpatialInertia.from_com(1.0, (0, 0, 0), [[1.0], [2.0, 3.0]]), "moment_about_com is not an array"),
     "an axis": (lambda: G.turned(3, 0.1), "no coordinate axis 3; choose 0, 1 or 2."),
     "no SciPy": (lambda: so3.from_scipy(R), "so3.from_scipy takes a scipy.spatial.transform.Rotation, got ndarray."),
 }  # fmt: skip

@@ -198,7 +198,7 @@ def test_three_joints_feel_three_directions_and_say_which_they_do_not(planar):
     np.testing.assert_allclose(found.wrench, F, atol=1e-9)
     np.testing.assert_allclose(planar.jacobian(Q).T @ found.blind.T, 0.0, atol=1e-12)
     np.testing.assert_allclose(found.blind @ found.blind.T, np.eye(3), atol=1e-12)
-    assert "3 directions are not felt" in str(found)
+    assert "3 directions are not observable" in str(found)
 
 
 def test_what_is_not_felt_is_among_the_rows_that_are_looked_at(planar):
@@ -209,7 +209,7 @@ def test_what_is_not_felt_is_among_the_rows_that_are_looked_at(planar):
 
 
 def test_a_force_alone_needs_fewer_joints_and_a_contact_elsewhere_is_not_explained(ur5):
-    """At the fourth link four joints feel a force there; the same torques are no force at the tool."""
+    """At the fourth link four joints feel a force there; the same torques are not a force at the tool."""
     f = np.array([0, 0, 0, 3.0, -5.0, 7.0])
     observer, r = MomentumObserver(ur5, np.inf), ur5.wrench_torques(Q6, f, "wrist_1_link")
     near = observer.wrench(Q6, "wrist_1_link", rows="vx vy vz", residual=r)

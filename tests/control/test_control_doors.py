@@ -68,7 +68,11 @@ REFUSED = {
     "an unknown kind": (lambda: TaskSpace(ARM, T, 1, 1, kind="space"), tw.UnknownNameError, "'space'"),
     "an unknown row": (lambda: TaskSpace(ARM, T, 1, 1, rows="vq"), tw.UnknownNameError, "vq"),
     "gains for other rows": (lambda: TaskSpace(ARM, T, [1, 2, 3], 1, rows="vx vz"), tw.ShapeError, "vx, vz"),
-    "what is no pose": (lambda: TaskSpace(ARM, 2 * T, 1, 1), tw.ValueRangeError, "TaskSpace: reference is not a pose"),
+    "what is not a pose": (
+        lambda: TaskSpace(ARM, 2 * T, 1, 1),
+        tw.ValueRangeError,
+        "TaskSpace: reference is not a pose",
+    ),
     "a pose of nan": (
         lambda: TaskSpace(ARM, np.full((4, 4), np.nan), 1, 1),
         tw.ValueRangeError,
@@ -107,7 +111,7 @@ REFUSED = {
         "function",
     ),
     "an open robot": (lambda: HybridMotionForce(ARM, HOLD, [1]), tw.ValueRangeError, "closed robot, got Robot"),
-    "a motion that is no law": (lambda: HybridMotionForce(WALL, Q, [1]), tw.ValueRangeError, "law of (t, q, dq)"),
+    "a motion that is not a law": (lambda: HybridMotionForce(WALL, Q, [1]), tw.ValueRangeError, "law of (t, q, dq)"),
     "too many forces": (lambda: HybridMotionForce(WALL, HOLD, [1, 2]), tw.ShapeError, "ground–tip vx"),
     "a gain without a sensor": (
         lambda: HybridMotionForce(WALL, HOLD, [1], force_gain=1),
@@ -160,8 +164,8 @@ REFUSED = {
         tw.ShapeError,
         "PoseMotion: the scaling gave 0.5",
     ),
-    "what is no path": (lambda: PoseMotion(T, trajectories.cubic(1)), tw.ValueRangeError, "screw_path"),
-    "what is no scaling": (
+    "what is not a path": (lambda: PoseMotion(T, trajectories.cubic(1)), tw.ValueRangeError, "screw_path"),
+    "what is not a scaling": (
         lambda: PoseMotion(trajectories.screw_path(T, T), 1.0),
         tw.ValueRangeError,
         "function of the time",

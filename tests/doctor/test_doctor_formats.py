@@ -182,7 +182,7 @@ def test_products_that_keep_their_signs_on_the_other_side_are_found():
 
 @pytest.mark.parametrize("wrong", [False, True])
 def test_the_frames_of_the_two_sides_may_be_turned_against_each_other(wrong):
-    """A quarter turn of the right one's frame about y, so that what mirrors is no symmetric matrix; its tensor has axes too."""
+    """A quarter turn of the right one's frame about y, so that what mirrors is not a symmetric matrix; its tensor has axes too."""
     R_b = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # of the right frame in the base
     A = rotation_of_rpy(np.array([0.2, -0.5, 0.9]))  # of its tensor's axes in the right frame
     I = np.array(

@@ -69,7 +69,7 @@ def test_hunt_the_last_link_reaches_to_its_end_though_no_frame_is_there(tmp_path
 
 
 def test_hunt_a_robot_whose_inertias_are_accepted_is_converted(tmp_path):
-    """The written file has the same inertia that no body can have: that is no error of the command that was told so."""
+    """The written file has the same inertia that no body can have: that is not an error of the command that was told so."""
     path = tmp_path / "arm.urdf"
     wrong = _link("l1").replace('izz="0.01"', 'izz="0.03"')
     joint = _joint("shoulder", "base", "l1", '<limit effort="50" velocity="5"/>')

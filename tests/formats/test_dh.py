@@ -1,4 +1,4 @@
-"""Robots from Denavit–Hartenberg tables: where the joints are, what the links weigh, and what is no table.
+"""Robots from Denavit–Hartenberg tables: where the joints are, what the links weigh, and what is not a table.
 
 EXACT: a dozen products of 4×4 matrices on both sides. The builder takes entries of fixed rotations within 1e-9 of 0 or ±1 to be
 that, and the tables here have none nearer than that which are not.

@@ -282,7 +282,7 @@ def test_a_joint_outside_the_articulation_is_an_offered_closure(stage):
 
 
 def test_what_is_switched_off_or_moved_by_a_script_is_none(stage):
-    """A joint that is switched off holds nothing, and a kinematic body is no body of a robot."""
+    """A joint that is switched off holds nothing, and a kinematic body is not a body of a robot."""
     loop = (
         'def PhysicsRevoluteJoint "loop" {{\nrel physics:body0 = </arm/upper>\nrel physics:body1 = </arm/hand>\n'
         "bool physics:excludeFromArticulation = 1\nbool physics:jointEnabled = {}\n}}"
@@ -388,7 +388,7 @@ WRONG = {
             "double3 xformOp:scale = (1, 1, 1)", "double3 xformOp:scale = (1, -1, 1)", 1),
         r"prim </arm/upper> is sheared or mirrored",
     ),
-    "no USD": ("this is no stage", r"robot\.usda: it cannot be read as USD: .*"),
+    "no USD": ("this is not a stage", r"robot\.usda: it cannot be read as USD: .*"),
     "cannot exist": (
         usd_text(links={**LINKS, "hand": (0.5, (0, 0, 0), (1.0, 0.1, 0.1), (0, 0, 0), (0, 0, 0))}), r"link 'hand' \(/arm/hand\).* cannot exist",
     ),
@@ -421,7 +421,7 @@ def test_the_doctor_examines_the_robot_and_not_the_file(stage, tmp_path):
 def test_options_and_limits(stage, tmp_path):
     with pytest.raises(tw.RobotFileError, match=r"more than 2 bodies \(prim </arm/hand>\)"):
         stage(usd_text(), max_bodies=2)
-    with pytest.raises(tw.RobotFileError, match="it is usd, and format='urdf' was asked for"):
+    with pytest.raises(tw.RobotFileError, match="it is usd, and format='urdf' was given"):
         stage(usd_text(), format="urdf")
     with pytest.raises(tw.ValueRangeError, match="keep='hand' is of MJCF files"):
         stage(usd_text(), keep="hand")

@@ -275,7 +275,7 @@ def test_logs_that_do_not_belong_together():
     assert {"other-torques"} <= kinds(found, refusing=True)
 
 
-# ── what is no log ──
+# ── what is not a log ──
 
 
 def test_bad_input_is_one_clear_error():

@@ -121,7 +121,7 @@ def test_the_simple_pendulum_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_tiago_is_diagnosed(tmp_path):
-    """Unit of efforts, and channels that are dead, which are no partners of an exchange."""
+    """Unit of efforts, and channels that are dead, which are not partners of an exchange."""
     if "tiago" not in known_robots():
         pytest.skip("the package with TIAGo's file is not installed")
     files = "+".join(str(LOGS / "tiago" / f"tiago_{x}.csv") for x in ("position", "velocity", "effort"))

@@ -261,7 +261,7 @@ def test_a_link_is_as_good_as_the_folder_it_leads_to(place, tmp_path):
         assert not compiled(PROGRAM, DOUBLE).cached
     place.unlink()
     place.symlink_to(tmp_path / "nowhere")
-    with one_remark("no folder"):
+    with one_remark("not a folder"):
         assert not compiled(PROGRAM, DOUBLE).cached
     assert not (tmp_path / "nowhere").exists()
 
@@ -283,7 +283,7 @@ def test_a_cache_that_cannot_be_made_is_no_error(place, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("in the way")
     for name in (tmp_path / "file" / "cache", tmp_path / "file", tmp_path / ("x" * 300)):
         monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", str(name))
-        with one_remark(f"{str(name)!r}, which is no folder"):
+        with one_remark(f"{str(name)!r}, which is not a folder"):
             assert works()
     assert (tmp_path / "file").read_text() == "in the way"
 
@@ -441,7 +441,7 @@ def test_what_stands_in_an_entry_s_place_is_cleared_away(place, kind, monkeypatc
 
 @contextmanager
 def never_waiting(seconds: int = 60) -> Iterator[None]:
-    """An alarm in place of a test that would hang; the time is no claim."""
+    """An alarm in place of a test that would hang; the time is not a claim."""
 
     def ring(*_):
         raise AssertionError("it waits")

@@ -85,7 +85,7 @@ def test_lagranges_equations_hold_in_other_coordinates(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_torques_are_inertia_velocity_products_gravity_and_what_the_tip_applies(seed):
-    """B2. Slip 8: a wrench on the hand enters with a minus. Slip 9: J'F alone is no statics under gravity."""
+    """B2. Slip 8: a wrench on the hand enters with a minus. Slip 9: J'F alone is not statics under gravity."""
     robot, (q, dq, ddq) = serial(seed)
     F_tip = 10 * np.random.default_rng(seed).standard_normal(6)
     M, c, g, J = robot.mass_matrix(q), robot.coriolis_forces(q, dq), robot.gravity_forces(q), robot.jacobian(q)
@@ -116,7 +116,7 @@ def test_the_mass_matrix_is_a_sum_over_the_links(seed):
 
 
 def test_a_factor_of_c_that_is_not_christoffels_leaves_the_rate_of_m_less_2c_not_skew(simple_robot, rng):
-    """B3. C q̇ = c does not say what C is: Ṁ - ½ ∂(M q̇)/∂q, its indices as they come, has it too, and is no use."""
+    """B3. C q̇ = c does not say what C is: Ṁ - ½ ∂(M q̇)/∂q, its indices as they come, has it too, and is of no use."""
     robot = simple_robot
     if robot.nv < 2:
         pytest.skip("a single joint has a single factor")

@@ -194,7 +194,7 @@ def problems_of(name, value):
         return
     first, *more = found[""] or [""]
     if not first.endswith((".", "?")) or (more and more[0]):
-        yield "the first line is no sentence of its own"
+        yield "the first line is not a sentence of its own"
     if [s for s in found if s] != [s for s in SECTIONS if s in found]:
         yield f"sections {[*found][1:]} are not those of numpydoc in their order"
     if ">>>" in "\n".join(line for section, lines in found.items() if section != "Examples" for line in lines):
@@ -205,7 +205,7 @@ def problems_of(name, value):
     raised = [line for section in ("Raises", "Warns") for line in found.get(section, ()) if line and line[0] != " "]
     for error in (e.strip() for line in raised for e in line.split(",")):
         if not hasattr(tw, error) and not hasattr(builtins, error):
-            yield f"raises {error}, which is no error"
+            yield f"raises {error}, which is not an error"
     if not (inspect.isclass(value) or inspect.isfunction(value)) or (inspect.isfunction(value) and overrides(value)):
         return
     said = documented(found.get("Parameters", ()))
@@ -305,9 +305,9 @@ RIGHT = """Sum of two.
         ("", "", None),
         ("a, b : float", "a : float", "documents ['a'], takes ['a', 'b']"),
         ("a, b : float", "b, a : float", "documents ['b', 'a'], takes ['a', 'b']"),
-        ("Sum of two.", "Sum of", "the first line is no sentence of its own"),
+        ("Sum of two.", "Sum of", "the first line is not a sentence of its own"),
         ("Returns", "Results", "sections"),
-        ("ShapeError", "ShopeError", "raises ShopeError, which is no error"),
+        ("ShapeError", "ShopeError", "raises ShopeError, which is not an error"),
         ("Examples\n    --------\n", "", "an example stands outside of Examples"),
         ("\n    Returns\n    -------\n    sum : float\n", "", "returns float, documents []"),
     ],

@@ -201,7 +201,7 @@ BAD = {
     "no current": ("current_continuous: 4 A", "current_continuous: 0 A", tw.ValueRangeError, "current continuous 0; it must be above 0"),
     "exchanged": ("current_peak: 12 A", "current_peak: 2 A", tw.ValueRangeError, "above current peak 2 A"),
     "infinite": ("0.6 ohm", "1e999 ohm", tw.ModelError, "not a finite number"),
-    "true is no number": ("ratio: -100", "ratio: yes", tw.ModelError, "expected a number such as 101"),
+    "true is not a number": ("ratio: -100", "ratio: yes", tw.ModelError, "expected a number such as 101"),
     "negative resistance": ("0.6 ohm", "-0.6 ohm", tw.ValueRangeError, "resistance -0.6"),
 }  # fmt: skip
 

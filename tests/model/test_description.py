@@ -32,7 +32,7 @@ def joint_axes(kind: str, **options: object) -> np.ndarray:
 
 
 def test_a_screw_axis_keeps_its_length_only_when_asked():
-    S = [1, 0, 1, 0, 1, 0]  # the book's own first screw, which is no unit screw
+    S = [1, 0, 1, 0, 1, 0]  # the book's own first screw, which is not a unit screw
     assert np.allclose(joint_axes("helical", axis=S), [np.array(S) / np.sqrt(2)], atol=1e-16)
     assert joint_axes("helical", axis=S, normalise_axes=False).tolist() == [S]
     assert joint_axes("prismatic", axis=[0, 0, 0, 0, 3, 0]).tolist() == [[0, 0, 0, 0, 1, 0]]

@@ -63,7 +63,7 @@ def test_equations_of_motion_follow_from_the_energies():
 
 
 def test_motor_and_joint_part_only_by_the_spring():
-    """A stiff spring is no spring: with motor and joint moving together, the sum of both equations is the rigid robot's."""
+    """A stiff spring is not a spring: with motor and joint moving together, the sum of both equations is the rigid robot's."""
     arm = tw.robots.planar_2r()
     rotor = {"inertia": f"{J} kg m^2", "extra": True}
     rigid = arm.with_actuators({"actuators": {joint: {"ratio": G, "rotor": rotor} for joint in arm.joint_names}})

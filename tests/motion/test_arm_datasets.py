@@ -126,7 +126,7 @@ BAD_DATASETS = {
             root, 90 * Q, info={"norm": "range_m100_100", "features": {"observation.state": {"names": MOTORS}}}, episodes=(0,)
         ),
         {"degrees": True},
-        "only its calibration file says which angles these are",
+        "only its calibration file maps them to angles",
     ),
     "no metadata": (lambda root: dataset(root, Q, info="{"), {"episode": 0}, "is not the metadata of a LeRobot dataset"),
     "metadata of something else": (lambda root: dataset(root, Q, info=[1]), {"episode": 0}, "is not the metadata"),

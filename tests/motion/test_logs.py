@@ -352,7 +352,7 @@ TWO = ",".join(EXACT) + "\n0,1,2\n1,2,3\n"
 FAULTS = {
     "a cut gzip": (gzip.compress(TWO.encode() * 40)[:-20], "cannot be unpacked"),
     "no gzip": (b"\x1f\x8b\x08\x00nothing of the kind", "cannot be unpacked"),
-    "half a character of UTF-16": (TWO.encode("utf-16")[:-1], "not the text that its first bytes say"),
+    "half a character of UTF-16": (TWO.encode("utf-16")[:-1], "not text in the encoding of its first bytes"),
     "a cell that begins with 0x1f": (TWO + "2,\x1f3,4\n", "line 4 has a control character, '\\x1f'"),
     "a NUL": (TWO + "2,3\x00,4\n", "line 4 has a control character"),
     "a ragged row": (TWO + "2,3\n", "line 4 has 2 values, and the header names 3"),
@@ -769,7 +769,7 @@ def test_a_gap_in_a_log_is_told_from_its_first_line_to_its_last(tmp_path):
 
 
 def test_what_a_simulation_wrote_is_read_back_without_a_word(tmp_path):
-    """Energies, works and momenta follow from the motion: that they are no coordinates is no news."""
+    """Energies, works and momenta follow from the motion: that they are not coordinates is not news."""
     arm = tw.robots.planar_2r()
     fall = arm.simulate([0.3, 0.2], duration=0.1, dt=0.01)
     motion = tw.Motion.from_file(fall.to_csv(tmp_path / "fall.csv"), arm)

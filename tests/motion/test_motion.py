@@ -319,7 +319,7 @@ def test_a_column_of_time_is_believed_before_an_index_of_another_name():
     [
         (["time", "jiont1", "joint2"], "Say which they are: columns={'joint1': 'jiont1'} (columns that vary"),
         (["time", "joint2"], "tw.load(…, lock={joint: 0})"),
-        (["joint1", "joint2"], "columns={'time': 'COLUMN'}, or how many rows a second has, rate=HZ"),
+        (["joint1", "joint2"], "columns={'time': 'COLUMN'}, or the rows per second, rate=HZ"),
     ],
 )
 def test_errors_on_a_data_frame_advise_in_python(names, says):

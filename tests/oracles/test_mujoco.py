@@ -45,7 +45,7 @@ def pair(request):
     except (RobotFileError, ModelError) as problem:
         assert re.search(OF_INERTIAS, str(problem)), (
             problem
-        )  # anything else is no rule of MuJoCo's, but a fault of ours
+        )  # anything else is not a rule of MuJoCo's, but a fault of ours
         pytest.skip("MuJoCo refuses the file, or changes its inertias")
 
 

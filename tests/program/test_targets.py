@@ -1,6 +1,6 @@
 """Every target computes what the algorithm itself computes on plain floats: every quantity, robot and batch shape.
 
-The tolerance is no guess but a running error analysis (Higham, Accuracy and Stability of Numerical Algorithms, section
+The tolerance is not a guess but a running error analysis (Higham, Accuracy and Stability of Numerical Algorithms, section
 3.3): beside each value of a program goes a bound of its rounding error, to first order in the unit roundoff u.
 """
 
@@ -172,7 +172,7 @@ def test_targets_agree_with_the_algorithm(robot_name, name, options):
         bound, largest = rounding(program, inputs, np.finfo(dtype).eps / 2)
         # Twice the bound of first order, and twice for a target that rounds in its own way. The reference, in double, also
         # computes what cancels and vanishes in a program: a hundred roundings of the largest value met. The last line
-        # shows that all this is no empty promise: less than 1e4 roundings of that value, times the condition of M where
+        # shows that all this is not an empty promise: less than 1e4 roundings of that value, times the condition of M where
         # its inverse comes twice.
         tolerance = 4 * bound + 100 * np.finfo(float).eps * largest
         assert tolerance.max(initial=0.0) <= 1e4 * conditions * np.finfo(dtype).eps * largest

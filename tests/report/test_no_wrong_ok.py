@@ -57,7 +57,7 @@ def test_a_follower_beyond_its_own_limits(said):
 
 
 def test_a_follower_that_the_log_has_elsewhere(said):
-    """b = -2 a + 0.1 by the robot's file; its play, and its unit, are no contradiction."""
+    """b = -2 a + 0.1 by the robot's file; its play, and its unit, are not a contradiction."""
     robot, a = arm(leader(), follower()), np.sin(T)
     for fine in ({"b": 0.1 - 2 * a}, {"b": 0.11 - 1.97 * a}, {"b [deg]": np.degrees(0.1 - 2 * a)}):
         assert said(robot, T, a=a, **fine).startswith("OK")

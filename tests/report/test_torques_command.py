@@ -124,7 +124,7 @@ def test_columns_of_locked_joints_and_others_are_ignored_with_a_note(run, ur5, m
     path = tmp_path / "x.csv"
     path.write_text("\n".join([lines[0] + ",temp", *(f"{x},20" for x in lines[1:])]) + "\n")
     said = " ".join(run("torques", "ur5", "--trajectory", path)[1].split())
-    assert "no coordinate of this robot are ignored: temp." in said
+    assert "not coordinates of this robot are ignored: temp." in said
 
 
 # ── verdicts ──
@@ -453,7 +453,7 @@ def test_logs_of_motors_are_not_read_as_those_of_joints(run, ur5, motion, tmp_pa
     file.write_text("robot: ur5\nactuators:\n  elbow_joint: {ratio: 100}\nlog: {side: motor}\n")
     code, text = run("torques", "ur5", "--trajectory", path, "--actuators", file)
     assert code == 2
-    assert "drives.yaml says that logs have the motors' positions" in " ".join(text.split())
+    assert "drives.yaml, logs have the motors' positions" in " ".join(text.split())
     file.write_text("robot: ur5\nactuators:\n  elbow_joint: {ratio: 100}\n")
     assert run("torques", "ur5", "--trajectory", path, "--actuators", file)[0] in (0, 1)
 

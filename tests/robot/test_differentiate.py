@@ -341,7 +341,7 @@ def test_functions_that_return_rows_of_unequal_length():
 
 
 def test_arguments_and_options_that_cannot_be_meant():
-    refuse(tw.KernelError, "is no function", "robot.kernel(name, by=…)", function="mass_matrix")
+    refuse(tw.KernelError, "is not a function", "robot.kernel(name, by=…)", function="mass_matrix")
     refuse(tw.ShapeError, "a dict {name: shape or robot}", arguments=[(3,)])
     refuse(tw.ShapeError, "a dict {name: shape or robot}", arguments={})
     for shape in (-1, (2, -3), "three", 2.5, (1.5,), None):

@@ -148,7 +148,7 @@ def test_choices_at_their_edges():
 
 @pytest.mark.parametrize("jit", ["0", "1"])
 def test_what_is_not_a_number_is_no_choice(jit, monkeypatch):
-    """A gap of a log is no torque within its limits; as NumPy has it, wherever the NaN stands."""
+    """A gap of a log is not a torque within its limits; as NumPy has it, wherever the NaN stands."""
     monkeypatch.setenv("TWISTWRENCH_JIT", jit)
     numbers = [np.nan, 1.0, -1.0, np.inf, 0.0]
     x, y = (grid.ravel() for grid in np.meshgrid(numbers, numbers))

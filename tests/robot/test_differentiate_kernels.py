@@ -141,7 +141,7 @@ def test_what_cannot_be_meant(bundled):
         robot.kernel("mass_matrix", by="q", form="gradient")
     with pytest.raises(tw.KernelError, match="mode= is of a derivative; name the inputs to differentiate by"):
         robot.kernel("mass_matrix", mode="forward")
-    with pytest.raises(tw.KernelError, match="algorithms know no by="):
+    with pytest.raises(tw.KernelError, match="algorithms have no by="):
         robot.reference("mass_matrix", [0, 0], by="q")
     with pytest.raises(tw.KernelError, match="more than the 500000 one kernel may give"):
         bundled("quadruped").kernel("regressor", by=STATE, form="hessian")

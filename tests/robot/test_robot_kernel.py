@@ -210,7 +210,7 @@ def test_what_several_quantities_share_is_computed_once():
 
 def test_several_quantities_asked_for_wrongly():
     robot = tw.robots.ur5()
-    with pytest.raises(tw.KernelError, match="asked for twice"):
+    with pytest.raises(tw.KernelError, match="given twice"):
         robot.kernel("mass_matrix", "mass_matrix")
     with pytest.raises(tw.KernelError, match="none of mass_matrix, bias_forces takes an option 'frame'"):
         robot.kernel("mass_matrix", "bias_forces", frame="tool0")

@@ -168,7 +168,7 @@ ROW = "0,0,-1,0,0,0,0,0,-30"
         (f"gx,gy,gz,{READINGS}\n0,0,0,0,0,0,0,0,0\n", "are zero. Give the direction"),
         (f"qw,qx,qy,qz,{READINGS}\n0,0,0,1.3,0,0,0,0,0,0\n", "not of unit length: off from 1 by 0.3"),
         (f"gx,gy,gz,{READINGS}\n{ROW}\n", "1 reading, and 10 unknowns"),
-        (f"gx,gy,gz,{READINGS}\n" + 4 * f"{ROW}\n", "cannot be told apart"),
+        (f"gx,gy,gz,{READINGS}\n" + 4 * f"{ROW}\n", "cannot be distinguished"),
     ],
 )
 def test_bad_logs_end_in_one_line_that_says_what_to_do(run, tmp_path, text, said):
@@ -204,7 +204,7 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["identify", "demo", "--save", "same", "--csv", "same"], "--csv 'same' would overwrite"),
         (["compensate", "demo", "--sensor", "demo", "--csv", "nowhere/s.csv"], "no such folder"),
         (["poses", "--csv", "nowhere/p.csv"], "no such folder"),
-        (["poses", "--within", "nan"], "no largest tilt"),
+        (["poses", "--within", "nan"], "not a valid largest tilt"),
         (["poses", "--noise", "0,1"], "two positive numbers"),
         (["identify", "demo", "--with-inertia"], "shows only in motion"),
         (["identify", "demo", "--assume", "delay"], "a delay shows only in motion"),
@@ -497,7 +497,7 @@ def test_poses_that_tell_nothing_are_not_proposed(run):
     ):
         code, said = run("poses", "--within", within)
         assert (code, "LOOK AGAIN" in said, "Next poses" in said) == (1, True, False)
-        assert f"cannot tell {said_of_mass}" in said
+        assert f"cannot determine {said_of_mass}" in said
         assert "--within 60" in said
     assert run("poses", "--count", 1)[0] == 1
     code, said = run("poses", "demo", "--within", 0, "--mass", 3)  # the log tells what these do not

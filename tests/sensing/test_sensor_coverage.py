@@ -76,7 +76,7 @@ def test_poses_that_are_off_do_not_make_the_mass_surer_than_it_is(error, turned)
     rng = np.random.default_rng(11)
     found = [identify(dwells(rng, error=error, turned=turned)) for _ in range(40)]
     assert sum(map(right, found)) > 32
-    assert sum(f.verdict.ok for f in found) > 32  # and pose errors alone are no reason not to answer
+    assert sum(f.verdict.ok for f in found) > 32  # and pose errors alone are not a reason not to answer
 
 
 def test_pose_errors_are_not_taken_for_a_turned_mounting():

@@ -208,7 +208,7 @@ def test_gravity_in_a_plane_cannot_tell_sign_from_a_half_turn():
     three = tw.so3.exp([[0, 0, 0], [0.9, 0, 0], [0, 1.1, 0], [0, 0, 0]])  # three directions always lie in one
     for poses in (R, three):
         readings, _ = read(1, poses=poses)
-        assert "Sign and mounting cannot be told apart" in verdict(readings, poses, assume="orientation")
+        assert "Sign and mounting cannot be distinguished" in verdict(readings, poses, assume="orientation")
     assert verdict(*read(1), assume="orientation") == ""
 
 
@@ -245,7 +245,7 @@ def test_a_known_sensor_tells_the_unit_of_a_log(force, moment, said):
 
 
 def test_the_unit_of_a_log_in_motion_is_told_by_forces_where_the_inertia_is_unknown():
-    """What an unknown inertia does to the moments is no reason against another unit of the forces."""
+    """What an unknown inertia does to the moments is not a reason against another unit of the forces."""
     noise, inertia = (0.01, 0.3), np.diag([0.3, 0.35, 0.1])
     true = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1), inertia), [0.1, 0.2, -0.3, 5, -3, 8])
     known = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1)), true.bias, inertia="unknown")

@@ -127,7 +127,7 @@ def test_touched_readings_are_left_out_and_named():
 def test_a_known_bias_lets_fewer_turns_tell_the_mass():
     R = tw.so3.exp(np.outer([0, 0, 0, 1, 1, 1], [0, 1.0, 0]))
     log = simulate(tool(), R)
-    with pytest.raises(tw.ValueRangeError, match="cannot be told apart"):
+    with pytest.raises(tw.ValueRangeError, match="cannot be distinguished"):
         identify(log)
     assert identify(log, bias=BIAS).sensor.load.mass == pytest.approx(3, abs=0.1)
 
@@ -149,7 +149,7 @@ def test_residuals_beyond_the_noise_given_are_remarked_on():
 def test_a_weightless_load_is_not_given_a_place():
     found = identify(simulate(ForceTorqueSensor(tw.SpatialInertia.zero(), BIAS), 12, rng=1))
     assert not np.isfinite(found.com_intervals).any()
-    assert "cannot be told from zero" in " ".join(map(str, found.doubts))
+    assert "cannot be distinguished from zero" in " ".join(map(str, found.doubts))
     assert found.doubtful
 
 

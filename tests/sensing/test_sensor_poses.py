@@ -60,8 +60,8 @@ def test_poses_are_proposed_for_the_gravity_that_is_there():
         ({"noise": (0.01, math.nan)}, "two positive numbers"),
         ({"noise": (0.01, -0.3)}, "two positive numbers"),
         ({"noise": None}, "two positive numbers"),
-        ({"within": math.nan}, "no largest tilt"),
-        ({"gravity": 0.0}, "no size of gravity"),
+        ({"within": math.nan}, "not a valid largest tilt"),
+        ({"gravity": 0.0}, "not a valid magnitude of gravity"),
     ],
 )
 def test_what_is_no_proposal_is_said(arguments, said):

@@ -78,7 +78,7 @@ def test_an_answer_does_not_depend_on_the_unit_of_length_or_on_the_origin(scale,
 
 @pytest.mark.parametrize("arm", [1e-10, 1e-8, 1e-4, 1.0, 1e4, 1e8])
 def test_a_yes_balances_the_forces_however_far_the_load_is(arm):
-    """A tongs' small fingers and a load at the end of a long stick: large forces, of which the small load is no rounding."""
+    """A tongs' small fingers and a load at the end of a long stick: large forces, of which the small load is not a rounding."""
     fingers = [Contact((x, y, 0), (0, 0, z), 0.5) for x in (-arm, arm) for y in (-arm, arm) for z in (1, -1)]
     F = np.array([0, 1.0, 0, 0, 0, -1.0])
     found = body_equilibrium(fingers, F)

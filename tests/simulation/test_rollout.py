@@ -451,7 +451,7 @@ def test_torques_are_clipped(name):
     law = BatchPD(robot.neutral, 1e4, 1.0, gravity=False)
     held = robot.rollout(q0, dq0, law, steps=STEPS, torque_limits=True, torques=True)
     assert (np.abs(held.tau) <= robot.limits.effort).all()
-    for said in (True, False):  # NumPy's own truth is no number
+    for said in (True, False):  # NumPy's own truth is not a number
         one, other = (robot.rollout(q0, dq0, law, steps=STEPS, torque_limits=x) for x in (said, np.bool_(said)))
         assert np.array_equal(one.q, other.q, equal_nan=True)  # too stiff for this step: some become NaN
     driven = np.isfinite(robot.limits.effort)
@@ -682,8 +682,8 @@ def test_friction_of_a_robot_without_any_is_remarked():
     found = robot.rollout([0, 0], [0, 0], steps=2, friction=True)
     one = robot.simulate([0, 0], [0, 0], 0.01, friction=True)
     for remarks in (found.remarks, one.remarks):
-        assert any("friction is asked for, and the robot has none" in remark for remark in remarks)
-    assert "friction is asked for" in repr(found) and "friction is asked for" in repr(one)
+        assert any("friction is requested, but the robot file has none" in remark for remark in remarks)
+    assert "friction is requested" in repr(found) and "friction is requested" in repr(one)
     assert robot.rollout([0, 0], [0, 0], steps=2).remarks == robot.simulate([0, 0], [0, 0], 0.01).remarks == ()
     assert robot.rollout([0, 0], [0, 0], steps=2, friction=True, parameters=rusty).remarks == ()
 
@@ -746,7 +746,7 @@ def test_controllers_that_no_rollout_can_take():
     state = ([0.0, 0.0], [0.0, 0.0])
     with pytest.raises(tw.ValueRangeError, match="couple joints"):
         robot.rollout(*state, tw.control.PD(robot, [0, 0], [[2.0, 1.0], [1.0, 2.0]], 1.0), steps=2)
-    with pytest.raises(tw.ValueRangeError, match="knows the robot"):
+    with pytest.raises(tw.ValueRangeError, match="was made with the robot"):
         robot.rollout(*state, tw.control.PD(other, [0, 0], 1.0, 1.0), steps=2)
     with pytest.raises(tw.ValueRangeError, match="leaves friction out"):
         robot.rollout(*state, tw.control.ComputedTorque(robot, [0, 0], 1.0, 1.0, friction=True), steps=2)

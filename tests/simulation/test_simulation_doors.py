@@ -582,12 +582,12 @@ def test_the_command_prints_and_writes(tmp_path):
         torques = CliRunner().invoke(main, ["torques", "planar_2r", "--trajectory", str(tmp_path / "a.csv"), *flags])
         assert torques.exit_code == 1 and torques.output.startswith("UNSURE: no torque limit"), torques.output
         assert "cut off" not in torques.output  # the given torque is constant, and so is the computed one
-    with pytest.raises(tw.ValueRangeError, match="has no robot that says what turns"):
+    with pytest.raises(tw.ValueRangeError, match="has no robot that defines its angles"):
         again.to_csv(tmp_path / "b.csv", degrees=True)
 
 
 def test_a_start_inside_the_ground_is_remarked_on_with_its_point_and_depth():
-    """k d^n of 1e5 · 0.3^1.5 N against a weight of 60 N; and what stands at rest, or lands, is no reason to speak."""
+    """k d^n of 1e5 · 0.3^1.5 N against a weight of 60 N; and what stands at rest, or lands, is not a reason to speak."""
     command = ("floating_box", "--duration", 0.01, "--ground", 0, "--touch", "box", "--touch", "box:0.1,0,0.05")
     inside = twistwrench(*command, "--at", "root_joint=1,0,0,0,0,0,-0.3")
     said = " ".join(inside.output.split())

@@ -233,7 +233,7 @@ def test_inverse_kinematics_says_which_links_are_too_near(tmp_path):
     near, far = tw.se3.exp([0, 0, 0, 0.25, 0, 0]), tw.se3.exp([0, 0, 0, 0.9, 0, 0])
     found = robot.inverse_kinematics(np.stack([near, far]), rows="vx", clearance=0.1)
     assert found.converged.tolist() == [False, True]
-    assert found.reason(0).startswith("reached, but a and c are 0.05 m apart there, and 0.1 m are asked for")
+    assert found.reason(0).startswith("reached, but a and c are 0.05 m apart there, and 0.1 m are required")
     assert found.reason(1) == ""
     with pytest.raises(tw.ValueRangeError, match="clearance"):
         robot.inverse_kinematics(near, rows="vx", clearance=-1.0)

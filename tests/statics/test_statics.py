@@ -209,7 +209,7 @@ def test_a_contact_stays_where_it_was_made():
         (lambda r: statics.largest_payload(r, [r.neutral] * 2, com=np.zeros((3, 3))), tw.ShapeError, "broadcast"),
         (lambda r: statics.largest_wrench(r, [r.neutral] * 3, np.eye(3)[:2]), tw.ShapeError, "do not broadcast"),
         (lambda r: statics.largest_wrench(r, r.neutral, "up"), tw.ShapeError, "direction has shape"),
-        (lambda r: statics.largest_wrench(r, r.neutral, [[0, 1], [2]]), tw.ShapeError, "direction is no array"),
+        (lambda r: statics.largest_wrench(r, r.neutral, [[0, 1], [2]]), tw.ShapeError, "direction is not an array"),
         (
             lambda r: statics.wrench_polytope(r, [r.neutral] * 2),
             tw.ShapeError,

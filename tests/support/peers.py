@@ -64,7 +64,7 @@ def mujoco_model(robot: Robot) -> Any:
             model.opt.disableflags |= int(flag.value)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)  # none is said by the robot's gravity
     model.opt.gravity[:] = robot.gravity
-    model.opt.density = model.opt.viscosity = 0.0  # a fluid is no part of the robot, and remarked on
+    model.opt.density = model.opt.viscosity = 0.0  # a fluid is not part of the robot, and remarked on
     if kind == "urdf":
         _check_bodies(robot, model)
     return model

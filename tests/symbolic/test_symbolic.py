@@ -180,7 +180,7 @@ def test_every_kind_of_joint(kind, form):
 @pytest.mark.parametrize("form", ["expanded", "named"])
 @pytest.mark.parametrize("seed", range(3))
 def test_trees_with_mimic_joints(seed, form):
-    """Ratios and offsets are any number: multiples of an angle that are no whole numbers."""
+    """Ratios and offsets are any number: multiples of an angle that are not whole numbers."""
     robot = random_robot(seed, 3, ("revolute", "mimic", "helical", "prismatic"))
     equations = derive(robot, symbols=["masses"], form=form)
     assert_agrees(equations, robot)

@@ -1,4 +1,4 @@
-"""``lagrange``: systems worked by hand, coordinates that are no joint angles, and what is refused."""
+"""``lagrange``: systems worked by hand, coordinates that are not joint angles, and what is refused."""
 
 from __future__ import annotations
 

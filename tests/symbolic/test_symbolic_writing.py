@@ -201,7 +201,7 @@ def test_latex_stays_on_the_page(form):
 
 
 def test_constants_that_are_expressions_are_factored_as_they_are():
-    """Factors of a Lagrangian whose constants are no polynomials."""
+    """Factors of a Lagrangian whose constants are not polynomials."""
     m, a, b, x, xdot = sympy.symbols("m a b x xdot")
     root = sympy.sqrt(a)
     system = lagrange(m * xdot**2 * (x + root + b) ** 2 / 2, x)

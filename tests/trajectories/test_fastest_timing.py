@@ -194,7 +194,7 @@ def test_also_with_friction(bundled):
     path = spline(robot, [[0, 0], [0.8, -0.5], [0.3, 0.9]])
     motion = fastest(robot, path, effort=[60, 30], friction=True)
     assert_extreme(motion)
-    assert motion.shares(motion.duration * (1 - np.logspace(-9, -2, 200))).max() <= 1  # where √x is no polynomial
+    assert motion.shares(motion.duration * (1 - np.logspace(-9, -2, 200))).max() <= 1  # where √x is not a polynomial
     assert motion.duration != pytest.approx(fastest(robot, path, effort=[60, 30]).duration, rel=1e-3)
 
 

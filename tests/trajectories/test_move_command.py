@@ -266,7 +266,7 @@ def test_ends_are_coordinates_joints_or_configurations_of_the_file(run, tmp_path
     assert code == 2
     assert "2 numbers, a,b; or JOINT=VALUE, as a=0.5; or a configuration of the file:" in output
     code, output = run("move", tmp_path / "r.xml", "--to", "bent", "--to", "0,0")
-    assert (code, "both say all coordinates" in output) == (2, True)
+    assert (code, "both set all coordinates" in output) == (2, True)
 
 
 LINK = '<link name="{}"><inertial><origin xyz="0 0 0.2"/><mass value="2"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".05"/></inertial></link>'

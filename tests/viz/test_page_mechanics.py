@@ -76,7 +76,7 @@ def test_between_two_samples_is_the_middle_of_the_short_way(tmp_path, name):
     step = 0.4 * rng.standard_normal(robot.nv)
     for (
         body
-    ) in robot.model.leaders:  # bases turn on the spot: where they move too, the way of robot.add is no straight one
+    ) in robot.model.leaders:  # bases turn on the spot: where they move too, the way of robot.add is not straight
         first = {"floating": 3, "planar": 1}.get(body.joint.kind, body.joint.nv)
         step[body.v_index + first : body.v_index + body.joint.nv] = 0.0
     b, middle = robot.add(a, step), robot.add(a, 0.5 * step)

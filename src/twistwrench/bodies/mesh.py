@@ -126,7 +126,7 @@ def _remark_on_size(name: str, extent: float, density: float, mass: float) -> No
     light, heavy = _USUAL_DENSITY
     text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
     if not small <= extent <= large:
-        unit = "Is it in millimetres? Then say scale=0.001" if extent > large else "Check scale"
+        unit = "If it is in millimetres, pass scale=0.001" if extent > large else "Check scale"
         warnings.warn(f"{text}: no usual size of a part of a robot. {unit}.", ModelWarning, stacklevel=3)
     elif not light <= density <= heavy:
         warnings.warn(

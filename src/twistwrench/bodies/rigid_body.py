@@ -124,8 +124,8 @@ class RigidBody:
         moments = self.inertia.principal()[0]
         if moments[0] <= 1e-14 * moments[2] or moments[2] == 0:
             raise SingularMassMatrixError(
-                f"the body has no inertia about one of its axes (principal moments {moments.tolist()} kg m²), so no wrench "
-                "says how it turns. Give it some thickness."
+                f"the body has no inertia about one of its axes (principal moments {moments.tolist()} kg m²), so its "
+                "angular acceleration is undetermined. Give it some thickness."
             )
         return self._by_rows(lambda G, V, F: np.linalg.solve(G, F + _ad_transposed(V, G @ V)), V=V, F=F)
 

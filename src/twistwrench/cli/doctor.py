@@ -55,7 +55,7 @@ def doctor_command(given: Given) -> ExitCode:
     for folder in given.meshes:
         if not Path(folder).is_dir():
             raise ValueRangeError(
-                f"--meshes {folder!r} is no folder. Give the one that holds the meshes or their package."
+                f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
     found = robot_source(given.source)
     files = {"ROBOT": given.source if Path(given.source).is_file() else None}

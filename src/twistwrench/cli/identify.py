@@ -1,4 +1,4 @@
-"""The commands ``twistwrench identify`` and ``excite``: parameters from logs of any length, and motions that tell them."""
+"""The commands ``twistwrench identify`` and ``excite``: parameters from logs of any length, and exciting motions."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def _identified(
     motions = {path: read_motion(path, robot, side=fitting["motor_side"], **reading) for path in dict.fromkeys(paths)}
     if lacking := [path for path, motion in motions.items() if motion.tau is None]:
         raise ValueRangeError(
-            f"{lacking[0]}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+            f"{lacking[0]}: no torque for every joint. Name the columns JOINT.torque, or assign them with --columns "
             f"'{robot.model.velocity_names[0]}.tau=COLUMN'; currents, JOINT.current, need --gain."
         )
     train, test = [motions[path] for path in given.logs], [motions[path] for path in given.tests]
@@ -304,7 +304,7 @@ def check_payload(frame: str | None, outputs: Sequence[str]) -> None:
     """Raise ValueRangeError if an output is requested that a payload alone does not have."""
     refused = [name for name in outputs if name not in ("--json", "--csv")]
     if frame is not None and refused:
-        raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is no robot. --json writes it.")
+        raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is not a robot. --json writes it.")
 
 
 # ── Files

@@ -150,7 +150,7 @@ class Commands(click.Group):
     command_class = OwnOptionsFirst
 
     def main(self, *args: Any, **options: Any) -> Any:
-        """Run as a program that cleans up behind itself when it is told to end."""
+        """Run as a program that cleans up after itself on SIGTERM."""
         use_utf8()
         _HEARD.clear()
         streams: Any = (VisibleStream(stream) if stream is not None else None for stream in (sys.stdout, sys.stderr))

@@ -103,7 +103,7 @@ def move_command(options: RobotOptions, given: Given) -> ExitCode:
     if given.jerk is not None:
         bounds = replace(bounds, jerk=asked.jerk)
     if given.fastest and given.duration is not None:
-        raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
+        raise ValueRangeError("--fastest computes the duration, and --duration sets it. Leave one of them out.")
     if not given.step > 0:
         raise ValueRangeError(f"--step {printed(given.step)}: give seconds above zero.")
     begin = parse_configuration(robot, given.begin, degrees=options.degrees, option="--from")
@@ -206,9 +206,9 @@ def _path_and_trouble(
     """Requested path from q0 (nq,) to q1 (nq,) or ``--by``; if it ends early, its feasible part and the error."""
     tip_moves = [name for name in ("straight", "screw", "by") if getattr(given, name)]
     if len(tip_moves) > 1:
-        raise ValueRangeError(f"--{tip_moves[0]} and --{tip_moves[1]} ask for two paths. Keep one of them.")
+        raise ValueRangeError(f"--{tip_moves[0]} and --{tip_moves[1]} request two paths. Keep one of them.")
     if given.to and given.by is not None:
-        raise ValueRangeError("--to and --by both say where it ends. Keep one of them.")
+        raise ValueRangeError("--to and --by both set the end of the motion. Keep one of them.")
     if not given.to and given.by is None:
         raise ValueRangeError("where does it end? Give --to v,v,… or --to JOINT=VALUE, or --by x,y,z for the tip.")
     if tip_moves and given.waypoints is not None:
@@ -404,4 +404,6 @@ def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
     if not len(missing):
         return []
     of = "any joint" if len(missing) == len(names) else listed(missing, 6)
-    return [f"No velocity limit of {of} is known, so none was asked for: --limits FILE.csv gives them (velocity)."]
+    return [
+        f"No velocity limit of {of} is known, so none was applied. Give them with --limits FILE.csv (column velocity)."
+    ]

@@ -258,7 +258,7 @@ def write_payload(
     degrees: bool = False,
     judged: bool = True,
 ) -> None:
-    """A CSV row per joint: its name, where it is (``q_degrees`` if so, and empty where that is no one number), its torques.
+    """A CSV row per joint: name, position (column ``q_degrees`` if in degrees, empty if several numbers), torques.
 
     Without limits to judge by, columns that need them are left out. Numbers have all their digits, and what
     rounding left in place of a zero is zero. ValueRangeError if the file cannot be written.

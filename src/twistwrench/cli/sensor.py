@@ -58,7 +58,9 @@ def _path(name: str, demos: dict[str, str]) -> Path:
 def read_readings(name: str, gravity: float) -> ReadingLog:
     """The readings of a log, under gravity of that size [m/s²]. Raises ValueRangeError."""
     if not (gravity > 0 and math.isfinite(gravity)):
-        raise ValueRangeError(f"--gravity {gravity!r} is no size of gravity. Give it in m/s², such as {STRENGTH}.")
+        raise ValueRangeError(
+            f"--gravity {gravity!r} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
+        )
     with warnings.catch_warnings():  # the report says what is doubtful, in its place
         warnings.simplefilter("ignore", ModelWarning)
         return read_log(_path(name, _LOGS), gravity=(0.0, 0.0, -gravity))
@@ -224,7 +226,7 @@ def poses_command(given: Given) -> ExitCode:
     """
     files = _check_files(given)
     if not (given.mass > 0 and math.isfinite(given.mass)):
-        raise ValueRangeError(f"--mass {given.mass!r} is no mass. Give about how many kilograms the load has.")
+        raise ValueRangeError(f"--mass {given.mass!r} is not a valid mass. Give about how many kilograms the load has.")
     past = None if given.log is None else read_readings(given.log, given.gravity)
     moment, force = parse_count(given.noise, "--noise", 2)
     proposal = propose_poses(
@@ -361,7 +363,7 @@ def _outcome(found: Compensation) -> str:
     if found.inertia and found.inertia.refuses:
         return f"the load's inertia is left in the moments, {number(moment, 2)} N m {noise}."
     good = int((~found.off).sum())
-    rest = "" if good == len(log) else " In the others something else acts; --contacts 1e-6 says when."
+    rest = "" if good == len(log) else " In the others something else acts; --contacts 1e-6 lists when."
     left = f"{number(force, 2)} N and {number(moment, 2)} N m left {noise}"
     return f"{good} of {len(log)} readings are explained, with {left}.{rest}"
 

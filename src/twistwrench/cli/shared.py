@@ -374,7 +374,7 @@ def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None
     source = options.actuator_file
     if source is not None and read_log_side(robot.model, source).of_motors:
         raise ValueRangeError(
-            f"{source} says that logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
+            f"by {source}, logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
             "Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side(robot.model, "
             "file)).to_csv(path); twistwrench identify reads either."
         )
@@ -475,7 +475,7 @@ def current_gains(
 
 
 def clearance_along(given: Given, robot: Robot, samples: Iterable[tuple[Array, Array]] | None) -> PathClearance | None:
-    """Clearance along a motion, portions of times and configurations, if --clearance asks for it."""
+    """Clearance along a motion, portions of times and configurations, if --clearance is given."""
     if given.clearance is None:
         if given.srdf is not None:
             raise ValueRangeError(

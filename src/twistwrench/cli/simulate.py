@@ -140,7 +140,7 @@ def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact:
         if touch:
             raise ValueRangeError("--touch names points that the ground holds up, and there is none. Add --ground 0.")
         if contact is not None:
-            raise ValueRangeError("--contact says what the ground is like, and there is none. Add --ground 0.")
+            raise ValueRangeError("--contact sets properties of the ground, and there is no ground. Add --ground 0.")
         return []
     k, c, mu = parse_numbers(
         _CONTACT if contact is None else contact,

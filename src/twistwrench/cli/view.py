@@ -43,7 +43,7 @@ from .terminal import frame_progress, show
         "Control of --embed: payload, push, speed, fall, q:JOINT or section. [default: the first available]",
     ),
     option("--movie OUT.gif|OUT.mp4", "Write a film of the motion."),
-    option("--speed", "Playback speed of the film; 1 is real time.", default=1.0),
+    option("--speed", "Playback speed of the film, in multiples of real time.", default=1.0),
     option("--no-browser", "Print the path of the page, without opening a browser."),
     examples=(
         "view ur5 --trajectory demo --payload 5 --html ur5.html",
@@ -124,7 +124,7 @@ def _print_notes(trajectory: MotionLog, motion: DrawnMotion) -> None:
 
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:
-    """Raise unless there is a page of the section, and a page without a motion is asked for."""
+    """Raise unless the section has a page and no motion is given."""
     from ..viz.section_pages import section_panel
 
     section_panel(section)

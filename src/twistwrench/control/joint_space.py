@@ -77,9 +77,9 @@ class JointLaw:
         what = type(self).__name__
         if robot.model is not self.robot.model:
             raise ValueRangeError(
-                f"{what} knows the robot {self.robot.name!r} that it was made with, and the rollout is of "
-                f"another, {robot.name!r}. A rollout's law knows the robot it moves: make it with that one; "
-                "rollout(parameters=…) changes what moves and not what the law knows."
+                f"{what} was made with the robot {self.robot.name!r}, and the rollout is of "
+                f"another, {robot.name!r}. Make the control law with the robot that it moves; "
+                "rollout(parameters=…) changes the simulated robot, not the model inside the law."
             )
         kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
         if not (np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))):

@@ -55,7 +55,7 @@ class ContactWrench:
 
     def __str__(self) -> str:
         shown = ", ".join(f"{n} {number(x)}" for n, x in zip(WRENCH, self.wrench, strict=True))
-        seen = f"rank {self.rank}" + (f", {len(self.blind)} directions are not felt" if len(self.blind) else "")
+        seen = f"rank {self.rank}" + (f", {len(self.blind)} directions are not observable" if len(self.blind) else "")
         left = float(np.linalg.norm(self.unexplained))
         return f"wrench on the robot at {self.frame}: {shown} ({seen}; {number(left, 3)} of the torques unexplained)"
 

@@ -97,7 +97,7 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
     name = robot.tip if frame is None else frame
     if isinstance(given, Pose) and given.of != name:
         raise FrameError(
-            f"{what} is the pose of {given.of!r}, and {name!r} is controlled: say frame={given.of!r}, or move it."
+            f"{what} is the pose of {given.of!r}, and {name!r} is controlled: pass frame={given.of!r}, or move it."
         )
     if isinstance(given, Pose) and given.to in robot.model.frames and robot.model.frames[given.to].body != BASE:
         raise FrameError(

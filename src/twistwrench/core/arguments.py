@@ -192,7 +192,7 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
     if masked and isinstance(x, masked.MaskedArray) and masked.is_masked(x):
         count = int(masked.getmaskarray(x).sum())
         raise ValueRangeError(
-            f"{what} has {count} masked entries, which are no numbers. Fill them: x.filled(np.nan) makes gaps of them."
+            f"{what} has {count} masked entries, which are not numbers. Fill them: x.filled(np.nan) makes gaps of them."
         )
     return made
 
@@ -366,7 +366,7 @@ def mismatch(**arrays: Array) -> ShapeError:
 
 
 def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names: Sequence[str] = ()) -> Array:
-    complaint = f"is no array, expected {_wanted(shape, batch)} of real numbers"
+    complaint = f"is not an array, expected {_wanted(shape, batch)} of real numbers"
     M = np.asarray(brought(x, what, names, complaint=complaint))
     if M.dtype == object and M.size and all(issubclass(kind, _PYTHON) for kind in set(map(type, M.flat))):
         try:

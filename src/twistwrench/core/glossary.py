@@ -43,7 +43,7 @@ ENTRIES: Mapping[str, str] = {
     "path": "str or Path",
     "precision": '"double" or "float"',
     "prefix": "str, optional, what the functions' names begin with; None: the robot's name",
-    "progress": "callable, optional, told the share that is done",
+    "progress": "callable, optional, called with the share that is done",
     "q": "(nq,) array_like, configuration",
     "quantities": "names as for :meth:`.Robot.kernel`, with options as ``(name, {option: value})``",
     "quantity": "str, a quantity's name",
@@ -158,13 +158,13 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
     "motion": {
         "degrees": "bool, angles are in degrees wherever the column does not name its unit",
         "kind": '"position", "velocity", "acceleration" or "torque"',
-        "limits": "Limits, optional; those of velocity help to tell a jump from a fast motion",
+        "limits": "Limits, optional; velocity limits help to distinguish a jump from a fast motion",
         "model": "Model",
     },
     "plotting": {
         "joints": "sequence of str, those that are drawn; none: all",
         "motion": "DrawnMotion",
-        "path": "str or Path; the suffix says the kind (.png, .pdf, .svg)",
+        "path": "str or Path; the suffix sets the kind (.png, .pdf, .svg)",
         "report": "TorqueReport",
     },
     "robot": {
@@ -206,7 +206,7 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "fps": "float, pictures a second of film",
         "path": "str or Path, .gif or .mp4",
         "motion": "DrawnMotion",
-        "progress": "callable, optional, told how many of how many pictures are drawn",
+        "progress": "callable, optional, called with the number of pictures drawn and their total",
         "scene": "Scene, optional, the robot's looks",
         "speed": "float, seconds of motion that a second of film shows",
     },

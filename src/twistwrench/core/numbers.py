@@ -145,7 +145,7 @@ def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> st
 
 
 def seconds(time: float, decimals: int = 3) -> str:
-    """A time within a motion, without its unit; four decimals tell the rows of a fast log apart."""
+    """A time within a motion, without its unit; four decimals distinguish the rows of a fast log."""
     return f"{time:.{decimals}f}"
 
 

@@ -57,7 +57,7 @@ def folder() -> Path | None:
     except (OSError, RuntimeError) as problem:  # RuntimeError: no home for ~
         if chosen:  # a home that is not there or cannot be written to is nobody's mistake
             _remark(
-                f"{VARIABLE} is {chosen!r}, which is no folder and cannot be made one ({problem}). Give another, or off."
+                f"{VARIABLE} is {chosen!r}, which is not a folder and cannot be made one ({problem}). Give another, or off."
             )
         return None
     if hasattr(os, "getuid"):  # code is run from here: nobody else may put any

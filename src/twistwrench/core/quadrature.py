@@ -29,7 +29,7 @@ def probe_spacing(dt: float, duration: float) -> float:
 
 
 class ProbeRule:
-    """The times at which a method asks, and further ones: eight at least in a step, less than ``spacing`` [s] apart.
+    """The times at which a method evaluates, and further ones: eight at least in a step, less than ``spacing`` [s] apart.
 
     ``times`` and ``weights`` are c and b of the method.
     """

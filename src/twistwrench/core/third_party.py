@@ -196,7 +196,7 @@ class Workers:
             try:
                 yield future.result()
             except (KilledWorker, CommClosedError, CancelledError, MemoryError, OSError) as problem:
-                first = (str(problem).splitlines() or ["no more is said"])[0]
+                first = (str(problem).splitlines() or ["no details were reported"])[0]
                 yield Failure(f"{type(problem).__name__}: {first}")
             future.release()
             tell((k + 1) / len(items))
@@ -212,10 +212,10 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
         yield Workers()
         return
     if workers is not None and scheduler is not None:
-        raise ValueRangeError("workers of this machine and a scheduler's are both asked for. Choose one.")
+        raise ValueRangeError("both workers= and scheduler= are given. Choose one.")
     if workers is not None and not 1 <= workers <= 4096:
         raise ValueRangeError(
-            f"{workers!r} is no number of workers. Give 1 or more; this machine has {os.cpu_count()} cores."
+            f"{workers!r} is not a valid number of workers. Give 1 or more; this machine has {os.cpu_count()} cores."
         )
     try:
         from dask import config
@@ -299,7 +299,7 @@ def reason_of(problem: Exception) -> str:
     if isinstance(problem, RecursionError):
         return "its entries are nested too deeply"
     if isinstance(problem, MemoryError):
-        return "it asks for more memory than there is"
+        return "it needs more memory than is available"
     if isinstance(problem, OSError) and problem.strerror:
         return problem.strerror
     text = " ".join(str(problem).split()).rstrip(".")

@@ -1,4 +1,4 @@
-"""The verdict of a report, and what a command's exit code says of it: one table for all commands."""
+"""Verdicts of reports and the exit codes of commands: one table for all commands."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ExitCode(IntEnum):
     """Exit codes of commands."""
 
     FINE = 0
-    """Done, and where a question was asked the answer is yes."""
+    """Done; if the command answers a question, the answer is yes."""
     NO = 1
     """The answer is no, or not sure."""
     BAD_INPUT = 2

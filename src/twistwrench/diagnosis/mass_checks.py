@@ -177,7 +177,7 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         parts = _parts_mirrored(pair)
         heavy = robot.heavy(pair.left, _HEAVY) or robot.heavy(pair.right, _HEAVY)
         matters = parts and heavy and effects[side].reaches(_MATTERS, _TORQUE)
-        more = "" if parts else "; one mesh serves both, or their shapes do not tell"
+        more = "" if parts else "; one mesh serves both, or their shapes do not decide"
         edits: tuple[Edit, ...] = ()
         if options.mirror_from and reasons(wanted):
             sentence = f"the {side} one, which cannot exist itself: repair it first"
@@ -196,7 +196,7 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
 
 def _evidence(pair: SymmetricLinks) -> str:
     """Side whose centre of mass is much nearer to that of its shapes, in words."""
-    unknown = "the file does not tell which is meant"
+    unknown = "the file does not determine which is meant"
     away = []
     for link in (pair.left, pair.right):
         if link.written is None or not link.shapes.complete or link.shapes.uniform is None:

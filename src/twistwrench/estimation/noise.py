@@ -95,7 +95,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
 
     A difference of order m annihilates polynomials below degree m and, with weights of unit norm, keeps the variance of
     white noise. What smooth motion leaves in it shrinks with the order, so the least over several orders is taken. A few
-    glitches are no noise; ``quanta`` (k,) are the grids of the columns, whose steps are.
+    glitches are not noise; ``quanta`` (k,) are the grids of the columns, whose steps are.
     """
     size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)
     least = np.full(parts[0].shape[1], np.inf)
@@ -117,7 +117,7 @@ def deviation(residuals: Array, floor: Array) -> Array:
         if kept.all():
             break
         found = np.where(kept, squares, 0.0).sum(axis=0) / np.maximum(1, kept.sum(axis=0))
-        # Where many would go they are no glitches: the noise is of two sizes, and the motion's accuracy that of both.
+        # Where many would go they are not glitches: the noise is of two sizes, and the motion's accuracy that of both.
         many |= (~kept).sum(axis=0) > few
         found = np.where(many, whole, found)
     return np.asarray(np.sqrt(found))

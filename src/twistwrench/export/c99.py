@@ -41,7 +41,7 @@ _CONVENTIONS = """\
 SI units, radians. The angular part comes first: twists are (omega, v), wrenches (m, f). A pose is a 4 x 4 matrix that maps
 points of the frame to the base frame. Kinds of frame quantities: body, seen in the frame itself; space, at the origin of the
 base; world_aligned, at the frame's origin along the axes of the base. A wrench input is what the robot applies to the world
-at that frame, expressed in it. Joint friction is in no function that does not say so.
+at that frame, expressed in it. Joint friction is included only where a function names it.
 Arrays of several axes are stored row by row: entry (i, j) of an m x n matrix is element n i + j.
 The functions allocate nothing, keep no state, do not branch, and call nothing but math.h. They read their inputs before they
 write, so an output may be an input's array; two outputs must not overlap."""
@@ -77,7 +77,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
 def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
     """The .c file."""
     precision = requests[0].function.precision
-    about = f"Dynamics of the robot {robot.name} in C99, one operation a line. {stem}.h says what is what."
+    about = f"Dynamics of the robot {robot.name} in C99, one operation a line. See {stem}.h for the interface."
     parts = [
         comment([about]),
         f'#include "{stem}.h"\n\n#include <math.h>',

@@ -395,7 +395,7 @@ def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> 
     size = prod(J.shape[split:])
     rows = J.reshape((*J.shape[:split], size))
     steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
-    # XLA makes less of a product of matrices: rows of the identity are no special case
+    # XLA makes less of a product of matrices: rows of the identity are not a special case
     return jnp.sum(rows * steps, axis=-1)
 
 
@@ -412,8 +412,8 @@ def _dtype(jax: Any, jnp: Any, precision: str) -> Any:
         return jnp.float32
     if not jax.config.jax_enable_x64:
         warnings.warn(
-            "JAX computes in float32 unless it is told: jax.config.update('jax_enable_x64', True) gives what precision="
-            "'double' asks for; precision='single' says that float32 is meant.",
+            "JAX computes in float32 by default: jax.config.update('jax_enable_x64', True) gives what precision="
+            "'double' needs; precision='single' accepts float32.",
             ModelWarning,
             stacklevel=3,
         )

@@ -99,7 +99,7 @@ def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
             yield str(entry[0]), entry[1]
         else:
             raise ShapeError(
-                f"{entry!r} is no quantity to export: give its name, or (name, options) such as "
+                f"{entry!r} is not a quantity to export: give its name, or (name, options) such as "
                 "('jacobian', {'frame': 'tool0'})."
             )
 

@@ -55,7 +55,7 @@ RESERVED = frozenset("""
 _CONVENTIONS = """\
 Not run on a PLC: check it with the program below, and at low power, before a machine moves by it.
 SI units, radians. The angular part comes first: twists are (omega, v), wrenches (m, f). A wrench input is what the robot
-applies to the world at that frame, expressed in it. Joint friction is in no block that does not say so.
+applies to the world at that frame, expressed in it. Joint friction is included only where a block names it.
 Matrices are stored row by row: entry (i, j) of an m x n matrix is element n * i + j.
 Zero positions, signs of rotation, gears and units of the axes are the machine's: convert them before and after the call.
 The blocks keep no state, do not branch and call SIN, COS, SQRT, EXP, MIN, MAX and SEL only; their local variables are
@@ -301,7 +301,7 @@ def _about(robot: Robot, request: Request, torque: str) -> list[str]:
 
 
 def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str:
-    """The program that compares every block with the results of twistwrench, and says so in ``Passed``."""
+    """Program that compares every block with the results of twistwrench; its output is ``Passed``."""
     scope = Names([name, *(block for block, _ in blocks), "Passed", "Worst"])
     real = TYPES[blocks[0][1].function.precision]
     k, i, apart = (scope.free(x) for x in ("k", "i", "apart"))

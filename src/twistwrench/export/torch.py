@@ -162,7 +162,9 @@ def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> An
     if tensors[0].device.type == "cuda":
         found = _on_tensors(torch, quantity.program, tensors)
         return tuple(found) if len(found) > 1 else found[0]
-    found = quantity.kernel(*(t.numpy(force=True) for t in tensors))  # a conjugate's imaginary part is no plain memory
+    found = quantity.kernel(
+        *(t.numpy(force=True) for t in tensors)
+    )  # a conjugate's imaginary part is not in plain memory
     if isinstance(found, tuple):
         return tuple(torch.as_tensor(x) for x in found)
     return torch.as_tensor(found)

@@ -75,7 +75,7 @@ def load_model(
                 formats = " and ".join(name.upper() for name in own)
                 raise ValueRangeError(f"{option}={value!r} is of {formats} files, and this one is {found.upper()}.")
         if format not in (None, found):
-            raise RobotFileError(f"it is {said}, and format={format!r} was asked for.")
+            raise RobotFileError(f"it is {said}, and format={format!r} was given.")
         if usd is not None:  # one reader is imported, not all
             from .usd import read_usd
 
@@ -139,7 +139,7 @@ def _format_of(root: Element) -> str:
 def _expanded(
     source: str | os.PathLike[str], text: str, root: Element, arguments: Mapping[str, Any], folders: Sequence[Path]
 ) -> str | None:
-    """Text that xacro makes of a file; None for files without it. Text that is no file is never expanded."""
+    """Text that xacro makes of a file; None for files without it. Text that does not name a file is never expanded."""
     path = None if is_text(source) else Path(source)
     found = xacro_in(text, root)
     if path is not None and (found or path.suffix.lower() == ".xacro"):

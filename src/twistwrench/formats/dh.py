@@ -126,7 +126,7 @@ def _by_position(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
         raise ShapeError(f"the Denavit–Hartenberg table has shape {array.shape}, expected (n, 4).")
     if columns is None:
         raise ValueRangeError(
-            "an (n, 4) table does not say what its columns are, and books disagree: pass columns=('theta', 'd', 'a', 'alpha') "
+            "the columns of an (n, 4) table are ambiguous, since books disagree: pass columns=('theta', 'd', 'a', 'alpha') "
             "in the order it has them, or the table as a dict of named columns."
         )
     if sorted(_known(dict.fromkeys(columns))) != sorted(COLUMNS) or len(columns) != len(COLUMNS):

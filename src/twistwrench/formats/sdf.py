@@ -322,7 +322,7 @@ class _SdfReader:
     def _inertia(self, link: Element) -> SpatialInertia:
         inertial = link.child("inertial")
         if inertial is not None and inertial.attributes.get("auto", "").strip() in ("true", "1"):
-            raise inertial.error("asks for inertia from shapes (auto), which is not computed. Write it out.")
+            raise inertial.error("requests inertia from shapes (auto), which is not computed. Write the numbers.")
         if text := assumed_text(missing_of(inertial)):
             self.builder.note(link, f"has {text}")
         mass, T, I = inertial_of(inertial)

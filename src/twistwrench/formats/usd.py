@@ -56,7 +56,7 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
         place = Path(layer.realPath).resolve() if layer.realPath else None
         if place is not None and not any(place.is_relative_to(folder) for folder in allowed):
             raise RobotFileError(
-                f"it takes in {str(place)!r}, which lies outside its folder. To read it, say include_paths=[its folder]."
+                f"it takes in {str(place)!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
             )
     return stage
 

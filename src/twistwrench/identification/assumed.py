@@ -57,7 +57,7 @@ _OF_TIME, _TURNING = ("warming", "drift"), ("tilt", "mounting")
 _STEPS, _SETTLED = 4, 1e-3
 """Most of Gauss and Newton's steps, and the change of torques, in sizes of their residuals, below which they end."""
 _UNTOLD = 1e-7
-"""Share of the squares of a column that others leave, below which no log tells it."""
+"""Share of a column's squares left by the others, below which no log determines its parameter."""
 _OF_RATE, _USUAL_SPEED = 0.1, 0.05
 """Cut-off, as a share of the rate of the samples, and speed of friction that the search begins with."""
 _WIDE = 1e3
@@ -243,7 +243,7 @@ class AssumedCauses:
         return replace(self, causes=tuple(causes))
 
     def check(self, W: Array, root: Array) -> None:
-        """Raise ValueRangeError if rows [W E] (m, nv, r + k) of these weights do not tell a value from the groups."""
+        """Raise ValueRangeError if rows [W E] (m, nv, r + k) of these weights do not distinguish a value from the groups."""
         N = NormalEquations.from_rows(W, 0.0 * root, root=root).N.sum(axis=0)
         size = np.sqrt(np.maximum(N.diagonal(), 1e-300))
         left = 1.0 / np.linalg.inv(N / size[:, None] / size + 1e-10 * np.eye(len(N))).diagonal()[len(self.x) :]
@@ -252,7 +252,7 @@ class AssumedCauses:
         for one in self.causes:
             if (left[at : at + len(one.beta)] < _UNTOLD).any():
                 raise ValueRangeError(
-                    f"{self.text_of(one.wanted)} cannot be assumed: these logs do not tell it from the robot's parameters."
+                    f"{self.text_of(one.wanted)} cannot be assumed: these logs do not separate it from the parameters."
                 )
             at += len(one.beta)
 

@@ -165,7 +165,7 @@ class LogSource:
     def _sided(self, rows: LogRows) -> LogRows:
         if rows.tau is None:
             raise ValueRangeError(
-                f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+                f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or assign them with --columns "
                 f"'{self.robot.model.velocity_names[0]}.tau=COLUMN'."
             )
         found = rows if self.side is None else self.side.of_joints(rows)

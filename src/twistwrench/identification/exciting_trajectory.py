@@ -284,7 +284,7 @@ def exciting_trajectory(
     constraints = TrajectoryConstraints(robot, bounds, speed, _capsules(robot, floor, clear_of_itself), clear)
     if clear is not None and not callable(clear):
         raise ValueRangeError(
-            f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
+            f"clear is {arguments.shown(clear)}: give a function that maps configurations to distances."
         )
     search = MotionSearch(series, information, constraints, typical, middle)
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")

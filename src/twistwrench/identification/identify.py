@@ -285,7 +285,9 @@ def _rows_of(trained: Sequence[Motion], asked: FitOptions) -> tuple[list[SteadyS
         samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
     dead = _dead(trained)
     if dead.all():
-        raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
+        raise TrajectoryError(
+            "identify: the torques of all joints are constant throughout, so nothing can be identified."
+        )
     return samples, dead
 
 
@@ -319,8 +321,8 @@ def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -
             )
         if motion.tau is None:
             raise ShapeError(
-                f"identify: {what} number {k + 1} has no torques for every joint. Name their columns JOINT.torque, or say "
-                "which they are: columns={'JOINT.tau': 'COLUMN'}."
+                f"identify: {what} number {k + 1} has no torques for every joint. Name their columns JOINT.torque, or "
+                "assign them: columns={'JOINT.tau': 'COLUMN'}."
             )
         if motion.robot.coordinate_names != robot.coordinate_names:
             raise TrajectoryError(

@@ -431,7 +431,7 @@ def _doubts(i: NormalEquationBlocks, held: HeldOut, among: HeldOut, x: Array) ->
         found.append(
             Doubt(
                 "other-settings",
-                f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify "
+                f"all rows require another {far} than the excerpt did, so the log is not homogeneous. Set it, or identify "
                 "parts of the logs apart.",
             )
         )

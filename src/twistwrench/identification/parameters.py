@@ -116,7 +116,7 @@ class UnknownParameters:
             if name not in self.names:
                 raise UnknownNameError.from_choices("parameter", name, self.names)
             if not np.isfinite(value):
-                raise ValueRangeError(f"{name} is known to be {value!r}, which is no finite number.")
+                raise ValueRangeError(f"{name} is known to be {value!r}, which is not a finite number.")
         if self.held.all():
             raise ValueRangeError("all parameters are known, so there is nothing to identify.")
 
@@ -307,7 +307,9 @@ def speed_owner(joints: Array) -> int:
 def check_speed(value: float) -> float:
     """A friction speed or cut-off that is a number above 0. Raises ValueRangeError."""
     if not (np.isfinite(value) and value > 0):
-        raise ValueRangeError(f"{value!r} is no speed or frequency. Give a number above 0, or leave it to the program.")
+        raise ValueRangeError(
+            f"{value!r} is not a valid speed or frequency. Give a number above 0, or leave it to the program."
+        )
     return float(value)
 
 
@@ -476,7 +478,7 @@ _TURN, _GAIN = 0.3, 1.2
 
 
 def untold(base: BaseParameters, left: float) -> dict[str, str]:
-    """Sentences on what no log of the robot tells, by name; ``left`` is the residual as a share of the torques."""
+    """Sentences on what no log of the robot determines, by name; ``left`` is the residual as a share of the torques."""
     unknown, names = base.unknown, base.unknown.model.velocity_names
     kinds, held = np.array(unknown.kinds), unknown.held
     gain, zeros, signs = _spanned(base)

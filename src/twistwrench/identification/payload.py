@@ -251,7 +251,7 @@ def payload_body(robot: Robot, frame: str) -> str:
     """The link of the moving body that a frame is fixed to."""
     carrier = robot.model.frame(frame).body
     if carrier == BASE:
-        raise ValueRangeError(f"frame {frame!r} does not move, so no torque tells what is fixed to it.")
+        raise ValueRangeError(f"frame {frame!r} does not move, so no torque depends on what is fixed to it.")
     return robot.model.bodies[carrier].link
 
 

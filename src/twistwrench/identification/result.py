@@ -204,7 +204,7 @@ class IdentifiedRobot:
 
     @cached_property
     def untold(self) -> dict[str, str]:
-        """Sentences on what no such log can tell, by name; none of a payload alone."""
+        """Sentences on what no such log determines, by name; none for a payload alone."""
         return {} if self.payload_frame is not None else untold(self.base, self.held_out.all)
 
     @property

@@ -67,7 +67,7 @@ def actuator_text(
         if law:
             entry["friction"] = law
     content["actuators"] = entries
-    head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
+    head = f"# {SIGNATURE}: friction and motor inertias, reflected to the joints\n"
     head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
     together = found.of_several_joints.items()
     head += "".join(f"# of several joints, not read: {name} {value!r}\n" for name, value in together)
@@ -92,7 +92,7 @@ def same_actuators(text: str, found: ConsistentRobot) -> float:
 
 # A body of the model is a moving link with the links that are fixed to it; the change goes to the moving link. Where what
 # is left
-# for it is no body that can exist, the fixed links are folded into it. What was written is read again and compared before
+# for it is not physically consistent, the fixed links are folded into it. What was written is read again and compared before
 # a file
 # is put in its place.
 
@@ -116,7 +116,7 @@ class WrittenRobot:
 
 
 def written_robot(original: Robot, found: ConsistentRobot, said: str) -> WrittenRobot:
-    """The file of ``original`` with the bodies and the drives of ``found``; ``said`` goes into a comment at its top.
+    """The file of ``original`` with the bodies and the drives of ``found``; ``said`` becomes a comment at its top.
 
     Raises ModelError where the robot has no file or its format has no place for a number, and RobotFileError where what was
     written does not come back.
@@ -317,17 +317,19 @@ def write_identified(
     *,
     force: bool,
 ) -> tuple[str, ...]:
-    """Write them, and return what to know; raises as :meth:`IdentifiedRobot.write` does, nothing written then."""
+    """Write them and return the notes; raises as :meth:`IdentifiedRobot.write` does, nothing written then."""
     if found.verdict.word is Word.LOOK_AGAIN and not force:
         raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
     if found.payload_frame is not None:
-        raise ValueRangeError("a payload alone is no robot to write. Take found.payload, or with_payload of the robot.")
+        raise ValueRangeError(
+            "a payload alone is not a robot to write. Take found.payload, or with_payload of the robot."
+        )
     consistent = found.consistent
     notes = check_written(consistent)
     if together := _numbers(consistent.of_several_joints):
         notes.append(
-            f"no file can say what one motor does to several joints: {together}. Without it the torques of these joints are "
-            "not predicted as they are here"
+            f"no file format represents friction of one motor in several joints: {together}. Without it, "
+            "the torques of these joints are not predicted as they are here"
         )
     notes += [
         f"the files are of the log without {one}" for one in found.settings.assumed if one.kind != "load-friction"

@@ -55,7 +55,7 @@ def _rows(file: str) -> dict[str, dict[str, Any]]:
 
 @cache
 def untold_table() -> Mapping[str, tuple[str, str]]:
-    """Sentence and remedy of each thing that no log tells, by name."""
+    """Sentence and remedy of each quantity that no log determines, by name."""
     return {name: (row["sentence"], row.get("remedy", "")) for name, row in _rows("untold.toml").items()}
 
 

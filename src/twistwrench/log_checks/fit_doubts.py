@@ -122,7 +122,7 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
 _REFUSES, _UNSURE = 0.05, 0.01
 """Changes of predicted torques by a cause, as shares of a joint's torque, from which it is LOOK AGAIN, or UNSURE."""
 _LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
-"""Delay [s] from which it is told; difference [s], and as a share, below which two delays are one."""
+"""Delay [s] from which it is reported; difference [s], and as a share, below which two delays are one."""
 _OF_FILE = 0.1, 10.0
 """Times the file's bodies that no log of all torques is below or above."""
 _TOLD = 0.75
@@ -154,7 +154,7 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
             ),
             3,
         )
-        evidence += f"; this log does not tell it from {others}"
+        evidence += f"; this log does not distinguish it from {others}"
     value, interval = cause.in_units
     level: Level = "refuse" if cause.effect > _REFUSES else "unsure" if cause.effect > _UNSURE else "note"
     row = doubt_table()[cause.kind]

@@ -173,7 +173,7 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
         raise InertiaError(
             f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {printed(J)} kg m² about its axis: all of "
             f"the link has {printed(axis @ I @ axis, 3)} kg m² about that direction. Check the unit; if the link was weighed "
-            "without its motor, say extra: true."
+            "without its motor, write extra: true."
         )
 
 
@@ -191,8 +191,8 @@ def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Arra
     frame = model.frame(rotor.link)
     if rotor.axis is None and frame.body != driven.parent:
         raise ModelError(
-            f"the rotor of joint {driven.joint.name!r} is said to be on link {rotor.link!r}, which is not what carries the "
-            "joint, so the joint's axis says nothing about it. Give its axis in that link's frame."
+            f"the rotor of joint {driven.joint.name!r} is on link {rotor.link!r}, which does not carry the "
+            "joint, so the joint's axis does not determine the rotor's. Give its axis in that link's frame."
         )
     if rotor.axis is None:  # the joint's own, seen from the link
         turn = frame.pose[:3, :3].T @ driven.placement[:3, :3]

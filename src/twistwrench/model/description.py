@@ -33,7 +33,7 @@ class ModelNote(str):
     said: str
 
     def __new__(cls, subject: str, said: str) -> ModelNote:
-        """The sentence ``subject said``."""
+        """Sentence of ``subject`` and ``said``."""
         text = super().__new__(cls, f"{subject} {said}")
         text.subject, text.said = subject, said
         return text

@@ -144,7 +144,7 @@ class Limits:
 
 # ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4
 
-NONE_GIVEN = "friction is asked for, and the robot has none: its file gives none; robot.with_actuators adds it"
+NONE_GIVEN = "friction is requested, but the robot file has none; add it with robot.with_actuators"
 """Remark if friction is requested and the robot has none."""
 
 

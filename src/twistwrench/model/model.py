@@ -57,7 +57,7 @@ def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
     for end, name in (("parent", joint.parent), ("child", joint.child)):
         if name not in links:
             found = UnknownNameError.from_choices("link", name, links)
-            hint = ' Declare it with <link name="world"/>, say.' if name == "world" else ""
+            hint = ' For example, declare it with <link name="world"/>.' if name == "world" else ""
             raise ModelError(f"the {end} of {joint} is not there: {found}{hint}")
     if joint.parent == joint.child:
         raise ModelError(

@@ -242,7 +242,7 @@ def _in_numpy_format(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArr
                 data = file.read((s.stop - s.start) * width)
                 if len(data) < (s.stop - s.start) * width:
                     raise TrajectoryError(
-                        f"{path}: has fewer rows than the {rows} that it says. Is the file cut short?"
+                        f"{path}: has fewer rows than the {rows} of its header. Is the file cut short?"
                     )
                 yield np.frombuffer(data, dtype).reshape(-1, *inner)
 
@@ -411,12 +411,12 @@ def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
         if packed:
             content = memoryview(zlib.decompressobj().decompress(content, size + 8))[8:]
             if len(content) < size:
-                raise _damaged(path, f"an array has {len(content)} of the {size} bytes that it says")
+                raise _damaged(path, f"an array has {len(content)} of the {size} bytes of its header")
         _, flags, at = element(content, 0)
         _, sides, at = element(content, at)
         _, label, at = element(content, at)
         if len(flags) != 8 or len(sides) % 4:
-            raise _damaged(path, "an array does not say what it is")
+            raise _damaged(path, "an array has no type")
         (said,), name = struct.unpack_from(f"{order}I", flags), bytes(label).decode("ascii", "replace")
         found[name] = np.zeros(0)
         if said & 0xFF in _NUMERIC and not said & _COMPLEX and not name.startswith("__"):
@@ -429,7 +429,7 @@ def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
                 order + _SAVED_AS[saved_as],
             )
             if math.prod(shape) != len(values):
-                raise _damaged(path, f"{name!r} has {len(values)} numbers, and its shape says {math.prod(shape)}")
+                raise _damaged(path, f"{name!r} has {len(values)} numbers, and its shape has {math.prod(shape)}")
             found[name] = values.reshape(shape, order="F")
     return found
 

@@ -210,7 +210,7 @@ class Assignment:
             if key not in known:
                 raise UnknownNameError.from_choices("coordinate (of --columns)", key, ["time", *self.names["q"]])
             if known[key] in found:
-                raise TrajectoryError(f"{self.where}: --columns says twice what {key!r} is. Keep one of them.")
+                raise TrajectoryError(f"{self.where}: --columns assigns {key!r} twice. Keep one of them.")
             choice = self.column(name, f"--columns {key}={name}")
             found[known[key]] = replace(choice, unit=choice.unit or "A") if key.endswith(f".{CURRENT}") else choice
         return found
@@ -275,7 +275,7 @@ class Assignment:
             requested = Choice(timed[0], self.split[timed[0]][1])
         if requested is None and len(first) > 1:
             raise TrajectoryError(
-                f"{self.where}: two time columns, {listed([self.cells[k] for k in first])}. Keep one of them, or say which: "
+                f"{self.where}: two time columns, {listed([self.cells[k] for k in first])}. Keep one of them, or choose: "
                 f"--columns 'time={self.cells[first[0]]}'."
             )
         choice = requested or Choice(
@@ -380,11 +380,11 @@ class Assignment:
         return Choice(rising[0], self.split[rising[0]][1])
 
     def usual_rate(self) -> str:
-        """Rate of recordings that are known to have no time, after what asks for it."""
+        """Usual rate of recordings without a time column, as an addition to the message."""
         return " (ALOHA records 50: --rate 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
 
     def without_columns(self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool) -> str:
-        """The error of coordinates without a column, with the options to copy that say which they are."""
+        """Error for coordinates without a column, with the options to copy that assign them."""
         all_missing = len(missing) == len(self.names["q"])
         may_be = [cell for cell in self.extra if cell in varying_columns(self.cells, self.extra, look)]
         in_order = series(may_be, len(missing)) if all_missing else []
@@ -428,8 +428,8 @@ class Assignment:
             raise TrajectoryError(self.without_columns(missing, look, timeless=timeless))
         if timeless:
             raise TrajectoryError(
-                f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; a command can be told which it is, "
-                f"--columns 'time=COLUMN', or how many rows a second has, --rate HZ{self.usual_rate()}; {self.found()}"
+                f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; for a command, give "
+                f"--columns 'time=COLUMN', or the rows per second, --rate HZ{self.usual_rate()}; {self.found()}"
             )
         for part in ("dq", "ddq"):
             absent = [f"{name}{SUFFIX[part]}" for k, name in enumerate(self.names[part]) if k not in self.given[part]]
@@ -438,7 +438,7 @@ class Assignment:
                 hint = f" Did you mean {alike[0]!r}?" if alike else ""
                 raise TrajectoryError(
                     f"{self.where}: no column {listed(absent)}, although others of its kind are there.{hint} "
-                    f"Give them for every joint, or for none: then they are derived. Or say which it is: --columns "
+                    f"Give them for every joint, or for none: then they are derived. Or assign it: --columns "
                     f"'{absent[0]}=COLUMN'; {self.found()}"
                 )
 

@@ -208,7 +208,7 @@ def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]
     """The ``used`` columns of lines that have ``columns`` cells each → (rows, len(used)); the same bits as ``float()``.
 
     Blank lines and lines that begin with # are passed over. None where a line has another number of cells, or a used cell is
-    no finite number.
+    not finite.
     """
     if text.translate(None, _CONTROL) != text:
         return None

@@ -134,7 +134,7 @@ class TextSource:
     @classmethod
     def from_path(cls, path: Path) -> TextSource:
         """Look at the file; raises NotFoundError, and TrajectoryError where it cannot be read."""
-        if os.path.isdir(path):  # noqa: PTH112  False where the text is no path at all
+        if os.path.isdir(path):  # noqa: PTH112  False where the text is not a path at all
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
         try:
             with path.open("rb") as file:
@@ -155,7 +155,7 @@ class TextSource:
             ) from None
         except UnicodeError as problem:
             raise TrajectoryError(
-                f"{path}: is not the text that its first bytes say: {problem}. Save it as UTF-8."
+                f"{path}: is not text in the encoding of its first bytes: {problem}. Save it as UTF-8."
             ) from None
         except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
             said = getattr(problem, "strerror", None) or problem

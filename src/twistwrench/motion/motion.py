@@ -403,7 +403,7 @@ class Motion:
 
         Parameters
         ----------
-        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+        path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
 
         Returns
         -------

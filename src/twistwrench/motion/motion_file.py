@@ -190,7 +190,7 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     NotFoundError and MissingExtraError.
     """
     place = as_path(path)
-    if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is no path at all
+    if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is not a path at all
         return JoinedFile.open(path, open_motion_file)
     if is_recording(place) and episode is None:
         return ros_file(place, topic)

@@ -88,7 +88,7 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     named = {str(name) for name in frame.columns}
     found = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in named] + found
     table = np.column_stack([x for _, x in found]) if found else np.zeros((len(frame), 0))
-    said = (f"Columns that are no numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
+    said = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
     file = ArrayFile.from_table(Path(_NAME), [name for name, _ in found], table, 8 * table.size)
     return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), said
 

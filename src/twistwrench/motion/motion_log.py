@@ -373,7 +373,7 @@ class MotionLog:
         if columns.of_locked:
             said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
         if columns.extra:
-            said.append(f"Columns that are no coordinate of this robot are ignored: {', '.join(columns.extra)}.")
+            said.append(f"Columns that are not coordinates of this robot are ignored: {', '.join(columns.extra)}.")
         if last.clock is not None:
             said.append(
                 "Time stamps are rounded so that several rows share one: a steady clock of "
@@ -457,13 +457,13 @@ def _dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates
     if asked and isinstance(file, ArrayFile) and file.dataset == "range":
         raise TrajectoryError(
             f"{file.path}: by its metadata, positions are from -100 to 100 of each motor's range, and only its calibration "
-            "file says which angles these are. Record again with degrees, or convert them."
+            "file maps them to angles. Record again with degrees, or convert them."
         )
     largest = {k: float(np.abs(file.first(file.header.index(cells[k]))).max(initial=0.0)) for k in asked}
     if not degrees and any(x > math.tau for x in largest.values()):
         k = max(asked, key=lambda k: largest[k])
         raise TrajectoryError(
-            f"{file.path}: {cells[k]} reaches {number(largest[k])}, which is no angle in radians. LeRobot's SO arms record "
+            f"{file.path}: {cells[k]} reaches {number(largest[k])}, which is not an angle in radians. LeRobot's SO arms record "
             "degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the calibration "
             "file. If these are degrees, add: --degrees"
         )

@@ -150,7 +150,7 @@ def margin_of(strength: float) -> int:
     return math.ceil(2.0 * _DECAY * math.pow(max(strength, 1e-3), 1.0 / 6.0)) + 16
 
 
-# ── Samples of a motion as a curve: without jumps that are no motion, its derivatives, and configurations between samples
+# ── Samples of a motion as a curve: without jumps that are not motion, its derivatives, and configurations between samples
 
 DEGREE = 5
 """Degree of the spline."""

@@ -33,7 +33,7 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     Parameters
     ----------
     report : TorqueReport
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
     """
     count = len(report.joints)
     rows, columns = style.panel_grid(count)
@@ -198,7 +198,7 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     Parameters
     ----------
     report : TorqueReport
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
 
     Returns
     -------
@@ -227,7 +227,7 @@ def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
     Parameters
     ----------
     sizing : Sizing
-    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
 
     Returns
     -------

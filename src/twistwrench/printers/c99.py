@@ -56,7 +56,7 @@ def literal(value: float, precision: str) -> str:
         number = np.float32(value) if precision == "float" else np.float64(value)
     if not np.isfinite(number):
         advice = "It needs precision='double'" if np.isfinite(value) else "Look for a division by zero in it"
-        raise KernelError(f"the constant {value!r} is no finite {precision}. {advice}.")
+        raise KernelError(f"the constant {value!r} is not a finite {precision}. {advice}.")
     return f"{number!s}{PRECISIONS[precision]}"
 
 

@@ -36,7 +36,7 @@ def shown(value: Any) -> str | Line:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A quantity of all rows, said once: its name and unit, its values, and how a person reads one of them."""
+    """Quantity of all rows, once: name and unit, values, and the format of one of them."""
 
     name: str
     values: Sequence[Any]

@@ -428,7 +428,7 @@ class PayloadMarginTally:
 
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
-    """The positions [rad, m] of all joints that ``lock`` means; of turning joints it says degrees if ``degrees``.
+    """Positions [rad, m] of the joints in ``lock``; revolute ones are given in degrees if ``degrees``.
 
     A name says more than a pattern. Raises :class:`~twistwrench.UnknownNameError` for a pattern that no joint has, and
     :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for patterns that contradict each other.

@@ -69,7 +69,7 @@ class LogQuality:
     backward: int
     """Rows whose stamp is before that of the row above."""
     jitter: float
-    """Standard deviation of the steps that are no gaps."""
+    """Standard deviation of the steps that are not gaps."""
     columns: tuple[LogColumn, ...]
     notes: tuple[str, ...] = ()
     """A sentence for each thing in the file that is not read."""
@@ -154,7 +154,7 @@ def _column(name: str, x: Array, runs: list[Array]) -> LogColumn:
 # ── Measured torques against those computed from the motion
 
 _MATTERS = 0.02
-"""Share of the largest torque of its unit, computed or measured, below which a joint's torques say nothing."""
+"""Share of the largest torque of its unit, computed or measured, below which a joint's torques are not compared."""
 _STANDS = 1e-9
 """Share of its own size by which a column that is dead may vary."""
 _GROSS = 0.6
@@ -193,7 +193,7 @@ class MeasuredTorque:
     dead: bool
     """The column never changes."""
     matters: bool
-    """The joint's torques are no small part of the robot's."""
+    """The joint's torques are a substantial part of the robot's."""
     cut: float = 0.0
     """Share of the rows in which it is exactly its extreme while what is computed changes; 0 where it is not cut off there."""
     cut_at: float = 0.0

@@ -22,7 +22,7 @@ POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:
 """Content-Security-Policy: no requests and no scripts."""
 TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
-    "UNSURE": "The data cannot tell. This is not a yes.",
+    "UNSURE": "The data do not decide. This is not a yes.",
     "OVER LIMIT": "A limit is passed for certain.",
     "COLLISION": "Two links of the robot are in contact, by the exact distance of their shapes.",
     "LOOK AGAIN": "The input contradicts itself, so no number below can be trusted.",

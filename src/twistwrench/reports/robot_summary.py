@@ -145,7 +145,7 @@ def parse_configuration(
     option: str = "--at",
     start: Array | None = None,
 ) -> Array:
-    """Configuration (nq,) that the texts of an option say: each ``JOINT=VALUE``, or one of them all coordinates.
+    """Configuration (nq,) from the texts of an option: each ``JOINT=VALUE``, or one of them all coordinates.
 
     All coordinates are ``v,v,…`` or the name of a configuration of the robot. Joints that are not named are as in ``start``
     (nq,), else neutral. Raises ValueRangeError and UnknownNameError, which say what was wrong.
@@ -155,7 +155,7 @@ def parse_configuration(
     wholes = [(option, text) for text in at if "=" not in text]
     if len(wholes) > 1:
         both = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
-        raise ValueRangeError(f"{both} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
+        raise ValueRangeError(f"{both} both set all coordinates. Keep one of them; others are JOINT=VALUE.")
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     for name, text in wholes:
         q = _all_coordinates(robot, text, name, unit)
@@ -349,7 +349,9 @@ def _header(file: CsvFile) -> list[str]:
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
     value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
     if value is None:
-        raise ValueRangeError(f"{where}, column {kind!r}: {text!r} is no number. Leave it blank to keep the robot's.")
+        raise ValueRangeError(
+            f"{where}, column {kind!r}: {text!r} is not a number. Leave it blank to keep the robot's."
+        )
     if math.isnan(value) or (kind not in ("lower", "upper") and value <= 0):
         allowed = "a number" if kind in ("lower", "upper") else "a number above 0"
         raise ValueRangeError(

@@ -186,7 +186,7 @@ def _follower(model: Model, k: int) -> dict[str, Any]:
 
 
 def _force_at_base(model: Model) -> dict[str, Any] | None:
-    """Figures that tell whether a floating base lacks a force; None where something drives the base."""
+    """Figures that show whether a floating base lacks a force; None where something drives the base."""
     if not (rows := base_velocities(model)):
         return None
     strength = float(np.linalg.norm(model.gravity))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 ZERO = 1e-9
 SMALL = 0.02
-"""Share of the robot's largest torque, or of its own limit, below which a joint's peak is no measure of its noise."""
+"""Share of the robot's largest torque, or of its own limit, below which a joint's peak is not a measure of its noise."""
 NEGLIGIBLE = 0.001
 """Share of a peak from which noise is estimated, and worth a column."""
 _AT_AN_END = 5.0
@@ -249,7 +249,7 @@ _AROUND, _KEPT = 2048, 1 << 23
 _GAP = 5.0
 """Usual steps of time from which a step is a gap."""
 _MASS_SAMPLES = 32
-"""States of each portion whose mass matrix carries noise of accelerations into torques, and where payloads are felt."""
+"""States of each portion whose mass matrix carries noise of accelerations into torques, and the joints that carry payloads."""
 _BAND_SAMPLES = 512
 """States of each portion whose mass matrix is that of those up to the next."""
 

@@ -199,7 +199,7 @@ def contradictions(report: TorqueReport) -> list[str]:
 
 
 def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> tuple[list[str], list[str]]:
-    """Reasons to be unsure that a page keeps whatever its sliders say: those before a pause of the log, and those behind it.
+    """Reasons to be unsure that a page keeps for all slider positions: those before a pause of the log, and those behind it.
 
     With the peaks of all ``joints`` also the force that a floating base lacks.
     """

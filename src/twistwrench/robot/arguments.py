@@ -147,7 +147,7 @@ def _not_real(name: str, label: str, given: Any) -> ShapeError:
 def check_mapping(wrenches: Any) -> None:
     """Raise ShapeError unless ``wrenches`` is None or a mapping by frame."""
     if wrenches is not None and not isinstance(wrenches, Mapping):
-        raise ShapeError("wrenches are a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+        raise ShapeError("wrenches are a dict {frame: (m, f)}, since a wrench needs its frame.")
 
 
 def unlabelled(F: Wrench, frame: str) -> Array:

@@ -181,7 +181,7 @@ class RobotBase:
         Raises
         ------
         ModelError
-            The robot is no serial chain of one-degree joints.
+            The robot is not a serial chain of one-degree joints.
         """
         from ..formats.dh import screw_lists
 

@@ -123,7 +123,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
             hint = ""
             if not name.startswith("_") and hasattr(Robot, name):
                 call = "(…)" if callable(getattr(Robot, name)) else ""
-                hint = f" Of the robot with its loops open, without the constraints: closed.robot.{name}{call}."
+                hint = f" For the robot with its loops open, without the constraints: closed.robot.{name}{call}."
             raise AttributeError(f"a ClosedRobot has no {name!r}.{hint}", name=name, obj=self)
 
     # ── what the methods that open robots have, too, need ──
@@ -553,7 +553,7 @@ class ClosedRobot(ConstrainedRobot, SharedMethods[ClosedMethod, "ClosedSimulatio
         """
         if not any(self._constraint_options(name) for name in names):
             raise KernelError(
-                f"{', '.join(names)}: nothing of this knows of constraints. Of the robot with its loops open: "
+                f"{', '.join(names)}: not available for a robot with constraints. For the robot with its loops open: "
                 "closed.robot.kernel(…)."
             )
         given: dict[str, Any] = {"constraints": self._independent_constraints, **options}

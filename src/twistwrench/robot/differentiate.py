@@ -296,7 +296,9 @@ def differentiate(
     name = getattr(function, "__name__", type(function).__name__)
     what = f"differentiate {name}"
     if not callable(function):
-        raise KernelError(f"{what}: {function!r} is no function. For a quantity of a robot: robot.kernel(name, by=…).")
+        raise KernelError(
+            f"{what}: {function!r} is not a function. For a quantity of a robot: robot.kernel(name, by=…)."
+        )
     models, shapes = _arguments(what, function, arguments)
     derivative = Derivative.from_inputs(what, tuple(shapes), tuple(shapes) if by is None else by, form, mode, values)
 

@@ -322,7 +322,7 @@ class Engine:
 
         full = checked_options(self.model, name, options)
         if "derivative" in full:
-            raise KernelError(f"reference {name}: algorithms know no by=; kernel({name!r}, by=…) does.")
+            raise KernelError(f"reference {name}: algorithms have no by=; kernel({name!r}, by=…) has.")
         traced = is_symbolic(arrays)
         quantity = QUANTITIES[name]
         given = [np.asarray(a) for a in brought(self.model, name, arrays, options)]

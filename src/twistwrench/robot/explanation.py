@@ -173,7 +173,7 @@ class Explanation:
 
         Parameters
         ----------
-        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+        path : str or Path; the suffix sets the kind (.png, .pdf, .svg)
 
         Returns
         -------

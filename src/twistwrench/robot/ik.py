@@ -192,7 +192,7 @@ def clear_of_links(
         status[index][1] = 0.0
         apart = f"{printed(mine.distance, 3)} m apart" if mine.distance > 0 else "in contact"
         refused[index] = (
-            f"reached, but {' and '.join(mine.pair)} are {apart} there, and {printed(least)} m are asked for; none of "
+            f"reached, but {' and '.join(mine.pair)} are {apart} there, and {printed(least)} m are required; none of "
             f"{len(there)} other solutions from {len(starts)} starts keeps it"
         )
     return IKResult(q, status, found._request, refused)
@@ -347,7 +347,7 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     if len(set(given)) < len(given):
         raise ValueRangeError(f"frame={frame!r}: a frame is there twice.")
     if isinstance(rows, Mapping) and not {*rows} <= {*given}:
-        raise ValueRangeError(f"rows={rows!r}: its keys are to be frames that were asked for, {given!r}.")
+        raise ValueRangeError(f"rows={rows!r}: its keys must be among the given frames, {given!r}.")
     found = []
     for name in given:
         robot.model.frame(name)
@@ -433,8 +433,8 @@ def branches(
     chosen = row_numbers(rows)
     if robot.nv > len(chosen) or robot.nq != robot.nv:
         raise ValueRangeError(
-            f"robot {robot.name!r} has {robot.nv} velocities for {len(chosen)} rows, and branches are of as many joints of one "
-            "degree as there are rows, or fewer: else a pose has curves of configurations. Lock joints (robot.lock), or ask "
+            f"robot {robot.name!r} has {robot.nv} velocities for {len(chosen)} rows, and branches need at most as many joints "
+            "of one degree as rows; otherwise a pose has curves of configurations. Lock joints (robot.lock), or use "
             "inverse_kinematics for one."
         )
     q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])

@@ -87,7 +87,7 @@ def load(
     NotFoundError
         There is no such file.
     RobotFileError
-        The file is no robot file, or an entry of it cannot be read.
+        The file is not a robot file, or an entry of it cannot be read.
     ModelError
         What it says makes no robot.
     InertiaError
@@ -149,7 +149,7 @@ def from_screws(
     """Robot from screw axes: the book's lists M, Slist, Mlist, Glist of a serial chain.
 
     MR section 8.3. A screw whose turning part is not of unit length (or, sliding only, whose sliding part) is an error,
-    because its joint coordinate is no angle; the book's own three-link example has one.
+    because its joint coordinate is not an angle; the book's own three-link example has one.
 
     Parameters
     ----------
@@ -357,7 +357,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     form = SUFFIXES.get(path.suffix.lower())
     if form is None:
         raise ValueRangeError(
-            f"cannot write {path.name!r}: its ending tells no format. Choose one of {', '.join(SUFFIXES)}."
+            f"cannot write {path.name!r}: its ending does not name a format. Choose one of {', '.join(SUFFIXES)}."
         )
     check_outputs({"the file": path}, {})
     refuse_existing(path, overwrite=overwrite)
@@ -377,7 +377,7 @@ def _tip_lost(robot: Robot, path: Path) -> list[str]:
     if tip == robot.tip:
         return []
     found = "finds none" if tip is None else f"takes {tip!r}"
-    return [f"the tip is not kept: reading the file {found}; say tip={robot.tip!r} for the same"]
+    return [f"the tip is not kept: reading the file {found}; pass tip={robot.tip!r} for the same"]
 
 
 complete(globals())

@@ -63,7 +63,7 @@ def wanted(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> di
     if not names:
         raise UnknownNameError.from_choices("quantity", "", QUANTITIES)
     if len(set(names)) < len(names):
-        raise KernelError(f"a quantity is asked for twice: {', '.join(names)}. Name each once.")
+        raise KernelError(f"a quantity is given twice: {', '.join(names)}. Name each once.")
     if len(names) == 1:
         return {names[0]: checked_options(model, names[0], options)}
     takes = {n: options_of(n) for n in names}

@@ -159,10 +159,10 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
     from ..algorithms.loop_closure import independent_rows
     from ..lie.labelled import TWIST
 
-    told = robot.engine.cached(("lost rows told", frame, kind, chosen), list)
-    if told:
+    remarked = robot.engine.cached(("lost rows remarked", frame, kind, chosen), list)
+    if remarked:
         return
-    told.append(True)
+    remarked.append(True)
     order = sorted(chosen, key=lambda row: (row < 3, row))  # moving before turning, as one would choose
     J, M, sizes = _usual_ways(robot, frame, kind)
     kept = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]

@@ -253,8 +253,8 @@ Rows = tuple[Array, NDArray[np.intp]]
 
 
 @cache
-def _row_code(operands: int, size: int, taken: int, told: int, machine: Machine) -> Code:
-    """Code of a call: the array has ``size`` doubles and is copied to operand ``taken``; operand ``told`` has the float."""
+def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machine) -> Code:
+    """Code of a call: the array has ``size`` doubles and is copied to operand ``taken``; operand ``passed`` has the float."""
     call = BuiltinWriter(DOUBLE, ROW_POINTERS)
     w = call.w
     number = w.new(f"call i64 {call.known('as_number')}(ptr {call.entry('%args', 0)})")
@@ -268,7 +268,7 @@ def _row_code(operands: int, size: int, taken: int, told: int, machine: Machine)
     call.begin("run")
     w.do(f"call void {call.known('loop')}(ptr {row}, ptr {call.known('sizes')}, ptr {call.known('strides')}, ptr null)")
     new_float = call.known("new_float")
-    value = w.new(f"load double, ptr {call.entry(row, told)}, align 8")
+    value = w.new(f"load double, ptr {call.entry(row, passed)}, align 8")
     w.do(f"ret ptr {w.new(f'call ptr {new_float}(double {value})')}")
     call.begin("slow")
     none = call.known("none")
@@ -284,11 +284,11 @@ def can_bind_calls(kernel: Any) -> bool:
     return _owner(kernel) is not None
 
 
-def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> Callable[..., Any]:
+def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -> Callable[..., Any]:
     """A function that makes one of n calls of a kernel, each on a row of every operand; of a scan, each of one step.
 
     ``call(k, x)`` makes call number k after x was copied to its row of operand number ``taken``, and returns the first
-    number of operand ``told``; ``call(k)`` uses the row as it is. It returns None without effect if x is not a plain
+    number of operand ``passed``; ``call(k)`` uses the row as it is. It returns None without effect if x is not a plain
     array of float64 of that size. k is not checked.
     """
     owner = _owner(kernel)
@@ -311,7 +311,7 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, told: int) -> 
         "sizes": np.array([sizes[k] for k in range(len(sizes))], np.intp),
         "strides": np.array(strides, np.intp),
     }
-    code = _row_code(len(operands), ports[taken].size, taken, told, owner.machine)
+    code = _row_code(len(operands), ports[taken].size, taken, passed, owner.machine)
     dtype = np.dtype(float)
     addresses = {
         "none": id(None),

@@ -109,7 +109,7 @@ def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bo
     """Handler of a compiled kernel for arrays of type ``char``, for one sample (``scalar``) or for any number."""
     owner = owner_of(kernel)
     if owner is None:
-        raise TypeError("kernel: a compiled one is wanted; is_compiled says which are")
+        raise TypeError("kernel must be compiled (see its is_compiled)")
     precision = SINGLE if char == SINGLE.char else DOUBLE
     loop = owner.scalar_code(precision).address if scalar else owner.address(precision)
     code = assembled(

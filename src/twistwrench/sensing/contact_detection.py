@@ -253,7 +253,7 @@ class CollisionThreshold:
         n = len(r)
         if n < 8 or not np.isfinite(r).all():
             raise ValueRangeError(
-                f"{n} residuals say too little of the noise. Give at least 8 finite readings at rest."
+                f"{n} residuals are too few to estimate the noise. Give at least 8 finite readings at rest."
             )
         spread = np.cov(r.T)
         scale = np.sqrt(np.diag(spread))
@@ -261,7 +261,7 @@ class CollisionThreshold:
             dead = [name for name, s in zip(WRENCH, scale, strict=True) if s == 0]
             why = f"{', '.join(dead)} never changes" if dead else "some axes always change together"
             raise ValueRangeError(
-                f"these residuals are no noise of six axes: {why}. Check the sensor's wiring, or use of_noise."
+                f"these residuals are not noise of a six-axis sensor: {why}. Check the sensor's wiring, or use of_noise."
             )
         factor = 6 * (n + 1) * (n - 1) / (n * (n - 6))
         limit = factor * float(special.fdtri(6, n - 6, 1 - false_alarms))

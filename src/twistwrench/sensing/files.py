@@ -143,7 +143,7 @@ def read_sensor_file(path: str | Path) -> SensorFile:
     except TwistWrenchError as problem:
         raise ValueRangeError(f"{path}: {problem}") from None
     except (ValueError, TypeError, KeyError, OverflowError):
-        raise ValueRangeError(f"{path}: is no sensor file. {_ADVICE}") from None
+        raise ValueRangeError(f"{path}: is not a sensor file. {_ADVICE}") from None
     return SensorFile(sensor, (moment, force), uncertainty)
 
 
@@ -153,19 +153,19 @@ def _plain(x: Array) -> Any:
 
 
 def _uncertainty(known: dict[str, Any]) -> Uncertainty:
-    # A float array takes None for NaN: what is no number in the file is an infinity, and refused where that is none.
+    # A float array takes None for NaN: what is not a number in the file is an infinity, and refused where that is none.
     arrays = {name: np.array(known[name], float) for name in _ARRAYS}
     return Uncertainty(tuple(known["unknowns"]), **{k: np.where(np.isnan(x), np.inf, x) for k, x in arrays.items()})
 
 
 def _content(path: Path) -> dict[str, Any]:
-    with third_party_errors(lambda reason: ValueRangeError(f"is no sensor file: {reason}. {_ADVICE}")):
+    with third_party_errors(lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_ADVICE}")):
         try:
             content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no number beyond floats
         except FileNotFoundError:
             raise NotFoundError(str(path)) from None
     if not isinstance(content, dict):
-        raise ValueRangeError(f"is no sensor file: it holds one value of kind {type(content).__name__}. {_ADVICE}")
+        raise ValueRangeError(f"is not a sensor file: it holds one value of kind {type(content).__name__}. {_ADVICE}")
     return content
 
 
@@ -276,7 +276,7 @@ def _notes(ignored: list[str]) -> tuple[str, ...]:
         return ()
     meant = {name: difflib.get_close_matches(name.lower(), _KNOWN, n=1, cutoff=0.7) for name in ignored}
     said = [f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name) for name, near in meant.items()]
-    return (f"Columns that are no part of a reading are ignored: {_listed(said)}.",)
+    return (f"Columns that are not part of a reading are ignored: {_listed(said)}.",)
 
 
 def _check_unit(name: str, unit: str, where: str) -> None:

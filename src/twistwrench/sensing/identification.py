@@ -311,7 +311,7 @@ def _ways(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
     best, *same = as_good_as_the_best(better)
     ways = f"Use {' or '.join(e.options for e in (best, *same))}: what is left is then {_noise(best)}."
     if same:
-        ways += " These cannot be told apart: make sure of the sign, or add readings tilted about another axis."
+        ways += " These cannot be distinguished: check the sign, or add readings tilted about another axis."
     upward = log.by_gravity and log.V is None and best.sign != found.sign
     return f"{ways} {_MAY_POINT_UP}" if upward else ways
 
@@ -510,7 +510,7 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
         (unknowns.tilt, log.rotations is None, "a tilt of the base", "orientations, and the log has none. Give them"),
     ):
         if unknown and lacks:
-            raise ValueRangeError(f"{log.name}: {what} shows only in {where}, or do not ask for it.")
+            raise ValueRangeError(f"{log.name}: {what} shows only in {where}; otherwise leave it out.")
     least = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
     if len(log) < least:
         count, wanted = len(log), len(unknowns.names)

@@ -43,7 +43,7 @@ def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]
 
     >>> upright = ReadingLog.from_arrays(np.zeros((3, 6)), gravity=[0, 0, -9.81])
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
-    mass +1 kg with bias fz +9.81 N changes no reading: these cannot be told apart.
+    mass +1 kg with bias fz +9.81 N changes no reading: these cannot be distinguished.
     """
     # A load whose moments depend on every turn, where the rows depend on the load.
     load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)]) if unknowns.curved.size else None
@@ -75,8 +75,8 @@ def advice(log: ReadingLog, unknowns: Unknowns) -> str:
         )
     if unknowns.inertia:
         return (
-            "Readings at rest or turning about one axis say little of inertia. Log faster turns about three axes, "
-            "or ask for no inertia."
+            "Readings at rest or turning about one axis determine the inertia poorly. Log faster turns about three axes, "
+            "or do not identify the inertia."
         )
     return "Add readings in other orientations; `poses` proposes some."
 
@@ -86,8 +86,8 @@ def _sentence(row: Array, names: list[str]) -> str:
     changes = zip(names, row, units, strict=True)
     terms = [f"{name} {printed(value, 3, signed=True)} {unit}" for name, value, unit in changes if value]
     if len(terms) == 1:
-        return f"{terms[0]} changes no reading: it cannot be told."
-    return f"{terms[0]} with {', '.join(terms[1:])} changes no reading: these cannot be told apart."
+        return f"{terms[0]} changes no reading: it cannot be identified."
+    return f"{terms[0]} with {', '.join(terms[1:])} changes no reading: these cannot be distinguished."
 
 
 def _vector(x: Array) -> str:
@@ -145,11 +145,13 @@ def propose_poses(
     """
     count, sigma = arguments.integer(count, "count"), checked_noise(noise)
     if not arguments.number(within, "within") >= 0:
-        raise ValueRangeError(f"within {within!r} is no largest tilt. Give an angle in rad, such as 1.0.")
+        raise ValueRangeError(f"within {within!r} is not a valid largest tilt. Give an angle in rad, such as 1.0.")
     directions = _choices(candidates, within)
     unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
     if not 0 < arguments.number(gravity, "gravity") < math.inf:
-        raise ValueRangeError(f"gravity {gravity!r} is no size of gravity. Give it in m/s², such as {STRENGTH}.")
+        raise ValueRangeError(
+            f"gravity {gravity!r} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
+        )
     rows = _design(gravity * directions, unknowns) * weight
     information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
     if log is not None:
@@ -242,7 +244,9 @@ def simulate(
         if not counted:
             raise ValueRangeError("a motion makes its own poses. Give their number, such as poses=500.")
         if not isinstance(motion, int | float | np.number) or not 0 < motion < math.inf:
-            raise ValueRangeError(f"motion {motion!r} is no duration. Give how many seconds it lasts, such as 10.0.")
+            raise ValueRangeError(
+                f"motion {motion!r} is not a valid duration. Give how many seconds it lasts, such as 10.0."
+            )
         time = np.linspace(0.0, float(motion), arguments.integer(poses, "poses"))
         T, V, dV = lively_motion(time)
         gravity = gravity_in_frame(T)

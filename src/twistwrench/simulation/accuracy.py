@@ -92,8 +92,8 @@ class Accuracy:
             said.append(f"the errors of its steps add up to {share} the motion: take a smaller {less}")
         if relative_drift > _DRIFT:
             said.append(
-                f"the energy is off by {_percent(relative_drift)} of what moved: the motion, or the work said to be "
-                f"done, is wrong: take a smaller {less}"
+                f"the energy is off by {_percent(relative_drift)} of what moved: the motion, or the work "
+                f"recorded, is wrong: take a smaller {less}"
             )
         return said
 
@@ -308,8 +308,8 @@ class StepDoubling:
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
         one time to the other before the halves, and back after them, by the accelerations over a half step. Those after the
-        whole step are known then. A velocity brought to another time violates constraints by as much as these turn: that is no
-        error, and is taken away.
+        whole step are known then. A velocity brought to another time violates constraints by as much as these turn: that is not
+        an error, and is removed.
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
         start[v] += 0.5 * half * step.begun

@@ -268,7 +268,7 @@ class EventDetector:
         return happened, None
 
     def _note_several(self, t: float, h: float, y: Array, after: Sequence[float]) -> None:
-        """Remark events whose slope at t, after a step of h, leads past zero more often than their values tell."""
+        """Remark events whose slope at t, after a step of h, leads past zero more often than their values change sign."""
         if self.state is not None and h > 0.0:
             y0 = y + _NEAR * (self.state - y)
             for k, event in enumerate(self.events[: self.watched]):

@@ -200,7 +200,7 @@ class SimulationResult:
         return read(path)
 
     def plot(self, path: str | Path) -> Path:
-        """Plot of joints, energies and drift; the suffix says the kind (.png, .pdf, .svg).
+        """Plot of joints, energies and drift; the suffix sets the kind (.png, .pdf, .svg).
 
         Returns
         -------

@@ -68,7 +68,7 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
     """Header in degrees, and the factors of coordinates and velocities."""
     if result.simulated is None:
         raise ValueRangeError(
-            "degrees: this result was read from a file, and has no robot that says what turns: "
+            "degrees: this result was read from a file, and has no robot that defines its angles: "
             "result.with_robot(robot).to_csv(…)."
         )
     names = Coordinates.from_model(result.simulated.model)
@@ -168,7 +168,7 @@ def _said(result: SimulationResult) -> str:
 def _words(said: Any) -> dict[str, Any]:
     """Text fields of the file, each of its type."""
     if not isinstance(said, dict):
-        raise _other_kind("what it says in words")
+        raise _other_kind("a text field")
     said = {**_ADDED, **said}
     for name, kind in _SAID.items():
         if not _has_type(said.get(name), kind):

@@ -129,7 +129,7 @@ class Rollout:
         """
         given = self._given()
         if not given.plan.says_torques and np.any(tau):
-            raise ValueRangeError("gradient: this rollout says no torques. Make it with torques=True, too.")
+            raise ValueRangeError("gradient: this rollout returns no torques. Make it with torques=True, too.")
         slopes = {"q": q, "dq": dq, **({"tau": tau} if given.plan.says_torques else {})}
         return gradient(self._robot(), given, self.q, self.dq, slopes)
 

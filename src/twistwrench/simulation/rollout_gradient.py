@@ -228,8 +228,8 @@ class StepAdjoint:
 # the bits they had, from the last such piece to the first: memory for one piece, and time for the steps once more.
 
 DRY = (
-    "dry friction has corners: slopes are those of each joint as it was in each step, sliding its way or held, and say nothing "
-    "of what sets it free or stops it"
+    "dry friction has corners: slopes are those of each joint as it was in each step, sliding its way or held, and do not "
+    "include when it breaks loose or stops"
 )
 LIMITED = "a torque at its limit answers to nothing: its slope is 0 there, also by what would bring it back within"
 
@@ -274,7 +274,7 @@ def kept_for_gradients(given: Inputs, out: Any) -> Inputs:
     if given.plan.eases:
         raise ValueRangeError(
             "gradients: method='rk4' eases dry friction off below speeds that are chosen by the robot's inertia at q0, which "
-            "no slope would know of. Take method='semi_implicit', or leave friction out."
+            "no slope would include. Take method='semi_implicit', or leave friction out."
         )
     return replace(given, arrays=[_copied(x) for x in given.arrays])
 

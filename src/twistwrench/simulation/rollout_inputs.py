@@ -172,7 +172,7 @@ def cleaned(
     friction = arguments.flag(friction, "friction")
     limits, wrenches = torque_limits_of(robot, torque_limits), {} if wrench_on_robot is None else wrench_on_robot
     if not isinstance(wrenches, Mapping):
-        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
     frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
     names, values = parameter_values(robot, parameters)
     rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))

@@ -351,13 +351,13 @@ class PathClearance:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """COLLISION in contact, OVER LIMIT if nearer than asked for, UNSURE if capsules or missing shapes cannot tell."""
+        """COLLISION in contact, OVER LIMIT if nearer than required, UNSURE if capsules or missing shapes do not decide."""
         collision, over, unsure = list[str](), list[str](), list[str]()
         links, when = " and ".join(self.pair), f"at t = {seconds(self.time)} s"
         if self.distance <= 0.0 and self.pairs.shapes is not None:
             collision = [f"{links} are in contact {when}"]
         elif self.distance < self.asked and self.pairs.shapes is not None:
-            kept = f"{quantity(self.distance, 'm', 3)} {when}, and {quantity(self.asked, 'm', 3)} are asked for"
+            kept = f"{quantity(self.distance, 'm', 3)} {when}, and {quantity(self.asked, 'm', 3)} are required"
             over = [f"{links} come within {kept}"]
         elif self.distance <= self.asked:
             nearer = f"come within {quantity(self.asked, 'm', 3)}" if self.distance > 0.0 else "touch"

@@ -117,7 +117,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
         if c.frame is not None:
             raise FrameError(
                 f"contacts[{k}] is at {c.frame!r}, a link of a robot: on one body all points and normals are in the one frame "
-                "of its wrench. Give them in that frame, with frame=None, or ask robot_equilibrium."
+                "of its wrench. Give them in that frame, with frame=None, or use robot_equilibrium."
             )
     F = arguments.finite(arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
     # About the middle of the contacts, lest far away a moment be the small difference of large ones.

@@ -259,7 +259,7 @@ def weakest_direction(
     unknown = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
     if not (felt.any(axis=-1) | unknown).all():
         raise ValueRangeError(
-            f"no joint of {robot.name!r} feels any {part} there: the structure bears it all. Name a frame it moves."
+            f"no joint of {robot.name!r} depends on any {part} there: the structure bears it all. Choose a frame that moves."
         )
     distance = np.where(felt, (L - np.abs(g)) / np.where(felt, lever, 1.0), np.inf)
     joint = np.argmin(distance, axis=-1)[..., None]
@@ -467,7 +467,7 @@ def _deepest_point(H: Array, b: Array) -> Array:
     found = linprog([0.0] * size + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
     if found.status != 0 or found.x is None or found.x[-1] <= 1e-9:
         raise ValueRangeError(
-            "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs ask for more. "
+            "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs need more. "
             "Look at statics.largest_payload for the joint, or pass larger limits=."
         )
     return np.asarray(found.x[:-1]) * scale

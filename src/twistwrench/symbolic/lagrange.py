@@ -64,7 +64,7 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
         )
     if time is None and (clocks := {s for s in others if s.name == "t"}):
         raise ValueRangeError(
-            f"L contains {_listed(clocks)}. Is it the time? Then say so, time=t; if it is a constant, give it another name."
+            f"L contains {_listed(clocks)}. If it is the time, pass time=t; if it is a constant, give it another name."
         )
     if not L.free_symbols & set(dq):
         raise ValueRangeError(
@@ -237,7 +237,7 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
         factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
         rest = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, q, strict=True)))
         if rest != 0 or not all(f.is_Integer for f in factors):
-            raise sympy.PolynomialError(f"{expr}: the angle is no sum of whole multiples of coordinates")
+            raise sympy.PolynomialError(f"{expr}: the angle is not a sum of whole multiples of coordinates")
         return ring.wave(expr.func.__name__, [int(f) for f in factors])
 
     return read(L)

@@ -454,8 +454,8 @@ def fastest(
     q1 = np.abs(path(s)[1]).max(axis=-1)
     if q1.min() < 1e-7 * q1.max():
         raise ValueRangeError(
-            f"the path stands still at s = {number(s[int(q1.argmin())])}, so its rate there says nothing of the motion's. "
-            "Take one whose dq/ds is nowhere zero: a spline without times, or each part by itself."
+            f"the path stands still at s = {number(s[int(q1.argmin())])}, so its rate there does not determine that of the "
+            "motion. Take one whose dq/ds is nowhere zero: a spline without times, or each part by itself."
         )
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
     kept = replace(bounds, **{kind: getattr(bounds, kind) * (1.0 - spare) for kind in _KINDS})
@@ -500,7 +500,7 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
 
 
 def _reachable(rows: PathRows) -> Limits:
-    """The limits, those of torque and acceleration no higher than motion within the velocity limits can feel."""
+    """The limits; those of torque and acceleration are at most what a motion within the velocity limits reaches."""
     found, bounds = rows.at(rows.grid), rows.bounds
     x = found.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
     if not np.isfinite(x):

@@ -176,7 +176,7 @@ def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
 _FIRST, _MOST = 64, 4096
 _ARRIVED = 1e-11
 _NEWTON = 12
-"""Steps of our own, where those compiled for inverse kinematics find nothing near by; they say why."""
+"""Steps of our own, where those compiled for inverse kinematics find nothing near by, with the reason."""
 _JUMP = 0.5
 """rad or m: what a joint may move from one place to the next when the places are as close as they get."""
 

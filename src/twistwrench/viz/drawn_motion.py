@@ -1,4 +1,4 @@
-"""A motion to be shown: as many of its states as a picture can tell apart, with their torques, and the limits it passes."""
+"""A motion to be shown: as many of its states as a picture can resolve, with their torques, and the limits it passes."""
 
 from __future__ import annotations
 

@@ -429,9 +429,9 @@ _SECTIONS = (
     SectionPanel(
         "8.6",
         "Dynamics in the task space",
-        "The equation of motion as the tip feels it: the force at the tip, without moment, that gives it an acceleration, "
-        "gravity and velocities counted. The torques J<sub>v</sub><sup>T</sup> F put it there; the last table says what they "
-        "give.",
+        "The equation of motion at the tip: the force at the tip, without moment, that gives it an acceleration, "
+        "gravity and velocities counted. The torques J<sub>v</sub><sup>T</sup> F produce it; the last table compares "
+        "them.",
         (
             ("F = Λ(θ) V̇ + η(θ, θ̇)", "§8.6"),
             ("Λ = (J_v M^{−1} J_v^T)^{−1}", "§8.6"),
@@ -465,9 +465,9 @@ _SECTIONS = (
     SectionPanel(
         "8.9",
         "Gears, rotors and friction",
-        "Every joint has the same motor behind a gear, which turns G times as fast as the joint. Its rotor feels as heavy as "
+        "Every joint has the same motor behind a gear, which turns G times as fast as the joint. Its rotor has the inertia "
         "G² I<sub>rotor</sub> at the joint, often more than all links. The gear here is stiff and has no losses; its friction "
-        "is that of the joint, in place of what the robot's file says.",
+        "is that of the joint, in place of the robot file's.",
         (
             ("τ_i = τ_{i,links} + G^2 I_{rotor} θ̈_i + τ_{i,fric}", "§8.9.2"),
             ("τ_{i,fric} = b θ̇_i + μ sign(θ̇_i)", "§8.9.4"),

@@ -142,7 +142,7 @@ class _Reader:
             )
         if rest:
             more = f", and {len(rest) - 1} more" if len(rest) > 1 else ""
-            remarks.append(f"Of the file's looks, this is left out: {rest[0].rstrip('.')}{more}")
+            remarks.append(f"Not shown of the file's appearance: {rest[0].rstrip('.')}{more}")
         return remarks
 
 

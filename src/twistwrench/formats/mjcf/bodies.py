@@ -39,7 +39,7 @@ def rotation(element: Element, settings: Settings) -> Array:
     said = element.attributes
     ways = [way for way in ("axisangle", "xyaxes", "zaxis", "euler") if way in said]
     if len(ways) > 1:
-        raise element.error(f"says its orientation in {len(ways)} ways: {', '.join(ways)}. Keep one.")
+        raise element.error(f"gives its orientation in {len(ways)} ways: {', '.join(ways)}. Keep one.")
     if not ways:
         return _by_quaternion(element) if "quat" in said else np.eye(3)
     if ways[0] == "axisangle":

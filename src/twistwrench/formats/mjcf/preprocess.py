@@ -59,7 +59,7 @@ class Settings:
         one = (elements[-1] if elements else root).with_attributes(attributes)
         if one.word("coordinate", ("local", "global"), "local") == "global":
             raise RobotFileError(
-                f'{one} has coordinate="global", which MuJoCo no longer knows either. Write poses relative to the parent body.'
+                f'{one} has coordinate="global", which MuJoCo dropped too. Write poses relative to the parent body.'
             )
         sequence = one.attributes.get("eulerseq", "xyz").strip()
         if len(sequence) != 3 or set(sequence) - set("xyzXYZ"):
@@ -134,7 +134,7 @@ class Folders:
         if not self.allowed:
             raise asked.error(
                 f"names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
-                "say include_paths=[folder]."
+                "pass include_paths=[folder]."
             )
         try:
             folders = [self.allowed[0], *([near] if near is not None else []), *self.allowed[1:]]
@@ -147,7 +147,7 @@ class Folders:
             return found
         if not within:
             raise asked.error(
-                f"names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, say "
+                f"names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, pass "
                 "include_paths=[its folder]."
             )
         raise asked.error(f"names the file {name[:200]!r}, which is not there.")

@@ -317,7 +317,7 @@ class _MjcfWriter:
         tags = {rows: tag for tag, rows in ROWS.items()}
         for name, closure in self.found.additions.closures.items():
             if closure.rows not in tags:
-                self.losses.note("closure", name, f"holds {closure.rows}, which the format cannot say")
+                self.losses.note("closure", name, f"holds {closure.rows}, which the format cannot represent")
                 continue
             ends = [
                 frame.removeprefix("site:") if frame in sites else self._site(frame)

@@ -88,7 +88,7 @@ class _SdfWriter:
             self._joint(self._name("joint", f"{found.root}.fixed"), "fixed", WORLD, found.root)
             return
         if any(drive_of(found, ROOT_JOINT, self.losses)):
-            self.losses.of_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot say")
+            self.losses.of_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot represent")
 
     def _add(self, entry: JointEntry) -> None:
         found, kind = self.found, entry.joint.kind
@@ -118,7 +118,9 @@ class _SdfWriter:
         self._link(entry.child, None, np.eye(4))
         drive_of(self.found, entry.name, self.losses)
         if entry.name != ROOT_JOINT:
-            self.losses.of_joint(entry.name, "floats, which the format says by no joint at all: its name is lost")
+            self.losses.of_joint(
+                entry.name, "floats, which the format expresses by the absence of a joint: its name is lost"
+            )
 
     def _add_planar(self, entry: JointEntry) -> None:
         w, e1, e2 = entry.joint.axes[0, :3], entry.joint.axes[1, 3:], entry.joint.axes[2, 3:]
@@ -184,7 +186,7 @@ class _SdfWriter:
                 name, "has an armature, which is written as drake:rotor_inertia, an extension of Drake's"
             )
         elif drive.armature:
-            self.losses.of_joint(name, "has an armature, which the format cannot say")
+            self.losses.of_joint(name, "has an armature, which the format cannot represent")
 
     def _joint(self, name: str, kind: str, parent: str, child: str) -> Element:
         joint = new("joint", self.model, name=name, type=kind)

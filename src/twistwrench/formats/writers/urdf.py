@@ -150,7 +150,7 @@ class _UrdfWriter:
         if drive.damping or drive.friction:
             new("dynamics", element, damping=figures(drive.damping), friction=figures(drive.friction))
         if drive.armature:
-            self.losses.of_joint(name, "has an armature, which the format cannot say")
+            self.losses.of_joint(name, "has an armature, which the format cannot represent")
 
     def _add_sites(self) -> None:
         for site in self.found.additions.sites.values():

@@ -45,7 +45,7 @@ class Losses:
     def note_limits(self, joint: str, limits: Limits, *kinds: str) -> None:
         """Note the loss of limits of a joint that are given."""
         if given := [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]:
-            self.of_joint(joint, f"has a limit of {listed(given)}, which the format cannot say")
+            self.of_joint(joint, f"has a limit of {listed(given)}, which the format cannot represent")
 
     def say(self, text: str) -> None:
         """Note the loss of the robot."""
