@@ -287,7 +287,7 @@ def test_bad_input_is_one_clear_error():
         identify(tw.robots.ur5(), log.motion)
     with pytest.raises(tw.TrajectoryError, match="too few"):
         identify(arm, log.motion[:40])
-    with pytest.raises(tw.TrajectoryError, match="one number throughout"):
+    with pytest.raises(tw.TrajectoryError, match="constant throughout"):
         identify(arm, log.changed(tau=np.zeros_like(log.motion.tau)))
     with pytest.raises(tw.ShapeError, match=r"tw\.Motion"):
         identify(arm, [1.0])

@@ -68,6 +68,27 @@ def parameters(doc):
     return doc.partition("\nParameters\n---")[2].partition("\n\n")[0] + "\n"
 
 
+def build_hooks(monkeypatch):
+    """Module hatch_build, whose base classes are those of a package that is present only while a wheel is built."""
+    for place, base in (("builders.hooks", "BuildHookInterface"), ("metadata", "MetadataHookInterface")):
+        plugin = ModuleType(f"hatchling.{place}.plugin.interface")
+        setattr(plugin, base, object)
+        monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
+    monkeypatch.syspath_prepend(str(ROOT))
+    return importlib.import_module("hatch_build")
+
+
+@pytest.mark.parametrize("repository", ["", "https://forge.example/tw"])
+def test_readme_of_a_package_index_has_no_relative_link(repository, monkeypatch):
+    source = (ROOT / "README.md").read_text("utf-8")
+    found = build_hooks(monkeypatch).indexed_readme(source, repository)
+
+    relative = r"\]\((?!https?:|#)|src(?:set)?=\"(?!https?:)|<!--|^```\w+ "
+    assert re.search(relative, source, re.MULTILINE) and not re.search(relative, found, re.MULTILINE)
+    assert found.count("](https:") == (source.count("](") if repository else source.count("](https:"))
+    assert source.partition("(README")[0][:60] == found[:60] and "## How fast and how right" in found
+
+
 @pytest.mark.parametrize("path", CALLING, ids=lambda p: p.relative_to(SOURCE).as_posix())
 def test_no_docstring_repeats_the_glossary(path):
     words = {**ENTRIES, **ROOMS.get(path.relative_to(SOURCE).parts[0], {})}
@@ -82,11 +103,7 @@ def test_no_docstring_repeats_the_glossary(path):
 
 @pytest.mark.parametrize("path", CALLING, ids=lambda p: p.relative_to(SOURCE).as_posix())
 def test_files_of_the_wheel_have_whole_docstrings_and_the_same_code(path, monkeypatch):
-    plugin = ModuleType("hatchling.builders.hooks.plugin.interface")
-    plugin.BuildHookInterface = object
-    monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
-    monkeypatch.syspath_prepend(str(ROOT))
-    hook = importlib.import_module("hatch_build")
+    hook = build_hooks(monkeypatch)
     built, room = hook.completed_source(path), path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
     def code(text):

@@ -239,7 +239,6 @@ def exciting_trajectory(
     seed : int, of the random motions that the search begins with
     restarts : int, number of searches; the best goes on to the end
     step : float, between samples of the motion [s]
-    progress : callable, optional, called with the share that is done
 
     Raises
     ------
