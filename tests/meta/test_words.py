@@ -147,8 +147,8 @@ def literals() -> list[tuple[str, str, bool]]:
                 text = " ".join(re.sub(r"``.*?``", "x", node.value).split())
                 found.append((f"{path.relative_to(SOURCE)}:{node.lineno}", text, id(node) in documented))
     for name, entry in tomllib.loads((SOURCE / "log_checks" / "doubts.toml").read_text("utf-8")).items():
-        for part in {"sentence", "remedy"} & entry.keys():
-            found.append((f"doubts.toml: {name}", re.sub(r"{.*?}", "x", " ".join(entry[part].split())), False))
+        texts = (" ".join(entry[part].split()) for part in {"sentence", "remedy"} & entry.keys())
+        found += [(f"doubts.toml: {name}", re.sub(r"{.*?}", "x", text), False) for text in texts]
     return found
 
 
