@@ -66,3 +66,10 @@ def test_a_commands_own_options_come_before_the_robots():
             assert "--floating-base" not in own, words
             whole = CliRunner().invoke(main, [*words, "--help-all"]).output.partition("Robot options:")[2]
             assert "Let the base move freely" in " ".join(whole.split()), words
+
+
+def test_every_command_that_reads_motions_chooses_their_topic_and_episode():
+    named = {words: {option for p in command.params for option in p.opts} for words, command in commands()}
+    reading = {words for words, options in named.items() if "--columns" in options} | {("log",)}
+    assert {("torques",), ("identify",), ("size",), ("view",)} < reading
+    assert not [words for words in reading if not {"--topic", "--episode"} <= named[words]]

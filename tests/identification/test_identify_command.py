@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from identification_logs import known_log
+from ros_logs import JOINT_STATE, header, write_messages
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -52,6 +53,35 @@ def test_folders_and_patterns_are_the_files_in_them(logs, tmp_path):
         run("planar_2r", *what, "--cutoff", 10, "--json", path)
     first = out[0].read_text()
     assert all(path.read_text() == first for path in out[1:])
+
+
+@pytest.mark.parametrize("portions", [False, True])
+def test_the_topic_of_a_recording_is_chosen(logs, tmp_path, portions):
+    """The log is the topic with fewer rows; the other has torques of the wrong sign."""
+    m = tw.Motion.from_file(logs / "log1.csv", ARM)
+    states = {"position": m.q, "velocity": m.dq, "effort": m.tau}
+    topics = {}
+    for topic, sign, rows in (("/arm", 1.0, 700), ("/other", -1.0, 800)):
+        messages = []
+        for k in range(rows):
+            values = {name: (sign if name == "effort" else 1.0) * x[k] for name, x in states.items()}
+            message = {name: x.tolist() for name, x in values.items()}
+            messages.append((m.time[k], {"header": header(m.time[k]), "name": list(ARM.joint_names), **message}))
+        topics[topic] = ("sensor_msgs/msg/JointState", JOINT_STATE, messages)
+    write_messages(tmp_path / "r.mcap", topics)
+    m[:700].to_csv(tmp_path / "plain.csv")
+    more = ("--cutoff", 10, "--friction-model", "none")
+    found = {}
+    for name, log in (("r", ["r.mcap", "--topic", "/arm"]), ("plain", ["plain.csv"])):
+        saved = ("--information", tmp_path / f"{name}.npz") if portions else ()
+        result = run("planar_2r", tmp_path / log[0], *log[1:], *more, *saved, "--json", tmp_path / f"{name}.json")
+        assert "error" not in result.output, result.output
+        found[name] = json.loads((tmp_path / f"{name}.json").read_text())["parameters"]
+    for name, value in found["plain"].items():
+        assert found["r"][name]["value"] == pytest.approx(value["value"], rel=1e-6, abs=1e-6)
+    quality = CliRunner().invoke(main, ["log", str(tmp_path / "r.mcap"), "--topic", "/arm", "--json", "-"])
+    assert json.loads(quality.stdout)[0]["rows"] == 700
+    assert "is for recordings of ROS" in run("planar_2r", tmp_path / "plain.csv", "--topic", "/arm").output
 
 
 def test_look_again_writes_nothing_but_json(logs, tmp_path):

@@ -94,6 +94,7 @@ def test_an_episode_of_a_dataset_in_degrees_is_understood_and_its_zero_doubted(f
     assert code == 1, said
     assert said.startswith("UNSURE") or "UNSURE: " in said
     assert "count from the middle of each motor's calibrated range" in said
+    assert run("log", path)[0] == 2 and run("log", path, "--episode", "1")[0] == 0
     robot = tw.load(named(MOTORS)).lock({"gripper": 0.0})
     expected = tw.Motion(TIME, Q[:, :5], robot=robot).torques()
     assert np.abs(torques_of("out.csv", MOTORS[:5]) - expected).max() < 1e-9 * np.abs(expected).max()

@@ -56,10 +56,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
     click.argument("logs", metavar="LOG...", nargs=-1, required=True),
     option("--test LOG", "Log to predict, not to fit; may be repeated.", "tests", multiple=True),
     option("--without LINK", "Link that the robot of the logs lacks; may be repeated.", multiple=True),
-    shared.COLUMNS,
-    shared.GAIN,
-    shared.RATE,
-    shared.LOCK_MISSING,
+    shared.LOG_READING,
     option("--cutoff HZ", "Cut-off frequency of the zero-phase low-pass filter.", default=_AUTO),
     option("--shift SECONDS", "Delay of torques relative to positions.", default=_AUTO),
     option(
@@ -119,7 +116,7 @@ def identify_command(options: RobotOptions, given: Given) -> ExitCode:
     fitting, strength = _fitting(given), _number(given.keep_close, "--keep-close")
     check_payload(given.payload_only, outputs)
     given.columns = shared.parse_columns(given.columns, [*given.logs, *given.tests])
-    robot, side = _robot(options, given.logs[0], given.columns, lock_missing=given.lock_missing)
+    robot, side = _robot(options, given)
     robot = identification.without_links(robot, given.without)
     with progress_bar("identifying") as progress:
         found = _identified(robot, options, given, {**fitting, "motor_side": side, "progress": progress})
@@ -169,8 +166,8 @@ def _identified(
     reading: dict[str, Any] = {
         "columns": given.columns,
         "gain": shared.current_gains(given.gain, robot.model, options.actuator_file, of_side=True),
-        "rate": given.rate,
         "degrees": options.degrees,
+        **given.pick("rate", "topic", "episode"),
     }
     paths = (*given.logs, *given.tests)
     portions = any(x is not None for x in (given.information, given.add, given.workers, given.scheduler))
@@ -199,11 +196,12 @@ def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _robot(options: RobotOptions, log: str, columns: dict[str, str], *, lock_missing: bool) -> tuple[Robot, Any]:
+def _robot(options: RobotOptions, given: Given) -> tuple[Robot, Any]:
     """Robot without its actuators, and the side of the gears that logs are measured on."""
     held = None
-    if lock_missing:
-        held = partial(joints_without_column, open_motion_file(log), columns=columns)
+    if given.lock_missing:
+        first = open_motion_file(given.logs[0], given.topic, given.episode)
+        held = partial(joints_without_column, first, columns=given.columns)
     robot, locked = replace(options, actuators=None).load_and_locked(held=held)
     file = options.actuator_file
     if file is None:

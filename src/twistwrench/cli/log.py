@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,13 @@ from ..core.verdict import ExitCode
 from ..reports.blocks import Block, Line, Table, numbers, words
 from ..reports.log_quality import LogColumn, LogQuality
 from .main import Given, command
-from .shared import JSON, expand_paths, worker_options, write_text
+from .shared import CHOICE, JSON, expand_paths, worker_options, write_text
 from .terminal import progress_bar, show
 
 
 @command(
     "log",
+    CHOICE,
     JSON,
     worker_options,
     click.argument("files", metavar="FILE...", nargs=-1, required=True),
@@ -38,7 +40,8 @@ def log_command(given: Given) -> ExitCode:
     paths = [path for text in given.files for path in expand_paths(Path(text), text)]
     found: list[LogQuality] = []
     with progress_bar(f"{len(paths)} files") as progress, workers_of(given.workers, given.scheduler) as team:
-        for path, result in zip(paths, team.results(LogQuality.from_file, paths, progress), strict=True):
+        read = partial(LogQuality.from_file, **given.pick("topic", "episode"))
+        for path, result in zip(paths, team.results(read, paths, progress), strict=True):
             if isinstance(result, Failure):
                 failed.append((path, result.reason))
             else:

@@ -306,11 +306,22 @@ GAIN = option(
     multiple=True,
 )
 RATE = option("--rate HZ", "Sampling rate of a log without a time column.", type=float)
-TOPIC = option(
-    "--topic NAME[:reference]", "Topic of a ROS recording; NAME:reference reads the reference of a controller state."
+CHOICE = option_group(
+    option(
+        "--topic NAME[:reference]",
+        "Topic of a ROS recording; NAME:reference reads the reference of a controller state.",
+    ),
+    option("--episode N", "Episode of a LeRobot dataset. [default: the only one]", type=int),
 )
-EPISODE = option("--episode N", "Episode of a LeRobot dataset. [default: the only one]", type=int)
-LOCK_MISSING = option("--lock-missing", "Lock joints without a column at their neutral position.")
+"""Part of a file with several motions."""
+LOG_READING = option_group(
+    COLUMNS,
+    GAIN,
+    RATE,
+    CHOICE,
+    option("--lock-missing", "Lock joints without a column at their neutral position."),
+)
+"""Options for how logs are read."""
 
 
 # ── The motion: its options, its robot and its file
@@ -324,15 +335,7 @@ def motion_options(*, required: bool) -> Decorator:
 
 def reading_options() -> Decorator:
     """Options for how the file of a motion is read."""
-    return option_group(
-        COLUMNS,
-        GAIN,
-        RATE,
-        TOPIC,
-        EPISODE,
-        LOCK_MISSING,
-        option("--smooth", "Smooth a noisy log before differentiating it."),
-    )
+    return option_group(LOG_READING, option("--smooth", "Smooth a noisy log before differentiating it."))
 
 
 def loaded_motion_options(*, required: bool) -> Decorator:
@@ -346,7 +349,7 @@ def open_motion(options: RobotOptions, given: Given, path: Path) -> tuple[Robot,
     from ..motion.motion_log import MotionLog
 
     columns = parse_columns(given.columns, getattr(given, "logs", [str(path)]))
-    file = open_motion_file(path, getattr(given, "topic", None), getattr(given, "episode", None))
+    file = open_motion_file(path, given.topic, given.episode)
     missing: list[str] = []
 
     def without_column(model: Model) -> list[str]:

@@ -101,11 +101,9 @@ def _judged(options: RobotOptions, path: Path | None, given: Given) -> tuple[Rob
     from .torques import analysis
 
     if path is None:
-        if given.columns or given.rate is not None or given.lock_missing or given.smooth or given.limits is not None:
-            raise ValueRangeError(
-                "--columns, --rate, --lock-missing, --smooth and --limits are about a motion, and none is given. Add "
-                "--trajectory."
-            )
+        about = ("columns", "gain", "rate", "topic", "episode", "lock_missing", "smooth", "limits")
+        if unused := [f"--{name.replace('_', '-')}" for name in about if getattr(given, name) not in (None, False, ())]:
+            raise ValueRangeError(f"{unused[0]} is about a motion, and none is given. Add --trajectory.")
         loaded = load_case(options.load(), options, given)
         clearance_along(given, loaded.robot, None)
         return loaded.with_load, loaded.wrenches, None

@@ -109,6 +109,8 @@ class LogSource:
     rate: float | None = None
     degrees: bool = False
     gain: Mapping[str, float] | None = None
+    topic: str | None = None
+    episode: int | None = None
     side: MotorSide | None = None
     motion: Motion | None = None
 
@@ -125,10 +127,15 @@ class LogSource:
         told, gain = (tuple(sorted((x or {}).items())) for x in (self.columns, self.gain))
         file = Path(self.path)
         written = file.stat().st_mtime_ns if file.is_file() else 0
-        key = (self.path, written, self.robot.coordinate_names, told, gain, self.rate, self.degrees)
+        options: dict[str, Any] = {
+            "rate": self.rate,
+            "degrees": self.degrees,
+            "topic": self.topic,
+            "episode": self.episode,
+        }
+        key = (self.path, written, self.robot.coordinate_names, told, gain, *options.values())
         if key not in _OPENED:
-            options: dict[str, Any] = {"columns": self.columns, "rate": self.rate, "degrees": self.degrees}
-            options["gain"] = self.gain
+            options |= {"columns": self.columns, "gain": self.gain}
             log = MotionLog.open(self.path, self.robot.model, **options)
             while len(_OPENED) >= _MOST_OPENED:
                 _OPENED.pop(next(iter(_OPENED)))

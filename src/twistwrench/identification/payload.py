@@ -156,6 +156,8 @@ def read_motion(
     degrees: bool = False,
     side: MotorSide | None = None,
     gain: Mapping[str, float] | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
 ) -> Motion:
     """Read a log of the joints', or of the motors' side, as a motion of the robot.
 
@@ -166,6 +168,8 @@ def read_motion(
     degrees : bool
     side : MotorSide, optional; None: the columns are those of the joints
     gain : {joint: float}, optional, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    topic : str, optional, topic of a ROS recording
+    episode : int, optional, episode of a LeRobot dataset
 
     Raises
     ------
@@ -179,11 +183,13 @@ def read_motion(
     >>> read_motion(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), ur5)
     <Motion of 'ur5': 751 states, 0 to 6 s>
     """
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
+    reading |= {"topic": topic, "episode": episode}
     if side is None or (
         np.array_equal(side.ratios, np.eye(len(side.zero))) and not side.zero.any() and (side.gain == 1).all()
     ):
-        return Motion.from_file(path, robot, columns=columns, rate=rate, degrees=degrees, gain=gain)
-    log = MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees, gain=gain)
+        return Motion.from_file(path, robot, **reading)
+    log = MotionLog.open(path, robot.model, **reading)
     rows = side.of_joints(log.motion(log.table))
     tally = Contradictions(log.coordinates, runs=[rows])
     tally.add(rows.time, rows.q)

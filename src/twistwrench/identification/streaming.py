@@ -88,6 +88,8 @@ def accumulate(
     rate: float | None = None,
     degrees: bool = False,
     gain: Mapping[str, float] | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
     client: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> NormalEquationBlocks:
@@ -111,7 +113,8 @@ def accumulate(
     known : {name: float}, optional, values of parameters that are held, as for :func:`identify`
     payload_only : str, optional, the frame of a payload that alone is sought, as for :func:`identify`
     stribeck_speed : float, as for :func:`identify`
-    columns, rate, degrees, gain : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    columns, rate, degrees, gain, topic, episode : how files are read, as for
+        :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
     progress : callable, optional, called with the share that is done
 
@@ -150,6 +153,7 @@ def accumulate(
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
+    reading |= {"topic": topic, "episode": episode}
     sources = [LogSource.from_log(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
     checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
     team, tell = Workers.from_client(client), progress or (lambda _share: None)

@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +192,7 @@ def open_motion_file(path: str | Path, topic: str | None = None, episode: int | 
     """
     place = as_path(path)
     if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False where the text is not a path at all
-        return JoinedFile.open(path, open_motion_file)
+        return JoinedFile.open(path, partial(open_motion_file, topic=topic, episode=episode))
     if is_recording(place) and episode is None:
         return ros_file(place, topic)
     if topic is not None:

@@ -75,9 +75,12 @@ class LogQuality:
     """A sentence for each thing in the file that is not read."""
 
     @classmethod
-    def from_file(cls, path: str | Path) -> LogQuality:
-        """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it."""
-        file = open_motion_file(path)
+    def from_file(cls, path: str | Path, *, topic: str | None = None, episode: int | None = None) -> LogQuality:
+        """Read a file of a motion; of a large one, grids and noise are those of 16 runs of rows spread over it.
+
+        ``topic`` chooses one of a ROS recording, ``episode`` one of a LeRobot dataset.
+        """
+        file = open_motion_file(path, topic, episode)
         table = file.table(range(len(file.header)))
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
