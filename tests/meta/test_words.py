@@ -38,7 +38,6 @@ LATER = frozenset(
         "constraints",
         "errata",
         "gallery",
-        "modern-robotics",
         "quantities",
         "questions",
         "rollouts",
