@@ -41,7 +41,6 @@ LATER = frozenset(
         "quantities",
         "questions",
         "rollouts",
-        "simulation",
         "torques",
         "viewer",
     ]
