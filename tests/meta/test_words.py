@@ -42,7 +42,6 @@ LATER = frozenset(
         "questions",
         "rollouts",
         "torques",
-        "viewer",
     ]
 )
 """Pages that are still to be rewritten."""
