@@ -92,6 +92,26 @@ def on_post_template(output: str, **_: Any) -> str:
     return output.replace(_SHIM, "search_frame.js")
 
 
+def on_post_build(config: Any) -> None:
+    """Write llms.txt, a line for each page of the navigation, for programs that read the site."""
+    lines = [f"# {config.site_name}", "", f"> {config.site_description}", ""]
+    for group, entries in _groups(config.nav):
+        lines += [f"## {group}", "", *(f"- [{title}]({name.removesuffix('.md')}.html)" for title, name in entries), ""]
+    Path(config.site_dir, "llms.txt").write_text("\n".join(lines), "utf-8")
+
+
+def _groups(nav: Any) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Groups of the navigation with titles and files of their pages; pages without a group come first."""
+    pairs = [(title, place) for entry in nav for title, place in entry.items()]
+    single = [(title, place) for title, place in pairs if isinstance(place, str)]
+    grouped = [
+        (title, [(t, p) for entry in places for t, p in entry.items()])
+        for title, places in pairs
+        if isinstance(places, list)
+    ]
+    return [("Start", single), *grouped]
+
+
 def _relinked(found: re.Match[str], folder: Path) -> str:
     target = (folder / found[1] / found[2]).resolve()
     if found[1] != "../" or not target.is_relative_to(ROOT) or target.parent == ROOT / "docs":

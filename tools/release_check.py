@@ -17,7 +17,12 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-NEEDED = ("twistwrench/py.typed", "twistwrench/robots/panda.urdf", "twistwrench/viz/player/page.html")
+NEEDED = (
+    "twistwrench/py.typed",
+    "twistwrench/robots/panda.urdf",
+    "twistwrench/viz/player/page.html",
+    "twistwrench/guides/logs.md",
+)
 
 
 def main() -> None:

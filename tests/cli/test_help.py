@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 
 import click
@@ -73,3 +74,10 @@ def test_every_command_that_reads_motions_chooses_their_topic_and_episode():
     reading = {words for words, options in named.items() if "--columns" in options} | {("log",)}
     assert {("torques",), ("identify",), ("size",), ("view",)} < reading
     assert not [words for words in reading if not {"--topic", "--episode"} <= named[words]]
+
+
+@pytest.mark.parametrize("topic", ["assistant", "columns", "limits", "unsure", "verdicts", "robot"])
+def test_topics_are_explained_without_links_to_files(topic):
+    done = CliRunner().invoke(main, ["help", topic])
+    assert done.exit_code == 0 and len(done.output.splitlines()) > 15
+    assert not re.search(r"\]\((?!https?:)|^---$|^```\w+ ", done.output, re.MULTILINE)

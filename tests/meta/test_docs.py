@@ -26,7 +26,11 @@ FILES = {
 }
 """Files that pages show, for their commands to read."""
 OUTPUTS = runpy.run_path(str(ROOT / "docs" / "outputs.py"))
-WANTS = {"bridges.md": ("jax", "casadi"), "coming-from.md": ("pinocchio", "mujoco", "modern_robotics")}
+WANTS = {
+    "assistant.md": ("jax",),
+    "bridges.md": ("jax", "casadi"),
+    "coming-from.md": ("pinocchio", "mujoco", "modern_robotics"),
+}
 """Other packages that a page is about."""
 
 

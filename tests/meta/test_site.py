@@ -51,6 +51,12 @@ def test_links_between_pages_lead_somewhere(site):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
+def test_a_list_for_programs_names_every_page_of_the_navigation(site):
+    listed = re.findall(r"^- \[.+\]\((\S+)\)$", (site / "llms.txt").read_text("utf-8"), re.MULTILINE)
+    assert len(listed) == len(re.findall(r": [\w-]+\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE)) > 30
+    assert all((site / name).exists() for name in listed)
+
+
 def test_every_question_is_two_clicks_from_its_answer(site):
     """One click from any page to the questions, and one to the heading that answers."""
     for page in site.glob("*.html"):

@@ -451,6 +451,7 @@ _GROUPS = {
         "convert": _Entry("export", "Write the robot as URDF, MJCF or SDF."),
         "export": _Entry("export", "Write the dynamics as C99 or Structured Text."),
         "verify": _Entry("doctor", "Check the dynamics against independent formulas."),
+        "help": _Entry("main", "Explain columns, limits, verdicts or the robot options."),
     },
 }
 """Commands by group and name: the file that has the function NAME_command, and the line in the list of commands."""
@@ -492,3 +493,40 @@ def main() -> None:
 
     ROBOT is a robot file (URDF, MJCF, SDF, USD), or a name that `twistwrench robots` lists, such as ur5.
     """
+
+
+_GUIDES = {"assistant": "assistant", "columns": "logs", "limits": "limits", "unsure": "unsure", "verdicts": "verdicts"}
+"""Topics of `twistwrench help`, and the pages of the documentation that explain them."""
+
+
+@click.command("help", epilog=examples("help columns", "help verdicts"))
+@click.argument("topic", metavar="TOPIC", type=click.Choice([*_GUIDES, "robot"]))
+def help_command(topic: str) -> None:
+    """Print the page of the documentation on a topic.
+
+    columns: names and units of the columns of a log. limits: files of torque, velocity and position limits. unsure: reasons
+    of the verdicts UNSURE and LOOK AGAIN, and their remedies. verdicts: first words of reports, and exit codes. robot:
+    options that all commands with a robot have. assistant: ten tasks in Python, and pitfalls.
+    """
+    if topic == "robot":
+        torques = main.get_command(click.Context(main), "torques")
+        assert torques is not None
+        formatter = click.HelpFormatter(width=80)
+        with formatter.section("Robot options"):
+            context = click.Context(torques)
+            formatter.write_dl(
+                [r for p in torques.params if isinstance(p, RobotOption) and (r := p.get_help_record(context))]
+            )
+        click.echo(formatter.getvalue(), nl=False)
+        return
+    name = f"{_GUIDES[topic]}.md"
+    package = Path(__file__).parent.parent
+    text = next(
+        path.read_text("utf-8")
+        for path in (package / "guides" / name, package.parent.parent / "docs" / name)  # a wheel, a checkout
+        if path.exists()
+    )
+    text = re.sub(r"\A---\n.*?\n---\n+", "", text, flags=re.DOTALL)
+    click.echo(
+        re.sub(r"\[([^\]]+)\]\((?!https?:)[^)]*\)", r"\1", re.sub(r"^(```\w+) .*$", r"\1", text, flags=re.MULTILINE))
+    )
