@@ -35,7 +35,6 @@ LATER = frozenset(
     [
         "actuation",
         "compare",
-        "constraints",
         "errata",
         "gallery",
         "quantities",
