@@ -39,7 +39,6 @@ LATER = frozenset(
         "gallery",
         "quantities",
         "questions",
-        "rollouts",
         "torques",
     ]
 )
