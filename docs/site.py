@@ -23,20 +23,49 @@ _FORMULA = re.compile(r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</
 """LaTeX as Arithmatex marks it: \\(inline\\) and \\[displayed\\]."""
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
 _SHIM = "https://unpkg.com/iframe-worker/shim"
-_MODULES = (
-    "control",
-    "statics",
-    "simulation",
-    "sizing",
-    "trajectories",
-    "sensing",
-    "diagnosis",
-    "convert",
-    "viz",
-    "se3",
-    "so3",
-    "pointwise",
-)
+_GROUPS: dict[str, tuple[str, str, str]] = {
+    "Load and build": (
+        "attach chain lock with_actuators with_armature with_gravity with_payload close constrain info "
+        "to_urdf to_mjcf to_sdf to_mujoco to_pinocchio coordinates random_configuration screws_at_com varying",
+        "load find save from_dh from_screws from_mujoco from_pinocchio doctor",
+        "SpatialInertia diagnosis convert",
+    ),
+    "Kinematics": (
+        "forward_kinematics link_poses jacobian jacobian_rate frame_velocity frame_acceleration inverse_kinematics "
+        "inverse_kinematics_branches lost_directions add subtract",
+        "Ad ad",
+        "Pose Twist Wrench se3 so3",
+    ),
+    "Dynamics": (
+        "inverse_dynamics forward_dynamics mass_matrix bias_forces coriolis_forces coriolis_matrix christoffel gravity_forces "
+        "friction_forces drive_torques motor_loads power_balance explain regressor kinetic_energy potential_energy momentum "
+        "center_of_mass com_jacobian task_inertia task_bias closed_form",
+        "set_threads get_threads",
+        "RigidBody pointwise",
+    ),
+    "Derivatives": (
+        "inverse_dynamics_derivatives forward_dynamics_derivatives inverse_dynamics_gradient inverse_dynamics_hessian_product "
+        "mass_matrix_derivative jacobian_derivative linearize",
+        "differentiate",
+        "",
+    ),
+    "Statics and payload": (
+        "holding_torques wrench_torques joint_wrenches clearance",
+        "size_drives",
+        "statics sizing sensing identification",
+    ),
+    "Motions and simulation": (
+        "simulate simulate_batch rollout show",
+        "",
+        "Motion simulation control trajectories viz",
+    ),
+    "Export": (
+        "export_c export_cuda export_st export_ros2 to_jax to_torch to_casadi to_javascript kernel program reference",
+        "",
+        "symbolic",
+    ),
+}
+"""Methods of a robot, functions, and classes and modules with pages of their own, by subject."""
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -233,27 +262,36 @@ def _frame(found: re.Match[str]) -> str:
 
 
 def _api() -> dict[str, str]:
-    """A page of the package's names and one for each public module."""
+    """A page of groups, and one for each group, class and module."""
     import twistwrench as tw
 
-    names = [n for n in sorted(tw.__all__) if not inspect.ismodule(getattr(tw, n))]
-    errors = [n for n in names if n.endswith(("Error", "Warning"))]
-    classes = [n for n in names if inspect.isclass(getattr(tw, n)) and n not in errors]
-    functions = [n for n in names if n not in errors and n not in classes]
-    pages = {f"api-{n.lower()}.md": _listed("twistwrench", n, [n]) for n in classes}
-    pages["api-errors.md"] = _listed("twistwrench", "Errors", errors)
-    for module in _MODULES:
-        found = getattr(tw, module)
-        own = [n for n in getattr(found, "__all__", ()) if not n.startswith("_")]
-        pages[f"api-{module}.md"] = _listed(found.__name__, found.__name__, own)
-    said = {n: (inspect.getdoc(getattr(tw, n)) or "").splitlines()[0] for n in (*classes, *_MODULES)}
-    rows = "".join(f"| [`{n}`](api-{n.lower()}.md) | {text} |\n" for n, text in said.items())
-    table = (
-        f"| name | what it is |\n| --- | --- |\n{rows}| [errors](api-errors.md) | The tree of errors and warnings. |\n"
-    )
-    pages["api.md"] = _listed("twistwrench", "API", functions).replace("\n\n", f"\n\n{table}\n", 1)
-    return pages
+    pages, rows, grouped = {}, "", set[str]()
+    for title, group in _GROUPS.items():
+        methods, functions, others = (names.split() for names in group)
+        page = f"api-{title.lower().replace(' ', '-')}.md"
+        names = [*functions, *(f"Robot.{method}" for method in methods)]
+        for name in others:
+            rest = getattr(tw, name)
+            own = [name] if inspect.isclass(rest) else [f"{name}.{n}" for n in rest.__all__ if not n.startswith("_")]
+            pages[f"api-{name.lower()}.md"] = _listed(name if inspect.isclass(rest) else f"twistwrench.{name}", own)
+        links = ", ".join(f"[`{name}`](api-{name.lower()}.md)" for name in others)
+        more = f"See also {links}." if links else ""
+        pages[page] = _listed(title, names).replace("\n\n", f"\n\n{more}\n\n", 1)
+        entries = ", ".join(f"[`{n.removeprefix('Robot.')}`]({page}#twistwrench.{n})" for n in names)
+        rows += f"| [{title}]({page}) | {entries} | {links} |\n"
+        grouped.update(methods)
+    errors = [n for n in sorted(tw.__all__) if n.endswith(("Error", "Warning"))]
+    rest = [n for n in dir(tw.Robot) if not n.startswith("_") and n not in grouped]
+    shown = f"    options:\n      members: [{', '.join(rest)}]\n"
+    return pages | {
+        "api-errors.md": _listed("Classes of errors", errors),
+        "api-robot.md": f"# Robot\n\nMethods by subject: [API](api.md).\n\n::: twistwrench.Robot\n{shown}",
+        "api.md": "# API\n\n`import twistwrench as tw`; `tw.load` returns a [`Robot`](api-robot.md). "
+        "The second column has methods of robots and functions of `tw`.\n\n"
+        f"| subject | methods and functions | classes and modules |\n| --- | --- | --- |\n{rows}"
+        "\n[Errors and warnings](errors.md) have a page with examples, and [their classes](api-errors.md) one of their own.\n",
+    }
 
 
-def _listed(module: str, title: str, names: list[str]) -> str:
-    return f"# {title}\n\n" + "\n".join(f"::: {module}.{name}\n" for name in names)
+def _listed(title: str, names: list[str]) -> str:
+    return f"# {title}\n\n" + "\n".join(f"::: twistwrench.{name}\n" for name in names)

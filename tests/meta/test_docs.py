@@ -150,6 +150,14 @@ def test_the_page_of_doubts_has_the_sentences_of_the_program():
     assert page("unsure") == written, "run `python docs/doubts.py`"
 
 
+def test_every_error_and_warning_is_explained():
+    from twistwrench import errors
+
+    text = page("errors")
+    for name in errors.__all__:
+        assert f"### {name}\n" in text or f"| `{name}` |" in text or name == "TwistWrenchError", name
+
+
 def test_what_no_log_tells_is_the_table():
     from twistwrench.log_checks.doubts import untold_table
 
