@@ -22,6 +22,7 @@ from .formats import format_of_file, load_model, usd_path
 from .formats.source import read_robot_text, xacro_in
 from .lie.adjoint import ad
 from .model.assembly import ROOT_JOINT
+from .model.couplings import refuse_couplings
 from .robot import Robot
 from .testing import State, derivative, derivative_along, random_state, relative_gap
 from .typing import Array
@@ -270,6 +271,7 @@ def file_gap(robot: Robot) -> float:
     Raises ModelError for a robot edited since, or loaded with locked joints or repaired inertias.
     """
     model = robot.model
+    refuse_couplings(model, "comparison with the file")
     mimic = "follow" if any(body.follows for body in model.bodies) else "independent"
     if not model.source or not Path(model.source).is_file() or _is_expanded(Path(model.source)):
         return 0.0

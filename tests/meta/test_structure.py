@@ -16,7 +16,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
 LAYOUT = (tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER, tokenize.COMMENT)
 
-MOST_FILES = 327
+MOST_FILES = 328
 """Files of the package."""
 IMPORTS = 0.088
 """Share of import statements in the lines of code."""

@@ -94,7 +94,7 @@ def _mirrored(X: Array) -> Array:
 def articulated_dynamics(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None, added: Array | None = None
 ) -> Array:
-    """q̈ (nv,); robots whose joints share no coordinates. ``added`` (nv,) is inertia of the joints, as that of a rotor."""
+    """q̈ (nv,); robots whose joints share neither coordinates nor motors. ``added`` (nv,) is inertia, as that of a rotor."""
     T, Adq = joint_poses(model, q), spread(model, dq)
     tau = tau - spring_forces(model, q) - armature_forces(model, dq, zeros(model.nv))
     drives = model.armature if added is None else added + model.armature
@@ -132,12 +132,12 @@ def articulated_dynamics(
 
 
 def articulated_pays(model: Model) -> bool:
-    """True if this takes fewer multiplications than M and its factors; never if joints share a coordinate.
+    """True if this takes fewer multiplications than M and its factors; never if joints share a coordinate or a motor.
 
     Counted on chains, a quadruped and a humanoid: 190 a body here; there 60 a velocity, 14 for each body that carries it,
     and the triangle of a factor over the velocities before it. The two meet at chains of some fifteen joints.
     """
-    if any(body.follows for body in model.bodies):
+    if model.couplings or any(body.follows for body in model.bodies):
         return False
     before, depth = {BASE: 0}, {BASE: -1}
     by_mass_matrix = 0
@@ -314,8 +314,9 @@ class Relations(NamedTuple):
 
 
 def applies(model: Model) -> bool:
-    """True if every velocity is one joint's own and only the bodies make the matrices depend on dq."""
-    return not any(body.follows for body in model.bodies) and not any(True for _ in armature_symbols(model))
+    """True if every velocity is one joint's own, and motor's, and only the bodies make the matrices depend on dq."""
+    shared = model.couplings or any(body.follows for body in model.bodies)
+    return not shared and not any(True for _ in armature_symbols(model))
 
 
 def relations(model: Model) -> Relations:

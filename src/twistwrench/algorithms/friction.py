@@ -7,14 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from ..model.couplings import joint_torques, motor_torques, motor_velocities
 from ..model.model import Model
 from ..typing import Array
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
     """The torques that overcome friction at dq, where each joint carries the torque ``load``; (nv,)."""
-    f, s = model.friction, signs(dq)
-    tau = f.viscous * dq + s * _dry(model, dq)
+    u = motor_velocities(model, dq)
+    lost = _drive_friction(model, u, None if load is None else motor_torques(model, load))
+    return np.asarray(joint_torques(model, lost))
+
+
+def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
+    """The law at the velocities u of the drives, which carry ``load``; (nv,)."""
+    f, s = model.friction, signs(u)
+    tau = f.viscous * u + s * _dry(model, u)
     return np.asarray(tau if load is None else tau + s * f.load * (signs(load) * load))
 
 
@@ -24,8 +32,9 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
     The joint carries x, of which friction takes its part too: x + sign(dq) load |x| = y, with y what the other laws
     leave. As load < 1, x has the sign of y.
     """
-    y = tau - friction_forces(model, dq)
-    return np.asarray(y / (1.0 + model.friction.load * (signs(dq) * signs(y))))
+    u = motor_velocities(model, dq)
+    y = motor_torques(model, tau) - _drive_friction(model, u)
+    return np.asarray(joint_torques(model, y / (1.0 + model.friction.load * (signs(u) * signs(y)))))
 
 
 def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:

@@ -20,6 +20,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import printed
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
+from ..model.couplings import armature_matrix, motor_torques, motor_velocities
 from ..model.model import BASE, Model
 from ..typing import Array
 from .friction import friction_forces
@@ -166,9 +167,8 @@ class MotorLoads(NamedTuple):
 
 
 def driven_velocities(model: Model) -> list[int]:
-    """Index of each actuator in dq and τ, in the order of ``model.actuators``."""
-    places = {body.joint.name: body.v_index for body in model.leaders}
-    return [places[name] for name in model.actuators]
+    """Index of each actuator in the velocities and torques of drives, in the order of ``model.actuators``."""
+    return [model.drive_names.index(name) for name in model.actuators]
 
 
 def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorLoads:
@@ -177,6 +177,7 @@ def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorL
     A gear of efficiency η lets through η of the power that enters it, from whichever side that is.
     """
     at, actuators = driven_velocities(model), list(model.actuators.values())
+    dq, carried, rotor = motor_velocities(model, dq), motor_torques(model, carried), motor_torques(model, rotor)
     G = np.array([a.ratio for a in actuators])
     eta = np.array([a.efficiency for a in actuators])
     dq, carried, rotor = (x[..., at] for x in np.broadcast_arrays(dq, carried, rotor))
@@ -354,7 +355,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     V = L @ A @ dq
     ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
     return ClosedForm(
-        M=A.T @ L.T @ G @ L @ A + np.diag(model.armature),
+        M=A.T @ L.T @ G @ L @ A + armature_matrix(model),
         c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V + _armature_products(model, dq),
         g=A.T @ L.T @ G @ L @ dV_base + np.asarray(spring_forces(model, q), float),
         wrench_torques=A.T @ L.T @ F,

@@ -10,6 +10,7 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
+from ..model.couplings import armature_matrix, motor_velocities
 from ..model.model import BASE, Body, Model
 from ..typing import Array
 from .recursion import (
@@ -120,7 +121,11 @@ def mass_matrix(model: Model, q: Array) -> Array:
                     if i != j or a <= b:
                         _add_symmetric(M, model.bodies[j], a, model.bodies[i], b, S_j @ F)
                 F = up[j] @ F
-    return widened(M, model.armature)
+    drives = armature_matrix(model)
+    M = widened(M, drives.diagonal())
+    for i, j in zip(*np.nonzero(drives - np.diag(drives.diagonal())), strict=True):  # of coupled motors
+        M[i, j] = M[i, j] + drives[i, j]
+    return M
 
 
 def _add_symmetric(M: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
@@ -147,7 +152,8 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
     """½ Σ V' G V, and that of the drives' armature; J. MR section 8.1.2."""
     V = body_velocities(model, joint_poses(model, q), dq)
-    drives = 0.5 * (dq @ (model.armature * dq))
+    u = motor_velocities(model, dq)
+    drives = 0.5 * (u @ (model.armature * u))
     return sum((0.5 * (v @ (body.inertia @ v)) for body, v in zip(model.bodies, V, strict=True)), start=drives)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..lie.adjoint import ad
+from ..model.couplings import joint_torques, motor_velocities
 from ..model.model import BASE, Body, Model, Spring
 from ..typing import Array
 
@@ -106,7 +107,7 @@ def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
 
 def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
     """Torques of the armature, A ddq + C dq; (..., nv)."""
-    tau = model.armature * ddq
+    tau = joint_torques(model, model.armature * motor_velocities(model, ddq))
     for mine, L in armature_symbols(model):
         u = dq[..., mine]
         pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; those of one with itself are zero

@@ -13,6 +13,7 @@ from .. import robots
 from ..core.numbers import number
 from ..errors import ModelWarning, UnknownNameError, ValueRangeError
 from ..joints.units import heading_unit
+from ..model.couplings import coupled_entries, joint_effort
 from ..model.description import grouped
 from ..model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
@@ -65,6 +66,7 @@ def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
     yield _joints(model, degrees=degrees)
     if model.actuators:
         yield _actuators(model)
+    yield from (_coupling(model, k) for k in range(len(model.couplings)))
     yield _inertias(model)
     yield _tree(model)
     yield from remarks(grouped(model.defects))
@@ -106,14 +108,16 @@ def _joints(model: Model, *, degrees: bool) -> Table:
             rows.append(None if b.follows else k)
 
     figures = {"lower": unit * limits.lower, "upper": unit * limits.upper, "velocity": unit * limits.velocity}
-    figures["effort"] = limits.effort
+    coupled = coupled_entries(model)
+    figures["effort"] = joint_effort(model, limits.effort)
     for name in ("acceleration", "deceleration", "jerk"):
         if np.isfinite(getattr(limits, name)).any():
             figures[name] = unit * getattr(limits, name)
     if friction.any:
-        figures |= {"damping": friction.viscous, "friction": friction.coulomb}
+        laws = {"damping": friction.viscous, "friction": friction.coulomb}
+        figures |= {name: np.where(coupled, np.nan, x) for name, x in laws.items()}
     if model.armature.any():
-        figures["armature"] = model.armature
+        figures["armature"] = np.where(coupled, np.nan, model.armature)
     units = (heading_unit(part, (True, False), degrees=degrees) for part in ("q", "dq", "tau"))
     return Table(
         "Joints: positions in {}, velocities in {}, efforts in {}".format(*units),
@@ -137,6 +141,20 @@ def _actuators(model: Model) -> Table:
         numbers("rotor", [a.rotor.inertia if a.rotor else math.inf for a in actuators]),
         numbers("stiffness", [a.stiffness for a in actuators]),
         *(numbers(head, [getattr(a.motor, name, "") for a in actuators]) for head, name in motor.items()),
+    )
+
+
+def _coupling(model: Model, k: int) -> Table:
+    """Velocities of coupled motors per velocity of each joint, and the numbers of these motors behind their gears."""
+    c, (at, A, _) = model.couplings[k], model.coupled[k]
+    return Table(
+        f"Coupling {c.name}: velocity of each motor, behind its gear, per velocity of each joint (SI units)",
+        words("motor", c.motors),
+        *(numbers(joint, column) for joint, column in zip(c.joints, A.T, strict=True)),
+        numbers("effort", model.limits.effort[at]),
+        numbers("armature", model.armature[at]),
+        numbers("damping", model.friction.viscous[at]),
+        numbers("friction", model.friction.coulomb[at]),
     )
 
 

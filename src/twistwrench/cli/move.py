@@ -15,7 +15,8 @@ from ..core.numbers import number, percent, percent_of_limit, printed, seconds, 
 from ..core.text import listed
 from ..core.verdict import ExitCode, Word
 from ..errors import ConstraintWarning, PathError, ValueRangeError
-from ..joints.units import heading_unit
+from ..joints.units import heading_unit, units_of
+from ..model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
 from ..model.limits import Limits, over_limit
 from ..motion.bounds import Violation, bounds_of
 from ..motion.coordinates import Coordinates
@@ -177,8 +178,9 @@ def _worst_moment(
     """Configuration where a joint is nearest to a limit of torque or velocity, that joint, its label and a title."""
     robot, t = trajectory.robot, np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
-    shares = np.maximum(np.abs(tau) / bounds.effort, np.abs(dq) / bounds.velocity)
+    tau = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    speed = np.where(coupled_entries(robot.model), np.inf, bounds.velocity)
+    shares = np.maximum(np.abs(tau) / bounds.effort, np.abs(dq) / speed)
     row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
     label = f"{uses[k].joint}, {percent_of_limit(shares[row, k])} of a limit"
     title = f"{robot.name} at t = {seconds(t[row])} s; red: {label}"
@@ -258,7 +260,7 @@ _MOST_PASSED = 6
 
 @dataclass(frozen=True)
 class JointUse:
-    """Peaks of a joint in a motion, as values and as shares of its limits (nan without a limit)."""
+    """Peaks of a joint, or of a coupled motor, in a motion, as values and as shares of its limits (nan without a limit)."""
 
     joint: str
     way: float
@@ -276,22 +278,30 @@ class JointUse:
 
 
 def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> list[JointUse]:
-    """Peaks for each entry of dq."""
-    robot = trajectory.robot
+    """Peaks for each entry of dq; of the motors in the places of coupled joints."""
+    robot, model = trajectory.robot, trajectory.robot.model
     q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
-    tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
-    way, units = robot.subtract(q[-1], q[0]), Coordinates.from_model(robot.model).torque_units
-    at_limit = dict.fromkeys(robot.model.velocity_names, 0.0)
+    tau = motor_torques(model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    way, dq = motor_velocities(model, robot.subtract(q[-1], q[0])), motor_velocities(model, dq)
+    units, most_speed = units_of("tau", drive_turns(model)), np.where(coupled_entries(model), np.inf, bounds.velocity)
+    at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)
     if isinstance(trajectory, Fastest):
         for touch in trajectory.limit_contacts:
             at_limit[touch.joint] += (touch.end - touch.begin) / trajectory.duration
     found = []
-    for k, name in enumerate(robot.model.velocity_names):
+    for k, name in enumerate(model.drive_labels):
         v, t = (x[int(np.abs(x).argmax())] for x in (dq[:, k], tau[:, k]))
-        shares = [
-            abs(x) / m if math.isfinite(m) else math.nan for x, m in ((v, bounds.velocity[k]), (t, bounds.effort[k]))
-        ]
-        use = (name, float(way[k]), float(v), shares[0], float(t), shares[1], units[k], at_limit[name])
+        shares = [abs(x) / m if math.isfinite(m) else math.nan for x, m in ((v, most_speed[k]), (t, bounds.effort[k]))]
+        use = (
+            name,
+            float(way[k]),
+            float(v),
+            shares[0],
+            float(t),
+            shares[1],
+            units[k],
+            at_limit[name],
+        )
         found.append(JointUse(*use))
     return found
 
@@ -301,7 +311,7 @@ def move_view(
 ) -> Iterator[Block]:
     """Heading, a row per joint, and the active limits of the fastest motion over time."""
     robot = trajectory.robot
-    turning = Coordinates.from_model(robot.model).angular_velocity
+    turning = np.array(drive_turns(robot.model))
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
     way, speed, force = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
     most = [max((x for x in (u.velocity_share, u.torque_share) if not math.isnan(x)), default=0.0) for u in uses]

@@ -229,7 +229,9 @@ def _verdict(found: LargestPayload, where: str, robot: Robot, carried: str, assu
     side = "upper" if found.side > 0 else "lower"
     c, name = Coordinates.from_model(robot.model), found.joint_names[k]
     units = {b.joint.name: unit_of("tau", bool(b.joint.turning[0])) for b in robot.model.bodies if b.joint.nv}
-    unit = {**units, **dict(zip(c.velocity_names, c.torque_units, strict=True))}[name]
+    unit = {**units, **dict(zip(c.velocity_names, c.torque_units, strict=True))}.get(
+        name, unit_of("tau", True)
+    )  # of coupled motors
     return verdict(
         Word.OK,
         f": largest payload at rest in this pose: {rounded_down(found.mass)} kg at {where}. Limited by {name}, "

@@ -23,6 +23,7 @@ from ..errors import KernelError, ModelError, ValueRangeError
 from ..ir.program import FUSED, TensorSpec
 from ..ir.tracer import trace
 from ..lowering.reference_interpreter import NumpyKernel, evaluated
+from ..model.couplings import motor_torques, motor_velocities
 from ..printers.c99 import identifier, literal
 from ..robot.programs import inputs_of
 from ..typing import Array
@@ -179,7 +180,7 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
             f"torque='motor' applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
         )
     places, actuators = driven_velocities(model), list(model.actuators.values())
-    if missing := [name for k, name in enumerate(model.velocity_names) if k not in places]:
+    if missing := [name for k, name in enumerate(model.drive_names) if k not in places]:
         raise ModelError(
             f"torque='motor' needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: "
             "robot.with_actuators(file), or --actuators FILE."
@@ -197,6 +198,8 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
         )
         if full.get("friction"):
             carried = carried + friction_forces(model, dq, carried + rotor)
+        carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
+        dq = motor_velocities(model, dq)
         braking = [positive(-(force * speed)) for force, speed in zip(carried, dq, strict=True)]
         share = np.array([either(b, e, 1.0 / e) for b, e in zip(braking, efficiency, strict=True)], object)
         return (carried * share + rotor) / ratio

@@ -14,6 +14,7 @@ from ..core.numbers import printed
 from ..errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..model.actuation import with_actuators, with_friction, with_link_friction
 from ..model.actuators import Actuator, Motor, Rotor, Thermal
+from ..model.couplings import Coupling, with_couplings
 from ..model.edit import with_armature
 from ..model.model import Model
 from .yaml import Section, Source, plain_number, read_yaml, shown
@@ -56,6 +57,8 @@ _THERMAL = {
     "housing_time": "time", "maximum": "temperature", "coefficient": "", "reference": "temperature",
 }  # fmt: skip
 _ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "reflected_inertia", "stiffness", "friction", "link_friction")
+_COUPLED = ("ratio", "efficiency", "motor", "rotor", "reflected_inertia", "friction", "effort")
+_COUPLING = ("motors", "joints", "motor_per_joint", "joint_per_motor")
 _ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
 _FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
 _SLIDING = {
@@ -94,17 +97,26 @@ def actuator_content(source: Source) -> dict[str, Any]:
 def _added(model: Model, file: Section, stiff: bool) -> Model:
     check_entries(model, file)
     motors = _motors(file)
+    model = with_couplings(model, read_couplings(model, file))
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
     joints = file.section("actuators")
     sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
     actuators: list[Actuator] = []
     armature: dict[str, float] = {}
+    effort = model.limits.effort.copy()
     laws: dict[str, dict[str, float]] = {}
     of_links: dict[str, dict[str, float]] = {}
     for name in joints.content:
-        entry = joints.section(name)
-        entry.only(*_ACTUATOR)
+        entry, k = joints.section(name), model.drive_index(name)
+        if name in model.drive_names and name not in model.velocity_names:
+            entry.only(*_COUPLED)
+            if "effort" in entry.content:
+                effort[k] = most = entry.number("effort", "torque")
+                if not most > 0:
+                    raise ModelError(f"{entry.where('effort')} is {printed(most)} N m; it must be above 0.")
+        else:
+            entry.only(*_ACTUATOR)
         kinds = _SLIDING if name in sliding else {}
         actuators.append(_actuator(name, entry, motors, kinds))
         if "reflected_inertia" in entry.content:
@@ -117,15 +129,62 @@ def _added(model: Model, file: Section, stiff: bool) -> Model:
     if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
         warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
+    model = replace(model, limits=replace(model.limits, effort=effort))
     model = with_armature(with_friction(model, laws), armature)
     return with_link_friction(with_actuators(model, actuators), of_links)
 
 
 def check_entries(model: Model, file: Section) -> None:
     """Raise ModelError for unknown entries of a file, or if it is for another robot."""
-    file.only("robot", "motors", "actuators", "log")
+    file.only("robot", "motors", "couplings", "actuators", "log")
     if file.content.get("robot", model.name) != model.name:
         raise ModelError(f"it is for robot {shown(file.content['robot'])}, and this one is {model.name!r}.")
+
+
+def read_couplings(model: Model, file: Section) -> list[Coupling]:
+    """Couplings of a file. Raises ModelError for a matrix that is not square, is singular or has another form."""
+    found, sliding = [], {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+    listed = file.section("couplings") if "couplings" in file.content else Section({}, "couplings")
+    for name in listed.content:
+        entry = listed.section(name)
+        entry.only(*_COUPLING)
+        motors, joints = (_names(entry, key) for key in ("motors", "joints"))
+        given = [key for key in _COUPLING[2:] if key in entry.content]
+        if len(given) != 1:
+            raise ModelError(
+                f"{entry.path} has {'both motor_per_joint and' if given else 'neither motor_per_joint nor'} joint_per_motor. "
+                "Give one of them: q̇_m = motor_per_joint q̇_j."
+            )
+        rows = entry.content[given[0]]
+        where = entry.where(given[0])
+        if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
+            raise ModelError(f"{where} is {shown(rows)}, expected rows of numbers such as [[1, 1], [1, -1]].")
+        if len({*map(len, rows)}) > 1:
+            raise ModelError(
+                f"{where} has rows of {', '.join(str(len(row)) for row in rows)} numbers. Give equally many."
+            )
+        direct = given[0] == "motor_per_joint"
+        A = np.array(
+            [
+                [
+                    gear_ratio(x, where, sliding=joints[k] in sliding)
+                    if direct and k < len(joints)
+                    else plain_number(x, f"{where} has {shown(x)}, expected a plain number.")
+                    for k, x in enumerate(row)
+                ]
+                for row in rows
+            ]
+        )
+        found.append(Coupling(str(name), motors, joints, A, inverted=not direct))
+    return found
+
+
+def _names(entry: Section, key: str) -> tuple[str, ...]:
+    """List of names below a key."""
+    names = entry.content.get(key)
+    if not isinstance(names, list | tuple) or not names or not all(isinstance(name, str) for name in names):
+        raise ModelError(f"{entry.where(key)} is {shown(names)}, expected names in brackets such as [m5, m6].")
+    return tuple(names)
 
 
 def _law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:

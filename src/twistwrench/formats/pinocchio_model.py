@@ -13,6 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import MissingExtraError, ModelError
 from ..joints import Joint
 from ..model.builder import ModelBuilder
+from ..model.couplings import joint_effort
 from ..model.description import Mimic, unused
 from ..model.model import BASE, Model
 from ..model.parts import disassemble
@@ -226,6 +227,7 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
     except ImportError:
         raise MissingExtraError.from_extra("pin", "peers", "A model of Pinocchio's") from None
     found, losses = disassemble(model), Losses()
+    losses.note_couplings(found)
     theirs = pinocchio.Model()
     theirs.name = model.name
     theirs.gravity.linear = np.array(model.gravity)
@@ -300,7 +302,7 @@ def _add_numbers(theirs: Any, model: Model, numbers: dict[str, int]) -> None:
     """Limits of position, velocity and effort; those of free bodies stay infinite."""
     limits = model.limits
     q = {"lowerPositionLimit": limits.lower, "upperPositionLimit": limits.upper}
-    v = {"velocityLimit": limits.velocity, "effortLimit": limits.effort}
+    v = {"velocityLimit": limits.velocity, "effortLimit": joint_effort(model, limits.effort)}
     arrays = {name: np.array(getattr(theirs, name), float) for name in (*q, *v)}
     for body in model.leaders:
         if body.joint.name not in numbers:

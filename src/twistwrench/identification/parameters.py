@@ -27,6 +27,7 @@ from ..core.numbers import number, percent
 from ..core.text import listed
 from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..log_checks.doubts import untold_table
+from ..model.couplings import refuse_couplings
 from ..model.model import BASE, Model
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -105,6 +106,7 @@ class UnknownParameters:
             )
         if robot.nv == 0:
             raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
+        refuse_couplings(robot.model, "identification")
         if any(actuator.rotor is not None for actuator in robot.actuators.values()):
             raise ModelError(
                 f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "

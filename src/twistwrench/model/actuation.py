@@ -42,7 +42,7 @@ def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Mode
     """The model with the friction laws of some joints replaced: ``{joint: {"coulomb": 2.0, …}}``, the rest of each 0."""
     friction = model.friction
     for joint, law in laws.items():
-        friction = friction.replaced(_leader(model, joint).v_index, **_full_law(joint, law))
+        friction = friction.replaced(model.drive_index(joint), **_full_law(joint, law))
     return replace(model, friction=friction)
 
 
@@ -54,7 +54,7 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
     """
     friction = model.friction
     for joint, law in laws.items():
-        k, full = _leader(model, joint).v_index, _full_law(joint, law)
+        k, full = model.drive_index(joint), _full_law(joint, law)
         own = {name: float(getattr(friction, name)[k]) for name in LAWS}
         fading = [x for x in (own, full) if x["static"] > x["coulomb"]]
         if len({x["stribeck"] for x in fading}) > 1:
@@ -97,25 +97,14 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     return full
 
 
-def _leader(model: Model, name: str) -> Body:
-    """The body of a one-degree joint with a coordinate of its own."""
-    leaders = {body.joint.name: body for body in model.leaders}
-    if name not in leaders:
-        followed = {b.joint.name for b in model.bodies if b.follows}
-        if name in followed:
-            raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
-        raise UnknownNameError.from_choices("joint", name, leaders)
-    body = leaders[name]
-    if body.joint.nv != 1:
-        raise ModelError(f"joint {name!r} is {body.joint.kind}; only joints of one degree have actuators.")
-    return body
-
-
 def _driven(model: Model, actuator: Actuator) -> Model:
-    driven = _leader(model, actuator.joint)
+    k = model.drive_index(actuator.joint)
+    driven = next(body for body in model.leaders if body.v_index == k)
     if actuator.joint in model.actuators or any(a.joint == actuator.joint for a in model.actuators.values()):
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
     check_actuator(actuator)
+    if actuator.joint in model.drive_names and actuator.joint != driven.joint.name:
+        return _coupled(model, actuator, k)
     flexible = np.isfinite(actuator.stiffness)
     name = f"{actuator.joint}.motor" if flexible else actuator.joint
     if actuator.rotor is not None and model.armature[driven.v_index]:
@@ -134,6 +123,32 @@ def _driven(model: Model, actuator: Actuator) -> Model:
     if flexible:
         model, rotor = _with_coordinate(model, driven, actuator, replace(rotor, joint=replace(rotor.joint, name=name)))
     return replace(model, bodies=(*model.bodies, rotor), actuators={**model.actuators, name: actuator})
+
+
+_NO_COUPLES = "rotors of coupled motors count by their inertia about their axes; their gyroscopic couples are left out"
+
+
+def _coupled(model: Model, actuator: Actuator, k: int) -> Model:
+    """Model with the actuator of a coupled motor: its rotor is an armature, as it turns with several joints."""
+    armature, rotor, who = (
+        model.armature.copy(),
+        actuator.rotor,
+        f"motor {actuator.joint!r}, which moves several joints,",
+    )
+    if np.isfinite(actuator.stiffness):
+        raise ModelError(f"{who} is elastic, and couplings are rigid. Leave out its stiffness.")
+    if rotor is not None:
+        if rotor.extra or rotor.link is not None or rotor.axis is not None or rotor.place.any():
+            raise ModelError(
+                f"{who} has a rotor with a place, axis, link or mass. It counts by its inertia about its axis alone: leave "
+                "out the rest."
+            )
+        reflected = actuator.ratio**2 * rotor.inertia
+        if armature[k] not in (0.0, reflected):
+            raise ModelError(f"{who} has a rotor and an armature: its inertia would count twice. Keep one of them.")
+        armature[k] = reflected
+        model = replace(model, defects=(*model.defects, *([] if _NO_COUPLES in model.defects else [_NO_COUPLES])))
+    return replace(model, armature=armature, actuators={**model.actuators, actuator.joint: actuator})
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:

@@ -15,6 +15,7 @@ from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..joints import Joint
 from ..typing import Array
 from .assembly import default_tip, fuse
+from .couplings import refuse_coupled
 from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
 
@@ -88,14 +89,17 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
     leaders = {body.joint.name: body for body in model.leaders}
     armature = model.armature.copy()
     for name, given in joints.items():
-        if name not in leaders:
-            raise UnknownNameError.from_choices("joint", name, leaders)
-        place = leaders[name].places[1]
+        motors = {motor for c in model.couplings for motor in c.motors}
+        coupled = name in motors or any(name in c.joints for c in model.couplings)
+        if name not in leaders and not coupled:
+            raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
+        k = model.drive_index(name) if coupled else 0
+        place = slice(k, k + 1) if coupled else leaders[name].places[1]
         try:
             values = np.broadcast_to(np.asarray(given, float), armature[place].shape)
         except (TypeError, ValueError):
             raise ShapeError(
-                f"the armature of joint {name!r} is {given!r}, expected a number, or {leaders[name].joint.nv} of them."
+                f"the armature of joint {name!r} is {given!r}, expected a number, or {len(armature[place])} of them."
             ) from None
         if not (np.isfinite(values).all() and (values >= 0).all()):
             raise ValueRangeError(
@@ -170,10 +174,13 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
         for i, body in enumerate(model.bodies):
             if body.v_index == moving[name].v_index:
                 held[i] = body.joint.pose(body.ratio * q + body.offset)
+    couplings = tuple(c for c in model.couplings if not {*c.joints} <= {*at})
+    refuse_coupled(replace(model, couplings=couplings), at, "cannot be locked alone. Lock all of them, or none")
+    motors = {motor for c in model.couplings if c not in couplings for motor in c.motors}
     fused = fuse(model, held)
     springs = tuple(s for s in (spring.with_fixed(at) for spring in model.springs) if s.terms)
-    actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in at}
-    fused = replace(fused, springs=springs, actuators=actuators)
+    actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in {*at} | motors}
+    fused = replace(fused, springs=springs, actuators=actuators, couplings=couplings)
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
 
 

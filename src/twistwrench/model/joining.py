@@ -43,6 +43,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
             {k: v for k, v in getattr(part, field).items() if k != ROOT_JOINT or not part.floating}
         )
     whole.actuators += part.actuators
+    whole.couplings += part.couplings
     whole.payloads += part.payloads
     mine, theirs = whole.additions, part.additions
     mine.sites |= theirs.sites
@@ -83,6 +84,7 @@ def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
     for what, ours, theirs in (
         ("link", {*whole.links, *whole.additions.sites}, (*part.links, *part.additions.sites)),
         ("joint", {joint.name for joint in whole.joints}, [joint.name for joint in part.joints]),
+        ("motor", {m for c in whole.couplings for m in c.motors}, [m for c in part.couplings for m in c.motors]),
         ("closure", whole.additions.closures, part.additions.closures),
     ):
         both = [name for name in theirs if name in ours]
@@ -126,6 +128,10 @@ def _renamed(part: ModelParts, prefix: str) -> ModelParts:
         joints=[_renamed_joint(joint, prefix) for joint in part.joints],
         whole=keyed(part.whole), friction=keyed(part.friction), armature=keyed(part.armature),
         actuators=[_renamed_actuator(actuator, prefix) for actuator in part.actuators],
+        couplings=[
+            replace(c, name=called(c.name), motors=tuple(map(called, c.motors)), joints=tuple(map(called, c.joints)))
+            for c in part.couplings
+        ],
         payloads=tuple((frame(name), G) for name, G in part.payloads),
     )  # fmt: skip
 
@@ -186,7 +192,15 @@ def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
     more = found.additions
     sites = {name: site for name, site in more.sites.items() if site.link in kept}
     frames = kept | set(sites)
-    actuators = [actuator for actuator in found.actuators if actuator.joint in names]
+    couplings = [c for c in found.couplings if names & {*c.joints}]
+    for c in couplings:
+        if outside := [joint for joint in c.joints if joint not in names]:
+            raise ModelError(
+                f"joint {outside[0]!r} of coupling {c.name!r} is not in that part of the robot. Cut the part out first, and "
+                "describe its actuators then."
+            )
+    driven = names | {motor for c in couplings for motor in c.motors}
+    actuators = [actuator for actuator in found.actuators if actuator.joint in driven]
     for actuator in actuators:
         if actuator.rotor is not None and actuator.rotor.link not in (None, *frames):
             raise ModelError(
@@ -203,5 +217,6 @@ def _restricted(found: ModelParts, kept: set[str]) -> ModelParts:
     )  # fmt: skip
     return replace(
         found, links={name: link for name, link in found.links.items() if name in kept}, joints=joints, actuators=actuators,
+        couplings=couplings,
         payloads=tuple((frame, G) for frame, G in found.payloads if frame in frames), additions=additions,
     )  # fmt: skip

@@ -16,6 +16,7 @@ from ..errors import FrameError, ModelError, UnknownNameError
 from ..joints import Joint
 from ..typing import Array
 from .actuators import Actuator
+from .couplings import Coupling
 from .description import JointEntry, LinkEntry
 from .limits import Friction, Limits
 
@@ -237,6 +238,8 @@ class Model:
     """Named frames of the file that are not links, in document order; no name is a link's."""
     configurations: Mapping[str, Array] = field(default_factory=dict)
     """(nq,) each: named configurations of the file, such as ``home``."""
+    couplings: tuple[Coupling, ...] = ()
+    """Motors that move several joints together. Armature, friction and effort in the places of these joints are the motors'."""
     closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
     """Loops that the file closes and the tree leaves open."""
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -249,7 +252,7 @@ class Model:
         for name in _MAPPINGS:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         arrays = [self.gravity, self.armature, *vars(self.limits).values(), *self.configurations.values()]
-        arrays += [frame.pose for frame in self.all_frames.values()]
+        arrays += [frame.pose for frame in self.all_frames.values()] + [c.motor_per_joint for c in self.couplings]
         for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
             array.setflags(write=False)  # robots share these, and kernels have them compiled in
 
@@ -338,6 +341,67 @@ class Model:
     def velocity_names(self) -> tuple[str, ...]:
         """A name for each velocity and torque: the joint's, with a suffix where it has several; (nv,)."""
         return tuple(b.joint.name + s for b in self.leaders for s in b.joint.velocity_suffixes)
+
+    @cached_property
+    def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
+        """Places in dq (n,), A and A⁻¹ (n, n) of each coupling."""
+        place = {b.joint.name: b.v_index for b in self.leaders}
+        return tuple(
+            (np.array([place[joint] for joint in c.joints]), c.motor_per_joint, c.joint_per_motor)
+            for c in self.couplings
+        )
+
+    @cached_property
+    def drive_names(self) -> tuple[str, ...]:
+        """A name for the drive of each velocity: the joint's, or that of the coupled motor in its place; (nv,)."""
+        motors = {joint: motor for c in self.couplings for joint, motor in zip(c.joints, c.motors, strict=True)}
+        return tuple(motors.get(name, name) for name in self.velocity_names)
+
+    @cached_property
+    def drive_labels(self) -> tuple[str, ...]:
+        """:attr:`drive_names` for reports: coupled motors with the joints that they move; (nv,)."""
+        labels = {motor: c.label(motor) for c in self.couplings for motor in c.motors}
+        return tuple(labels.get(name, name) for name in self.drive_names)
+
+    def drive_index(self, name: str) -> int:
+        """Place in dq of what drives a velocity.
+
+        Parameters
+        ----------
+        name : str, of a joint of one degree that is not coupled, or of a coupled motor
+
+        Returns
+        -------
+        index : int
+
+        Raises
+        ------
+        ModelError
+            The joint has several velocities, follows another, or is moved by coupled motors.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().model.drive_index("joint2")
+        1
+        """
+        leaders = {b.joint.name: b for b in self.leaders}
+        motors = {motor for c in self.couplings for motor in c.motors}
+        if name in motors:
+            return self.drive_names.index(name)
+        for c in self.couplings:
+            if name in c.joints:
+                raise ModelError(
+                    f"joint {name!r} is moved by motors {listed(c.motors)} of coupling {c.name!r}. Describe those instead."
+                )
+        if name in leaders:
+            if leaders[name].joint.nv != 1:
+                kind = leaders[name].joint.kind
+                raise ModelError(f"joint {name!r} is {kind}; only joints of one degree have actuators.")
+            return leaders[name].v_index
+        if any(name == b.joint.name for b in self.bodies if b.follows):
+            raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
+        raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
 
     @property
     def neutral(self) -> Array:

@@ -95,7 +95,7 @@ def nominal(model: Model) -> dict[str, float]:
             values[f"{body.joint.name}.{what}"] = float(x)
         if not body.follows and body.joint.nv == 1:
             for law in LAWS:
-                values[f"{body.joint.name}.{law}"] = float(getattr(model.friction, law)[body.v_index])
+                values[f"{model.drive_names[body.v_index]}.{law}"] = float(getattr(model.friction, law)[body.v_index])
     return values
 
 
@@ -163,15 +163,13 @@ def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
 def _friction(model: Model, new: dict[str, Any]) -> Friction:
     columns = {law: getattr(model.friction, law).astype(object) for law in LAWS}
     changed = False
-    for body in model.leaders:
+    for i, drive in enumerate(model.drive_names):
         for law in LAWS:
-            if (name := f"{body.joint.name}.{law}") in new:
-                columns[law][body.v_index], changed = new[name], True
-        coulomb, static = (f"{body.joint.name}.{law}" for law in ("coulomb", "static"))
-        if coulomb in new and static not in new:
-            i = body.v_index
-            if model.friction.static[i] == model.friction.coulomb[i]:
-                columns["static"][i] = new[coulomb]
+            if (name := f"{drive}.{law}") in new:
+                columns[law][i], changed = new[name], True
+        coulomb, static = (f"{drive}.{law}" for law in ("coulomb", "static"))
+        if coulomb in new and static not in new and model.friction.static[i] == model.friction.coulomb[i]:
+            columns["static"][i] = new[coulomb]
     return Friction(**columns) if changed else model.friction
 
 

@@ -14,6 +14,7 @@ from ..typing import Array
 from .actuation import counted, with_actuators
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions, assemble, default_tip, find_drives
+from .couplings import Coupling
 from .description import JointEntry, LinkEntry, SiteEntry, unused
 from .limits import Friction, Limits
 from .model import BASE, Body, Model, find_tree
@@ -48,6 +49,8 @@ class ModelParts:
     armature: dict[str, Array] = field(default_factory=dict)
     """Armature by joint, without rotors."""
     actuators: list[Actuator] = field(default_factory=list)
+    couplings: list[Coupling] = field(default_factory=list)
+    """Coupled drives; friction, armature and effort of their joints are those of the motors in the same places."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     additions: Additions = field(default_factory=Additions)
     """Sites, springs, configurations, closures."""
@@ -91,7 +94,7 @@ class _Disassembly:
         still = top if floating or top not in self.parents else unused("world", {*self.names})
         found = ModelParts(
             model.name, model.gravity, model.snap, model.source, root=still, floating=floating,
-            actuators=list(model.actuators.values()), payloads=model.payloads,
+            actuators=list(model.actuators.values()), couplings=list(model.couplings), payloads=model.payloads,
         )  # fmt: skip
         if still != top:  # a free root that was locked stands somewhere in the base frame
             self.parents[top] = still
@@ -238,6 +241,7 @@ def reassemble(found: ModelParts) -> Model:
     )  # fmt: skip
     armature = [found.armature[name] for name in model.joint_names]
     model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
+    model = replace(model, couplings=tuple(found.couplings))
     model = with_actuators(model, found.actuators)
     laws = [found.friction[name] for name in model.joint_names]  # of motors too
     columns = {

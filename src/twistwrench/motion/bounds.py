@@ -13,6 +13,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.assembly import follower_torques
+from ..model.couplings import motor_torques
 from ..model.limits import TOLERANCE, Limits, margin
 from ..robot.task_space_methods import require_robot
 from ..typing import Array
@@ -161,7 +162,8 @@ class LimitCheck:
         largest = {"velocity": b.velocity, "torque": b.effort}
         if dq is not None and ddq is not None:
             largest["acceleration"] = b.acceleration_at(dq, ddq)
-        for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", tau)):
+        drives = None if tau is None else motor_torques(self.model, tau)
+        for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", drives)):
             if values is not None:
                 self._worst[kind].add(time, np.abs(values) - largest[kind], values)
 
@@ -193,7 +195,7 @@ class LimitCheck:
                 if not beyond > allowed:
                     continue
                 share = beyond / allowed if allowed > 0 else np.inf
-                name = self.model.velocity_names[k]
+                name = (self.model.drive_labels if kind == "torque" else self.model.velocity_names)[k]
                 found.append((share, Violation(name, kind, value, limit, float(worst.time[k]))))
         for i, body in enumerate(self._followers):
             value, beyond = float(self._borne.signed[i]), float(self._borne.value[i] - body.effort)

@@ -12,6 +12,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, percent_of_limit, quantity
 from ..errors import UnknownNameError
 from ..joints.units import torque_word, unit_of
+from ..model.couplings import joint_effort, motor_torques
 from ..model.limits import Limits, over_limit
 from ..motion.bounds import bounds_or_own
 from ..motion.coordinates import Coordinates
@@ -186,7 +187,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
 
     robot, coordinates = motion.load.with_load, Coordinates.from_model(motion.load.with_load.model)
     limits = robot.limits
-    effort = np.where(limits.effort > 0, limits.effort, np.inf)
+    effort = joint_effort(robot.model, np.where(limits.effort > 0, limits.effort, np.inf))
     some = np.isfinite(effort)
     seen: dict[str, Any] = {}
     shades = Normalize(float(motion.time[0]), float(motion.time[-1]))
@@ -301,11 +302,11 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Limits | None = None, 
     'motion.svg'
     """
     bounds, names = bounds_or_own(motion.robot, bounds), motion.robot.model.velocity_names
-    tau = motion.torques(friction=friction)
+    tau = motor_torques(motion.robot.model, motion.torques(friction=friction))
     with style.figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s") as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
         curves(above, motion.time, motion.dq, bounds.velocity, names, "velocity")
-        curves(below, motion.time, tau, bounds.effort, names, "torque")
+        curves(below, motion.time, tau, bounds.effort, motion.robot.model.drive_names, "torque")
         below.set_xlabel("time [s]")
         legend(above)
         return style.save(drawn, path)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..core.numbers import number, residual
+from ..model.couplings import motor_torques
 from ..model.limits import Limits
 from ..motion.bounds import bounds_or_own
 from ..trajectories.fastest import Fastest
@@ -131,7 +132,7 @@ def plot_trajectory(
     friction = fast.rows.friction if fast else friction
     t = np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
+    tau = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
     with style.figure(11.25 if fast else 7.5, 6.3 if fast else 5.6, title) as drawn:
         if fast:
@@ -142,7 +143,7 @@ def plot_trajectory(
         axes = left.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
         names = robot.model.velocity_names
         curves(axes[0], t, dq, bounds.velocity, names, "velocity")
-        curves(axes[1], t, tau, bounds.effort, names, "torque")
+        curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
         if fast and fast.time_optimal is not None:
             curves(axes[2], t, fast.jerk(t), fast.bounds.jerk, names, "jerk")
         elif fast:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,9 @@ from ..bodies.inertia import SpatialInertia
 from ..core.numbers import number, percent, printed, quantity, rounded_down, seconds
 from ..core.text import listed
 from ..errors import UnknownNameError, ValueRangeError
-from ..joints.units import unit_of
+from ..joints.units import unit_of, units_of
 from ..model.assembly import follower_torques
+from ..model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities
 from ..model.limits import Limits
 from ..model.model import BASE, Model
 from ..motion.differentiation import MotionSamples
@@ -36,6 +37,7 @@ TEMPLATE = (
     "write a table with 'twistwrench info ROBOT --csv limits.csv', fill in its efforts, and add --limits limits.csv"
 )
 """Remedy for limits that are missing or no limits."""
+_OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
 _LISTED = 6
 _POSES, _USUAL = 2000, 0.15
 """Random poses, and the share of effort below which an arm's own weight leaves it in doubt: real arms have 0.25 to 0.83."""
@@ -73,9 +75,9 @@ def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
 
 
 def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
-    """Names of the joints that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
+    """Names of the drives that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
     missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
-    return [name for name, none in zip(model.velocity_names, missing, strict=True) if none]
+    return [name for name, none in zip(model.drive_labels, missing, strict=True) if none]
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
@@ -89,7 +91,8 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
         named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
         some = sentence("some", count=str(len(missing)), all=str(count), named=named)
         joints = some if count > 1 else sentence("one", joint=missing[0])
-        sentences.append(sentence("unlimited", joints=joints, remedy=TEMPLATE))
+        remedy = _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else TEMPLATE
+        sentences.append(sentence("unlimited", joints=joints, remedy=remedy))
     stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
     if (loaded_entries(model, peaks) & ~stated).any() and (placeholders := placeholder_limits(robot)):
         sentences.append(f"{placeholders}; {TEMPLATE}")
@@ -104,7 +107,7 @@ def placeholder_limits(robot: Robot) -> str:
     """
     model = robot.model
     driven = driven_entries(model)
-    if not driven.any() or model.actuators:
+    if not driven.any() or model.actuators or model.couplings:
         return ""
     effort = model.limits.effort
     large = driven & np.isfinite(effort) & (effort >= _LARGE)
@@ -273,10 +276,28 @@ class LoadCase:
         tau = np.sum(list(terms.values()), axis=0)
         return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
 
+    def at_drives(self, tau: Array) -> Array:
+        """Torques of the drives from those of the joints, (..., nv)."""
+        return np.asarray(motor_torques(self.with_load.model, tau))
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Torques of the drives per acceleration of the joints, (..., nv, nv): M where no joints are coupled."""
+        M = np.asarray(self.with_load.mass_matrix(q))
+        return np.swapaxes(self.at_drives(M), -1, -2) if self.with_load.model.couplings else M
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the torques of the drives, (nv,)."""
+        return units_of("tau", drive_turns(self.with_load.model))
+
     def explain(self, s: MotionSamples) -> Explanation:
-        """The torques of one state by link and by term, friction as in :meth:`terms`."""
+        """The torques of one state at the drives by link and by term, friction as in :meth:`terms`."""
         why = self.with_load.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
-        return why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
+        why = why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
+        model = self.with_load.model
+        if not model.couplings:
+            return why
+        return replace(why, joints=model.drive_labels, units=self.units, parts=self.at_drives(why.parts))
 
     def motor_loads(self, s: MotionSamples) -> MotorLoads:
         """Motor loads of the robot with its payloads, (n, actuators) each."""
@@ -289,7 +310,8 @@ class LoadCase:
         """Friction of joints under these torques; viscous alone if the sign of the velocity is unknown."""
         moving = np.where(s.stationary, 0.0, s.dq)
         tau = np.broadcast_to(self.robot.friction_forces(moving, load=carried), s.dq.shape)
-        return np.asarray(tau + self.robot.model.friction.viscous * (s.dq - moving))
+        model = self.robot.model
+        return np.asarray(tau + joint_torques(model, model.friction.viscous * motor_velocities(model, s.dq - moving)))
 
     def payload_torques(self, s: MotionSamples) -> Array:
         """Contribution of the payloads to the torques, (n, nv)."""
@@ -391,7 +413,7 @@ class PayloadMarginTally:
             len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
         )
         followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
-        self._names = (*load.robot.model.velocity_names, *(body.joint.name for body in followers))
+        self._names = (*load.robot.model.drive_labels, *(body.joint.name for body in followers))
         self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
         self._share, self._joint, self._time = math.inf, 0, math.nan
         self._alone = True
@@ -399,7 +421,7 @@ class PayloadMarginTally:
         self._least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model) if self.determined else 0.0
 
     def add(self, time: Array, torques: Array, carried: Array) -> None:
-        """Add torques (n, nv + k) at times (n,) of joints and limited mimic joints, with the payload's contribution."""
+        """Add torques (n, nv + k) at times (n,) of drives and limited mimic joints, with the payload's contribution."""
         alone = torques - carried
         self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
         self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())

@@ -24,6 +24,7 @@ from ..formats.writers import write_urdf
 from ..formats.xml import Element, parse, xml_text
 from ..joints.units import unit_of
 from ..lie import quaternion, se3
+from ..model.couplings import joint_effort
 from ..motion.column_names import SINCE_1970
 from ..motion.coordinates import Coordinates
 from ..typing import Array
@@ -82,7 +83,8 @@ class Recording:
         """Recording of a report: the log's joint states, and the results."""
         from .spoken_verdict import verdict_text
 
-        limits = JointStates(None, report.limits.velocity[None], report.limits.effort[None])
+        effort = joint_effort(report.load.robot.model, report.limits.effort)
+        limits = JointStates(None, report.limits.velocity[None], effort[None])
         verdict = report.verdict.word, verdict_text(report)
         epoch = report.differentiation.trajectory.epoch
         return cls(report.load.robot, epoch, (report.begin, report.end), _results(report), limits, verdict)
@@ -135,7 +137,10 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
             if absent.get(name, True):
                 found[f"torque/{name}"] = JointStates(tau=values)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found["share"] = JointStates(tau=np.abs(torques) / limits.effort)
+            share = np.abs(load.at_drives(torques)) / limits.effort
+        for at, A, _ in model.coupled:  # of a coupled joint the largest of its motors
+            share[:, at] = np.max(share[:, at, None] * (A != 0), axis=1)
+        found["share"] = JointStates(tau=share)
         yield s.time, s.q, found
 
 

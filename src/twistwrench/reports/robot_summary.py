@@ -15,8 +15,10 @@ import numpy as np
 from ..core.files import as_path
 from ..core.numbers import number, printed
 from ..core.tables import CsvWriter
+from ..core.text import listed
 from ..errors import UnknownNameError, ValueRangeError
 from ..joints.units import heading_unit, unit_of
+from ..model.couplings import coupled_entries, joint_effort, refuse_coupled
 from ..model.limits import Limits
 from ..model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
@@ -59,10 +61,12 @@ def summary(robot: Robot) -> dict[str, Any]:
 def joint_rows(model: Model) -> list[dict[str, Any]]:
     """A row for each velocity entry of each joint, with the entries :data:`COLUMNS`; rotors of actuators have none.
 
-    A mimic joint's row names its leader, ratio and offset, and has no limits, damping and friction of its own.
+    A mimic joint's row names its leader, ratio and offset, and has no limits, damping and friction of its own. Effort, damping,
+    friction and armature of coupled joints are those of their motors, and left out.
     """
     rows: list[dict[str, Any]] = []
     c, limits, friction = Coordinates.from_model(model), model.limits, model.friction
+    coupled = coupled_entries(model)
     for i, b in enumerate(model.bodies):
         if not b.joint.moves_body:
             continue
@@ -73,6 +77,8 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
                 known |= {
                     "damping": friction.viscous[k], "friction": friction.coulomb[k], "armature": model.armature[k],
                 }  # fmt: skip
+            if coupled[k] and not b.follows:
+                known |= dict.fromkeys(("effort", "damping", "friction", "armature"), math.nan)
             angular = bool(b.joint.axes[0, :3].any()) if b.follows else bool(c.angular_velocity[k])
             row = {
                 "joint": b.joint.name,
@@ -284,6 +290,10 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         joint = row.get("velocity_name") or row["joint"]
         values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in _KINDS if row.get(kind)}
         k = _check(joint, values, joints, seen, where)
+        if "effort" in values:
+            refuse_coupled(
+                model, [joint], "has no effort by itself. Give the motors' in the actuator file, and leave it blank"
+            )
         seen.add(joint)
         stated[k] = "effort" in values
         if "acceleration" in values:
@@ -368,10 +378,13 @@ def limits_table(model: Model, limits: Limits) -> blocks.Table:
     sources = [
         ("--limits" if own else "robot's file") if has else "none" for own, has in zip(stated, known, strict=True)
     ]
+    for c in model.couplings:
+        for joint in c.joints:
+            sources[model.velocity_names.index(joint)] = f"of motors {listed(c.motors)}"
     return blocks.Table(
         "Limits used",
         blocks.words("joint", model.velocity_names),
-        blocks.numbers("torque", limits.effort, unit=heading_unit("tau", turning)),
+        blocks.numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", turning)),
         blocks.numbers("velocity", limits.velocity, unit=heading_unit("dq", turning)),
         blocks.numbers("lower", limits.lower, unit=heading_unit("q", turning)),
         blocks.numbers("upper", limits.upper),

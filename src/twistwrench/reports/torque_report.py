@@ -19,6 +19,7 @@ from ..errors import TrajectoryError
 from ..estimation.noise import Survey
 from ..joints.units import unit_of
 from ..log_checks.doubts import Doubt
+from ..model.couplings import drive_turns
 from ..model.limits import margin
 from ..motion.bounds import RunningExtrema
 from ..motion.coordinates import Coordinates
@@ -46,7 +47,7 @@ _AT_AN_END = 5.0
 
 @dataclass(frozen=True)
 class JointTorque:
-    """Torque of one joint over a motion."""
+    """Torque of one joint over a motion, or of a motor that moves several."""
 
     joint: str
     unit: str
@@ -300,9 +301,9 @@ class MotionTally:
             self.search.add(s, torques, motion, inner)
             self.band.add(s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma)
         if motion.tau is not None:
-            computed = [torques, self.load.unloaded_torques(s)] if self.load.carries else [torques]
+            computed = [torques, self.load.at_drives(self.load.unloaded_torques(s))] if self.load.carries else [torques]
             for tally, tau in zip(self._measured, computed, strict=True):
-                tally.add(s.time, tau, motion.tau[inner], sigma)
+                tally.add(s.time, tau, self.load.at_drives(motion.tau[inner]), sigma)
         self.begin = float(s.time[0]) if self.rows == 0 else self.begin
         self.end = float(s.time[-1])
         self.rows += len(s)
@@ -319,7 +320,7 @@ class MotionTally:
             self.motors.add(s.time, self.load.motor_loads(s))
         some = s[:: max(1, len(s) // _MASS_SAMPLES)]
         if self.plan.sigma_ddq.any():
-            M = self.load.with_load.mass_matrix(some.q)
+            M = self.load.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
             self.noise = np.maximum(self.noise, spread.max(axis=0))
         borne = np.zeros((len(s), 0))
@@ -327,7 +328,7 @@ class MotionTally:
             borne = self.load.follower_torques(s)
             self.borne.add(s.time, np.abs(borne), borne)
         if self.payload_margin.determined:
-            added = self.load.payload_torques(s)
+            added = self.load.at_drives(self.load.payload_torques(s))
             if self.followers:
                 torques, added = np.hstack([torques, borne]), np.hstack([added, self.load.follower_payload_torques(s)])
             self.payload_margin.add(s.time, torques, added)
@@ -337,7 +338,7 @@ class MotionTally:
     def _sigma(self, s: MotionSamples) -> Array:
         """(n, nv) standard deviation of the torques, by the mass matrices of some of the states."""
         stride = max(1, len(s) // _BAND_SAMPLES)
-        M = self.load.with_load.mass_matrix(s.q[::stride])
+        M = self.load.mass_matrix(s.q[::stride])
         squares = self.plan.sigma_at(s) ** 2
         blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
         return np.sqrt(np.concatenate(blocks, axis=1).T)
@@ -354,7 +355,7 @@ class MotionTally:
             if joint is None:  # of a quaternion
                 found[row, column] = True
                 continue
-            M = self.load.with_load.mass_matrix(s.q[row])
+            M = self.load.mass_matrix(s.q[row])
             change = np.abs(M[:, joint]) * gain * abs(float(s.outlier[row, column, 1]))
             within = np.abs(torques[row]) + change <= np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
             found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
@@ -366,7 +367,7 @@ class MotionTally:
             return
         joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
         for name, values in self.load.terms(s[rows]).items():
-            self.terms[name][joints] = values[np.arange(len(joints)), joints]
+            self.terms[name][joints] = self.load.at_drives(values)[np.arange(len(joints)), joints]
         for joint, row in fresh:
             self.around[joint] = deepcopy(s[max(0, row - self._reach) : row + self._reach])  # holds no larger arrays
 
@@ -382,17 +383,19 @@ class MotionTally:
 
     def excesses(self) -> tuple[Excess, ...]:
         """The limits that were passed, worst effort first."""
-        c, limits = self.coordinates, self.limits
-        found = []
+        c, limits, model = self.coordinates, self.limits, self.load.with_load.model
+        found, turns = [], drive_turns(model)
         for kind, extreme in (("effort", self.peak), *self.passed.items()):
             bound = getattr(limits, kind)
             over = extreme.value - bound if kind == "effort" else extreme.value
             allowed = limits.tolerance if kind in ("lower", "upper") else margin(bound)
             for k in np.flatnonzero(over > allowed):
-                angular = bool(c.angular_velocity[k])
+                drive = kind == "effort"
+                angular = turns[k] if drive else bool(c.angular_velocity[k])
                 unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
                 value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
-                found.append(Excess(c.velocity_names[k], kind, value, limit, time, unit, angular))
+                name = (model.drive_labels if drive else c.velocity_names)[k]
+                found.append(Excess(name, kind, value, limit, time, unit, angular))
         for i, body in enumerate(self.followers):
             value, time, angular = float(self.borne.signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
             if abs(value) > body.effort + margin(body.effort):
@@ -411,7 +414,7 @@ class MotionTally:
     def measured(self) -> tuple[MeasuredTorque, ...]:
         """The torques that the log has itself, beside those computed: of the robot as it agrees better, loaded or not."""
         best = min(self._measured, key=lambda tally: tally.misfit)
-        return best.result(self.coordinates.velocity_names, self.coordinates.torque_units)
+        return best.result(self.load.with_load.model.drive_labels, self.load.units)
 
 
 # ── The analysis
@@ -485,17 +488,18 @@ class _Run:
         """One pass; with ``write`` it writes the file, with the torques of the plan ``beside`` as well."""
         progress = self.steps.next(len(plan.trajectory.table))
         tally = MotionTally(self.load, self.limits, plan, estimating=estimating)
-        header = _csv_header(tally.coordinates.velocity_names, self.split, derived=beside is not None)
+        header = _csv_header(self.load.with_load.model.drive_names, self.split, derived=beside is not None)
         with nullcontext() if self.csv is None or not write else csv_table(self.csv, header) as table:
             for states, motion, inner in plan.surrounded_states(self.chunk, progress):
                 s = states[inner]
-                torques = self.load.torques(s)
+                torques = self.load.at_drives(self.load.torques(s))
                 _check_finite(torques, s)
                 tally.add(states, torques, motion, inner)
                 if table is not None:
                     parts = list(self.load.terms(s).values()) if self.split else []
                     parts += [] if beside is None else [self.load.torques(beside.complete(motion)[inner])]
-                    table.numbers(np.concatenate([s.time[:, None], torques, *parts], axis=1))
+                    parts = [torques, *map(self.load.at_drives, parts)]
+                    table.numbers(np.concatenate([s.time[:, None], *parts], axis=1))
         return tally
 
     def answer(self, plan: Differentiation, derived: MotionTally | None = None) -> TorqueReport:
@@ -551,12 +555,12 @@ def _report(
 
 def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque, ...]:
     """The figures of each joint."""
-    c, rms = run.coordinates, run.rms.result()
+    rms, units = run.rms.result(), run.load.units
     noisy = run if derived is None else derived
     return tuple(
         JointTorque(
             joint=name,
-            unit=c.torque_units[k],
+            unit=units[k],
             largest=float(run.peak.signed[k]),
             time=float(run.peak.time[k]),
             rms=float(rms[k]),
@@ -566,7 +570,7 @@ def _joints(run: MotionTally, derived: MotionTally | None) -> tuple[JointTorque,
             raw=None if derived is None else float(derived.peak.signed[k]),
             raw_time=None if derived is None else float(derived.peak.time[k]),
         )
-        for k, name in enumerate(c.velocity_names)
+        for k, name in enumerate(run.load.with_load.model.drive_labels)
     )
 
 

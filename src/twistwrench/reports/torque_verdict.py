@@ -483,11 +483,14 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
 
 
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
-    friction = report.load.robot.model.friction.static
+    model = report.load.robot.model
+    friction, still = model.friction.static, np.array(report.stationary)
+    for at, _, _ in model.coupled:  # a motor is at rest if all its joints are
+        still[at] = still[at].min()
     found = [
-        f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(report.stationary[k], 3)} of the rows)"
+        f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(still[k], 3)} of the rows)"
         for k, j in enumerate(report.joints)
-        if friction[k] > 0 and report.stationary[k] > 0
+        if friction[k] > 0 and still[k] > 0
     ]
     if found and report.load.friction:
         yield (

@@ -32,6 +32,7 @@ from ..core.glossary import complete
 from ..core.numbers import printed
 from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
 from ..lie.labelled import TWIST
+from ..model.couplings import refuse_couplings
 from ..model.model import BASE, Model
 from ..typing import Array
 from .arguments import Rows, finite_states
@@ -340,6 +341,7 @@ def _moved(R: Array, p: Array, F: Array) -> Array:
 
 def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLike | None) -> Closure:
     """Closure of :meth:`twistwrench.Robot.close`."""
+    refuse_couplings(model, "close")
     frame_a, frame_b = _named(model, frame_a), _named(model, frame_b)
     if place_of(model, frame_a).body == place_of(model, frame_b).body:
         raise ConstraintError(
@@ -353,6 +355,7 @@ def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
     """Constraint of :meth:`twistwrench.Robot.constrain`."""
     if kind not in KINDS:
         raise UnknownNameError.from_choices("kind", kind, KINDS)
+    refuse_couplings(model, "constrain")
     frame = _named(model, frame)
     if model.frame(frame).body == BASE:
         raise ConstraintError(f"{frame!r} is fixed to the base, so nothing about it can be constrained.")

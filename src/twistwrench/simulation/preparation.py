@@ -17,6 +17,7 @@ from ..core.arguments import positive, whole
 from ..core.numbers import printed, residual
 from ..core.quadrature import probe_spacing
 from ..errors import ShapeError, SimulationError, TwistWrenchError, UnknownNameError, ValueRangeError
+from ..model.couplings import refuse_couplings
 from ..model.limits import NONE_GIVEN
 from ..robot import constraints as checks
 from ..typing import Array
@@ -139,6 +140,8 @@ def _friction(
     """Give the system the robot's friction in the form that the method takes; remarks on it."""
     robot = system.robot
     rubs, remarks = friction and robot.model.friction.any, []
+    if rubs:
+        refuse_couplings(robot.model, "a simulation with friction")
     gains = getattr(tau, "rate_gains", None) if callable(tau) else None
     if gains is not None:
         given = arguments.one(gains, "rate_gains", robot.nv)

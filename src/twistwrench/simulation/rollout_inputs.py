@@ -13,6 +13,7 @@ from ..core import arguments
 from ..core.arguments import positive, whole
 from ..core.numbers import printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..model.couplings import refuse_couplings
 from ..model.limits import NONE_GIVEN
 from ..model.parameters import matching, nominal, refuse_impossible
 from ..robot.arguments import wrench_at
@@ -29,6 +30,7 @@ def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
     """Torque limits as an input of the step, (label, array, length of the last axis); nothing where there are none."""
     if given is None or given is False:
         return []
+    refuse_couplings(robot.model, "torque_limits")
     limits = robot.limits.effort if given is True else _real(given, "torque_limits", robot.model.velocity_names)
     if limits.shape[-1:] != (robot.nv,) and limits.ndim:
         raise ShapeError(
@@ -176,6 +178,8 @@ def cleaned(
     frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
     names, values = parameter_values(robot, parameters)
     rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
+    if rubs:
+        refuse_couplings(robot.model, "a simulation with friction")
     said = arguments.flag(torques, "torques")
     if not isinstance(method, str) or method not in ROLLOUT_METHODS:
         raise UnknownNameError.from_choices("method", method, ROLLOUT_METHODS)

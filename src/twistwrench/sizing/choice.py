@@ -17,6 +17,7 @@ from ..core.numbers import in_file, number
 from ..core.verdict import Verdict
 from ..errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from ..formats.yaml import Source
+from ..model.couplings import refuse_couplings
 from ..motion.motion import Motion
 from ..reports.motors import Demand
 from ..robot.task_space_methods import require_robot
@@ -328,6 +329,7 @@ def size_drives(
     UNSURE: hinge, motor servo: stall data only
     """
     require_robot(robot, "size_drives")
+    refuse_couplings(robot.model, "size_drives")
     for given in (motion, *([] if emergency is None else [emergency])):
         if not isinstance(given, Motion):
             raise ShapeError(f"size_drives: a motion is a tw.Motion, got {arguments.shown(given)}.")

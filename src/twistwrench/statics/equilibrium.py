@@ -15,6 +15,7 @@ from ..core.numbers import number, percent, printed
 from ..errors import FrameError, ValueRangeError
 from ..lie import so3
 from ..lie.labelled import TWIST, WRENCH
+from ..model.couplings import refuse_couplings
 from ..typing import Array
 from .contacts import Contact, force_balance, least_norm_forces, unresisted_motion
 from .torque_limits import effort_limits, one_configuration, resting_torques
@@ -223,6 +224,7 @@ def _balance(
     wrench_on_robot: Mapping[str, ArrayLike] | None,
 ) -> tuple[list[Array], Array, Array, Array]:
     """Maps of each contact's force to torques, f → J_point' f; the load, the limits, and which entries turn."""
+    refuse_couplings(robot.model, "robot_equilibrium")
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
     unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():

@@ -12,6 +12,7 @@ from ..core import arguments
 from ..core.glossary import complete
 from ..core.numbers import number, vector
 from ..errors import UnknownNameError, ValueRangeError
+from ..model.couplings import motor_torques
 from ..typing import Array
 from .equilibrium import RANK_TOLERANCE
 from .torque_limits import (
@@ -129,7 +130,7 @@ def wrench_ellipsoid(
     """
     J = np.asarray(robot.jacobian(q, frame, kind))[..., part_rows(part), :]
     if limits is not None:
-        J = J * effort_weights(robot, limits)
+        J = motor_torques(robot.model, J) * effort_weights(robot, limits)
     A = J @ np.swapaxes(J, -1, -2)
     unknown = np.isnan(J).any(axis=(-2, -1))
     U, s, _ = np.linalg.svd(np.where(unknown[..., None, None], 0.0, J), full_matrices=True)
@@ -222,7 +223,7 @@ def largest_wrench(
     require_fixed_base(robot, "the largest wrench")
     d = unit_vectors(direction, 3, 6)
     F = d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)
-    g, J = resting_torques(robot, q), np.asarray(robot.jacobian(q, frame, kind))
+    g, J = (motor_torques(robot.model, x) for x in (resting_torques(robot, q), robot.jacobian(q, frame, kind)))
     same_batch(q=g, direction=F)
     return _along(robot, g, J, F, effort_limits(robot, limits))
 
@@ -253,7 +254,7 @@ def weakest_direction(
     """
     require_fixed_base(robot, "the weakest direction")
     rows, L = part_rows(part), effort_limits(robot, limits)
-    g, J = resting_torques(robot, q), np.asarray(robot.jacobian(q, frame, kind))
+    g, J = (motor_torques(robot.model, x) for x in (resting_torques(robot, q), robot.jacobian(q, frame, kind)))
     lever = np.linalg.norm(J[..., rows, :], axis=-2)
     felt = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
     unknown = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
@@ -281,7 +282,7 @@ def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrenc
         np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
         np.where(holds, s.joint, -1),
         np.where(holds, s.side, 0),
-        robot.model.velocity_names,
+        robot.model.drive_labels,
     )
 
 
@@ -412,12 +413,12 @@ def wrench_polytope(
     q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
     rows, whole = part_rows(part), slice(0, 6)
     effort_weights(robot, limits)  # refuses limits of zero
-    L, g = effort_limits(robot, limits), resting_torques(robot, q)
-    J = np.asarray(robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
+    L, g = effort_limits(robot, limits), motor_torques(robot.model, resting_torques(robot, q))
+    J = motor_torques(robot.model, robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
     some = np.isfinite(L)
     A = np.concatenate([J.T[some], -J.T[some]])
     b = np.concatenate([(L - g)[some], (L + g)[some]])
-    names = [n for n, finite in zip(robot.model.velocity_names, some, strict=True) if finite]
+    names = [n for n, finite in zip(robot.model.drive_labels, some, strict=True) if finite]
     sides = [f"+{n}" for n in names] + [f"-{n}" for n in names]
     labels: tuple[Any, ...] = (part, rest, str(robot.tip if frame is None else frame), kind)
     length = np.linalg.norm(A, axis=1)

@@ -13,6 +13,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, printed, rounded_down
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.assembly import follower_torques
+from ..model.couplings import motor_torques
 from ..model.limits import margin
 from ..reports.load_case import least_torque_per_kilogram
 from ..typing import Array
@@ -35,7 +36,7 @@ class LargestPayload:
     """Largest payload: the largest mass held at rest, and the joint that is then at its limit.
 
     Leading axes are the poses'. Mimic joints that have a limit of effort and bear the payload, or more than their limit
-    without it, are joints like others here, after those of dq.
+    without it, are joints like others here, after those of dq. Coupled motors stand in the places of their joints.
     """
 
     mass: Array
@@ -168,11 +169,11 @@ def largest_payload(
     """
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
-    unloaded = resting_torques(robot, q)
-    per_kilogram = torques_per_kilogram(robot, q, com, frame)
+    unloaded = motor_torques(robot.model, resting_torques(robot, q))
+    per_kilogram = motor_torques(robot.model, torques_per_kilogram(robot, q, com, frame))
     per_kilogram = np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
-    names = robot.model.velocity_names
+    names = robot.model.drive_labels
     if robot.model.limited_followers:
         alone, added, theirs, followers = _followers(robot, q, com, frame)
         unloaded, per_kilogram = np.concatenate([unloaded, alone], -1), np.concatenate([per_kilogram, added], -1)

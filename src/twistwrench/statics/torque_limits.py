@@ -25,14 +25,14 @@ _NO_LEVER = 1e-12
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
-    """Largest torque of each joint, (nv,) N m or N: ``limits`` if given, else the robot's own.
+    """Largest torque of each drive, (nv,) N m or N: ``limits`` if given, else the robot's own.
 
     Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. At rest an elastic joint
     carries what its motor gives, so the motor's limit is the joint's. Raises
     :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot
     has one.
     """
-    names = robot.model.velocity_names
+    names = robot.model.drive_names
     try:
         given = robot.limits.effort if limits is None else limits
         effort = arguments.one(given, "limits", robot.nv, names=names).copy()

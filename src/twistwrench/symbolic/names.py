@@ -14,6 +14,7 @@ import numpy as np
 from ..core.numbers import printed
 from ..core.third_party import lazy_module
 from ..errors import MissingExtraError, UnknownNameError, ValueRangeError
+from ..model.couplings import refuse_couplings
 from ..model.model import BASE, Body, Model
 
 sympy: Any = lazy_module("sympy")
@@ -388,6 +389,7 @@ class Namer:
         return ModelEntries(found, gravity, tuple(springs), self._armature(), tuple(self.parameters))
 
     def _armature(self) -> Entries:
+        refuse_couplings(self.model, "derivation of equations of motion")
         found = [Entry(0.0)] * self.model.nv
         for n, body in enumerate(self.model.leaders, 1):
             values = self.model.armature[body.places[1]]

@@ -23,6 +23,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, percent, printed
 from ..core.text import listed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
+from ..model.couplings import motor_torques
 from ..model.limits import Limits
 from ..motion.bounds import bounds_of
 from ..robot.task_space_methods import require_robot
@@ -299,11 +300,11 @@ class Fastest(Trajectory):
         """Limits that are active along the motion, in order; together they cover all of it. With limits of jerk, none."""
         if self.time_optimal is not None:
             return ()
-        names = self.robot.model.velocity_names
+        model = self.robot.model
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
         found: list[LimitContact] = []
         for k, c in enumerate(cells):
-            name = names[c.active.joint]
+            name = (model.drive_labels if c.active.kind == "torque" else model.velocity_names)[c.active.joint]
             side = c.side
             j = c.active.joint
             way = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, j]))
@@ -337,6 +338,7 @@ class Fastest(Trajectory):
         q, dq, ddq = self(t)
         bounds = self.bounds
         tau = self.robot.inverse_dynamics(q, dq, ddq, friction=self.rows.friction)
+        tau = motor_torques(self.robot.model, tau)
         parts = [tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration_at(dq, ddq)]
         if self.time_optimal is not None:
             parts.append(self.jerk(t) / bounds.jerk)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..core.numbers import printed
 from ..errors import PathError, ValueRangeError
+from ..model.couplings import motor_torques, motor_velocities
 from ..typing import Array
 
 if TYPE_CHECKING:
@@ -107,11 +108,11 @@ class PathRows:
         q, q1, q2 = self.path(s)
         zero = np.zeros_like(q1)
         parts = (np.concatenate([q, q, q]), np.concatenate([zero, zero, q1]), np.concatenate([zero, q1, q2]))
-        g, Mq, h = np.split(self.robot.inverse_dynamics(*parts), 3)
+        g, Mq, h = np.split(motor_torques(self.robot.model, self.robot.inverse_dynamics(*parts)), 3)
         a, b, c, d = Mq - g, h - g, g, zero
         if self.friction:
-            law = self.robot.model.friction
-            c, d = c + law.coulomb * np.sign(q1), law.viscous * q1
+            law, u1 = self.robot.model.friction, motor_velocities(self.robot.model, q1)
+            c, d = c + law.coulomb * np.sign(u1), law.viscous * u1
         j, k = self.torque, self.accelerated
         side = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
         a, b = np.concatenate([a[:, j], side * q1[:, k]], axis=1), np.concatenate([b[:, j], side * q2[:, k]], axis=1)
@@ -131,13 +132,18 @@ class PathRows:
         places = [np.array([0.0, 1.0]), self.path.knots]
         rows = self.at(self.grid)
         places += [self._zeros(rows.a[:, k], lambda s, k=k: self.at(s).a[:, k]) for k in np.flatnonzero(~self.flat)]
-        q1 = self.path(self.grid)[1]
-        turning = range(q1.shape[1]) if self.friction else self.accelerated[self._offset != 0]
-        places += [self._zeros(q1[:, j], lambda s, j=j: self.path(s)[1][:, j]) for j in turning]
+        for j in self.accelerated[self._offset != 0]:
+            places.append(self._zeros(self.path(self.grid)[1][:, j], lambda s, j=j: self.path(s)[1][:, j]))
+        for j in range(self.robot.nv) if self.friction else ():
+            places.append(self._zeros(self._driven(self.grid)[:, j], lambda s, j=j: self._driven(s)[:, j]))
         found = np.unique(np.concatenate(places))
         keep = np.concatenate([[True], np.diff(found) > 1e-11])
         keep[-1] = True
         return found[keep]
+
+    def _driven(self, s: Array) -> Array:
+        """Velocities of the drives for ds/dt = 1 at s (m,); (m, nv)."""
+        return np.asarray(motor_velocities(self.robot.model, self.path(s)[1]))
 
     def _zeros(self, values: Array, f: Any) -> Array:
         """Sign changes of f between the points of the grid, by simultaneous bisection."""
@@ -211,7 +217,8 @@ class PathRows:
         if share.size and share.max() >= 1 - 1e-6:
             i, k = np.unravel_index(int(share.argmax()), share.shape)
             first = s[(share >= 1 - 1e-6).any(axis=1)][0]
-            name = self.robot.model.velocity_names[self.rows[k].joint]
+            row, model = self.rows[k], self.robot.model
+            name = (model.drive_labels if row.kind == "torque" else model.velocity_names)[row.joint]
             raise PathError(
                 f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {name!r} needs {printed(c[i, k], 4)} of "
                 f"{printed(self.L[k], 4)} to stand still{' against friction' if self.friction else ''}"

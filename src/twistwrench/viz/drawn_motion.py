@@ -14,6 +14,7 @@ from ..core.numbers import number, percent, printed, seconds
 from ..core.verdict import Verdict, Word
 from ..errors import ShapeError, ValueRangeError
 from ..log_checks.doubts import Doubt
+from ..model.couplings import joint_effort
 from ..motion.bounds import LimitCheck, RunningExtrema, Violation, bounds_of
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import Differentiation, MotionSamples
@@ -81,8 +82,9 @@ class DrawnMotion:
 
     @property
     def limits(self) -> Limits:
-        """Limits that the motion is compared with."""
-        return self.load.robot.limits if self.report is None else self.report.limits
+        """Limits that the motion is compared with; joints whose motors are coupled have none of torque by themselves."""
+        limits, model = self.load.robot.limits if self.report is None else self.report.limits, self.load.robot.model
+        return replace(limits, effort=joint_effort(model, limits.effort)) if model.couplings else limits
 
     @property
     def states(self) -> MotionSamples:

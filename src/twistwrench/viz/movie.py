@@ -247,14 +247,15 @@ def still(
     b'PNG'
     """
     model, q = robot.model, starting_pose(robot) if q is None else np.asarray(q, float)
-    marked = [k for k, b in enumerate(model.bodies) if b.joint.name == joint]
+    moved = {j for c in model.couplings for m in c.motors if c.label(m) == joint for j in c.joints} | {joint}
+    marked = [k for k, b in enumerate(model.bodies) if b.joint.name in moved]
     scene = scene_of(robot) if scene is None else scene
     shapes = [replace(s, colour=_MARKED) if s.body in marked and s.layer == "looks" else s for s in scene.shapes]
     with style.figure(6.4, 4.6, "", "Drawing the report (--report)") as drawn:
         axes = drawn.subplots()
         scene = replace(scene, shapes=tuple(shapes)).decimated(_TRIANGLES)
         camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest(scene, q))
-        for k in marked if label else ():
+        for k in marked[:1] if label else ():
             x, y = camera.project(scene.body_poses(q)[k, :3, 3])[0]
             line = {"arrowstyle": "-", "color": style.OVER, "linewidth": 1.0}
             look: dict[str, Any] = {"color": style.OVER, "fontsize": 11, "fontweight": "bold", "va": "center"}

@@ -27,6 +27,7 @@ from ..core.glossary import complete
 from ..core.numbers import number
 from ..core.text import listed
 from ..errors import ModelWarning, ValueRangeError
+from ..model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.closed_robot import ClosedRobot
 from ..robot.task_space_methods import require_robot
@@ -116,6 +117,8 @@ def write_page(
     ...     "https:" in page.read_text("utf-8")
     False
     """
+    if isinstance(robot, Robot):
+        refuse_couplings(robot.model, "a page")
     shown: dict[str, Any] = {
         "motion": motion,
         "q": q,

@@ -154,6 +154,7 @@ class _MjcfWriter:
 
     def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
+        self.losses.note_couplings(found)
         self.root = new("mujoco", model=found.name)
         new("compiler", self.root, angle="radian", inertiafromgeom="false")
         new("option", self.root, gravity=figures(found.gravity))

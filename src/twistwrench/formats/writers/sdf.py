@@ -34,6 +34,7 @@ class _SdfWriter:
 
     def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
+        self.losses.note_couplings(found)
         self.root = new("sdf", version=_version(found))
         self.model = Element("model", {"name": found.name}, 0, self.root)
         moving = [joint.name for joint in found.joints if not joint.fixed]

@@ -29,6 +29,7 @@ class _UrdfWriter:
 
     def __init__(self, found: ModelParts) -> None:
         self.found, self.losses = found, Losses()
+        self.losses.note_couplings(found)
         self.robot = new("robot", name=found.name)
         self.names = {*found.links}
         self.joint_names = {joint.name for joint in found.joints}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from ...errors import ModelError
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry, ModelNote
-from ...model.limits import Limits
+from ...model.limits import Friction, Limits
 from ...model.parts import ModelParts
 from ...typing import Array
 from ..mjcf.reader import REFERENCE
@@ -55,6 +55,20 @@ class Losses:
         """Note the mass of a root link that is the world itself."""
         if found.links[found.root].inertia.mass:
             self.say("the mass of what stands still is left out, where the base is the world itself")
+
+    def note_couplings(self, found: ModelParts) -> None:
+        """Note coupled drives, which the formats do not have, and take them out of the parts."""
+        coupled = {joint: c for c in found.couplings for joint in c.joints}
+        for name, c in coupled.items():
+            self.of_joint(
+                name, f"is moved by coupled motors {listed(c.motors)}; their inertia, friction and efforts are left out"
+            )
+            found.friction[name], found.armature[name] = Friction.plain(np.zeros(1), np.zeros(1)), np.zeros(1)
+        found.joints = [
+            replace(j, limits=replace(j.limits, effort=np.full(1, np.inf))) if j.name in coupled else j
+            for j in found.joints
+        ]
+        found.actuators = [a for a in found.actuators if not any(a.joint in c.motors for c in found.couplings)]
 
     def note_unwritten(self, found: ModelParts) -> None:
         """Note what formats other than MJCF do not have: named configurations and closures."""

@@ -1,0 +1,394 @@
+"""Coupled drives, q̇_m = A q̇_j and τ_j = A'τ_m: laws of mechanics and power, limits as polygons, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from random_trees import ROUNDING, tree
+from scipy.optimize import linprog
+
+import twistwrench as tw
+from twistwrench import statics, trajectories
+from twistwrench.cli.main import main
+from twistwrench.model.couplings import motor_torques, motor_velocities
+from twistwrench.testing import assert_close, derivative, random_state
+from twistwrench.viz.page import write_page
+
+WRIST = ("wrist_2_joint", "wrist_3_joint")
+DIFFERENTIAL = [[1.0, 1.0], [1.0, -1.0]]
+FILE = """
+couplings:
+  wrist:
+    motors: [m5, m6]
+    joints: [wrist_2_joint, wrist_3_joint]
+    motor_per_joint: [[1, 1], [1, -1]]
+motors:
+  small: {torque_constant: 0.1 N m/A, current_peak: 5 A}
+actuators:
+  m5:
+    ratio: 101
+    rotor: {inertia: 20 g cm^2}
+    effort: 28 N m
+    motor: small
+    friction: {viscous: 0.5 N m s/rad, coulomb: 1 N m, load: 0.05}
+  m6: {ratio: -50, reflected_inertia: 0.03 kg m^2, effort: 28 N m, friction: {coulomb: 2 N m}}
+  elbow_joint: {ratio: 101, friction: {viscous: 3 N m s/rad}}
+"""
+
+
+def differential(effort=28.0, **more):
+    """The UR5 with a differential wrist of two equal motors."""
+    entry = {"effort": f"{effort} N m", **more}
+    coupling = {"motors": ["m5", "m6"], "joints": list(WRIST), "motor_per_joint": DIFFERENTIAL}
+    return tw.robots.ur5().with_actuators({"couplings": {"wrist": coupling}, "actuators": {"m5": entry, "m6": entry}})
+
+
+def coupled_at_random(robot, seed, form="motor_per_joint"):
+    """All one-degree joints of a robot coupled by a random matrix, with inertia and friction; the robot, A and the places."""
+    rng = np.random.default_rng(seed)
+    joints = [b for b in robot.model.leaders if b.joint.nv == 1]
+    at, n = [b.v_index for b in joints], len(joints)
+    A = rng.normal(size=(n, n)) + 2.0 * np.eye(n)
+    motors = [f"motor{k}" for k in range(n)]
+    law = {"viscous": "0.2 N m s/rad", "coulomb": "0.3 N m", "load": 0.1}
+    given = A if form == "motor_per_joint" else np.linalg.inv(A)
+    coupling = {"motors": motors, "joints": [b.joint.name for b in joints], form: given.tolist()}
+    drives = {m: {"reflected_inertia": f"{rng.uniform(0.1, 1):.3f} kg m^2", "friction": law} for m in motors}
+    return robot.with_actuators({"couplings": {"all": coupling}, "actuators": drives}), A, at
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return tw.robots.ur5().with_actuators(FILE)
+
+
+# ── mechanics
+
+
+@pytest.mark.parametrize(
+    "name", ["one_degree1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "tree3"))]
+)
+def test_a_coupling_adds_the_inertia_of_its_motors_and_nothing_else(name):
+    """M, τ, q̈, K, c and their derivatives are those of the robot alone with J = A' diag(J_rotor) A on top."""
+    alone = tw.robots.ur5() if name == "ur5" else tree(name)
+    alone = alone.with_armature({b.joint.name: 0.0 for b in alone.model.leaders if b.joint.nv == 1})
+    robot, A, at = coupled_at_random(alone, 3)
+    J = np.zeros((robot.nv, robot.nv))
+    J[np.ix_(at, at)] = A.T @ np.diag(robot.armature[at]) @ A
+    q, dq, ddq = random_state(robot, np.random.default_rng(1))
+    M, tau = alone.mass_matrix(q) + J, alone.inverse_dynamics(q, dq, ddq) + J @ ddq
+    assert_close(robot.mass_matrix(q), M, ROUNDING, "M")
+    assert_close(robot.inverse_dynamics(q, dq, ddq), tau, ROUNDING, "τ")
+    assert_close(robot.forward_dynamics(q, dq, tau), ddq, 1e-9, "q̈")
+    assert_close(robot.kinetic_energy(q, dq), alone.kinetic_energy(q, dq) + 0.5 * dq @ J @ dq, ROUNDING, "K")
+    assert_close(robot.closed_form(q, dq).inverse_dynamics(ddq), tau, ROUNDING, "block matrices")
+    assert_close(robot.explain(q, dq, ddq).torque, tau, ROUNDING, "explained")
+    assert_close(np.sum(robot.drive_torques(q, dq, ddq), axis=0), tau, ROUNDING, "gears and rotors")
+    by_q, by_dq, by_tau = robot.forward_dynamics_derivatives(q, dq, tau)
+    assert_close(by_tau, np.linalg.inv(M), 1e-9, "∂q̈/∂τ")
+    for by, x in ((by_q, 0), (by_dq, 1)):
+        for k in at[:2]:
+            e = np.eye(robot.nv)[k]
+
+            def moved(t, x=x, e=e):
+                step = np.multiply.outer(t, e)
+                return robot.forward_dynamics(robot.add(q, step) if x == 0 else q, dq + x * step, tau)
+
+            assert_close(by[:, k], derivative(moved, 1.0), 1e-6, "by differences", scale=1.0 + np.abs(by).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_power_is_the_same_at_motors_and_joints(seed):
+    """τ_m'q̇_m = τ_j'q̇_j, exact up to rounding: A' and A⁻ᵀ cancel, at a condition of A below 1e3."""
+    alone = tree("one_degree1")
+    robot, A, at = coupled_at_random(alone, seed)
+    q, dq, ddq = random_state(robot, np.random.default_rng(seed))
+    tau = robot.inverse_dynamics(q, dq, ddq, friction=True)
+    u, motors = motor_velocities(robot.model, dq), motor_torques(robot.model, tau)
+    assert_close(u[at], A @ dq[at], 1e-14, "q̇_m = A q̇_j")
+    assert abs(motors @ u - tau @ dq) <= 1e-12 * np.abs(tau * dq).sum()
+    loads = robot.motor_loads(q, dq, ddq, friction=True)
+    assert_close(np.sum(loads.torque * loads.speed), tau[at] @ dq[at], 1e-12, "power into the gears")
+
+
+def test_friction_is_that_of_the_motors():
+    """A' f(A q̇), by hand, with friction that grows with the torque carried; forward dynamics takes the same off."""
+    robot = tw.robots.ur5().with_actuators(FILE)
+    q, dq, ddq = random_state(robot, np.random.default_rng(5))
+    tau = robot.inverse_dynamics(q, dq, ddq)
+    A = np.array(DIFFERENTIAL)
+    u, carried = A @ dq[4:], np.linalg.solve(A.T, tau[4:])
+    law = np.array([0.5, 0.0]) * u + np.sign(u) * (np.array([1.0, 2.0]) + np.array([0.05, 0.0]) * np.abs(carried))
+    lost = robot.inverse_dynamics(q, dq, ddq, friction=True) - tau
+    assert_close(lost, np.r_[0, 0, 3 * dq[2], 0, A.T @ law], 1e-11, "friction")
+    assert_close(robot.friction_forces(dq, load=tau), lost, 1e-11, "friction by itself")
+    assert_close(robot.forward_dynamics(q, dq, tau + lost, friction=True), ddq, 1e-9, "q̈")
+
+
+def test_a_coupling_by_the_identity_is_no_coupling():
+    """Motors in the places of their joints: every figure is that of the same numbers given to the joints."""
+    law = {"coulomb": "2 N m", "viscous": "1 N m s/rad"}
+    coupling = {"motors": ["a", "b"], "joints": list(WRIST), "motor_per_joint": [[1, 0], [0, 1]]}
+    entry = {"reflected_inertia": "0.1 kg m^2", "friction": law}
+    mine = tw.robots.ur5().with_actuators(
+        {"couplings": {"none": coupling}, "actuators": dict.fromkeys("ab", entry | {"effort": "28 N m"})}
+    )
+    same = tw.robots.ur5().with_actuators({"actuators": dict.fromkeys(WRIST, entry)})
+    q, dq, ddq = random_state(same, np.random.default_rng(2))
+    for options in ({}, {"friction": True}):
+        tau = same.inverse_dynamics(q, dq, ddq, **options)
+        assert_close(mine.inverse_dynamics(q, dq, ddq, **options), tau, 1e-13, "τ")
+    assert_close(statics.largest_payload(mine, q).mass, statics.largest_payload(same, q).mass, 1e-12, "payload")
+    path = trajectories.joint_line(same, q, q + 0.5)
+    times = [trajectories.fastest(r, path, friction=True).duration for r in (mine, same)]
+    assert_close(times[0], times[1], 1e-7, "fastest timing")
+    times = [trajectories.fitted(r, path, friction=True).duration for r in (mine, same)]
+    assert_close(times[0], times[1], 1e-9, "fitted timing")
+
+
+def test_either_matrix_gives_the_same_robot():
+    alone = tree("one_degree1")
+    (one, _, _), (other, _, _) = (coupled_at_random(alone, 7, f) for f in ("motor_per_joint", "joint_per_motor"))
+    q, dq, ddq = random_state(one, np.random.default_rng(0))
+    tau = one.inverse_dynamics(q, dq, ddq, friction=True)
+    assert_close(other.inverse_dynamics(q, dq, ddq, friction=True), tau, 1e-10, "τ")
+
+
+def test_the_rotor_counts_by_its_ratio_squared_and_a_remark_says_what_is_left_out(robot):
+    assert robot.armature[4:].tolist() == pytest.approx([101**2 * 20e-7, 0.03])
+    assert [text for text in robot.defects if "gyroscopic" in text]
+    assert not tw.robots.ur5().with_actuators(FILE.replace("rotor: {inertia: 20 g cm^2}", "efficiency: 1")).defects
+
+
+@pytest.mark.slow
+def test_mujoco_with_a_rotor_joint_for_each_motor_and_a_stiff_equality_agrees():
+    """Two free rotors held to q̇_m = A q̇_j by MuJoCo's soft constraints, 1e-4: accelerations of the joints."""
+    mujoco = pytest.importorskip("mujoco")
+    arm = """<body pos="0 0 0.5"><joint name="a" axis="0 1 0"/><geom size="0.05 0.2" type="capsule" mass="2"/>
+      <body pos="0 0 0.3"><joint name="b" axis="1 0 0"/><geom size="0.04 0.1" pos="0 0 0.1" type="capsule" mass="1"/></body></body>"""
+    turning = "".join(
+        f'<body pos="{k} 5 0"><joint name="m{k}" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 {J}"/></body>'
+        for k, J in ((1, 0.3), (2, 0.7))
+    )
+    ties = "".join(
+        f'<fixed name="t{k}"><joint joint="m{k}" coef="-1"/><joint joint="a" coef="{a}"/><joint joint="b" coef="{b}"/></fixed>'
+        for k, a, b in ((1, 1.5, 1.0), (2, 0.5, -2.0))
+    )
+    held = "".join(f'<tendon tendon1="t{k}" solref="1e-4 1" solimp="0.9999 0.9999 0.001"/>' for k in (1, 2))
+    text = (
+        "<mujoco><option gravity='0 0 -9.81' tolerance='1e-14' iterations='500'/><worldbody>{}</worldbody>{}</mujoco>"
+    )
+    theirs = mujoco.MjModel.from_xml_string(
+        text.format(arm + turning, f"<tendon>{ties}</tendon><equality>{held}</equality>")
+    )
+    coupling = {"motors": ["m1", "m2"], "joints": ["a", "b"], "motor_per_joint": [[1.5, 1.0], [0.5, -2.0]]}
+    drives = {f"m{k}": {"reflected_inertia": f"{J} kg m^2"} for k, J in ((1, 0.3), (2, 0.7))}
+    ours = tw.load(text.format(arm, "")).with_actuators({"couplings": {"both": coupling}, "actuators": drives})
+    theirs.tendon_invweight0[:] *= 1e-6  # the regularisation of soft constraints is proportional to it
+    data, rng = mujoco.MjData(theirs), np.random.default_rng(0)
+    A = np.array(coupling["motor_per_joint"])
+    for _ in range(5):
+        q, dq, motors = rng.normal(size=(3, 2))
+        data.qpos[:], data.qvel[:] = np.r_[q, A @ q], np.r_[dq, A @ dq]
+        data.qfrc_applied[:] = np.r_[0.0, 0.0, motors]
+        mujoco.mj_forward(theirs, data)
+        expected = ours.forward_dynamics(q, dq, A.T @ motors)
+        assert_close(data.qacc[:2], expected, 1e-4, "q̈ of the joints")
+
+
+# ── limits: a polygon of joint torques, a box of motor torques
+
+
+def test_the_differential_wrist_bears_56_on_one_joint_and_28_on_both():
+    """|τ₅| + |τ₆| ≤ 56 for motors of 28 N m: the corners of the square of motor torques."""
+    robot = differential()
+    box = np.array([[28.0, 28.0], [28.0, -28.0]])
+    assert_close(box @ np.array(DIFFERENTIAL), [[56.0, 0.0], [0.0, 56.0]], 1e-14, "corners")
+    for joints, share in (([56.0, 0.0], 1.0), ([0.0, 56.0], 1.0), ([28.0, 28.0], 1.0), ([42.0, 28.0], 1.25)):
+        motors = motor_torques(robot.model, np.r_[np.zeros(4), joints])
+        assert_close(np.abs(motors[4:] / robot.limits.effort[4:]).max(), share, 1e-14, "share")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_largest_payload_is_that_of_a_linear_programme(seed):
+    """max m with A'τ_m = g + m w and |τ_m| ≤ L, by a solver that does not use A⁻¹."""
+    robot, A, _ = coupled_at_random(tw.robots.ur5(), seed)
+    drives = {f"motor{k}": {"effort": f"{80 + 20 * k} N m"} for k in range(6)}
+    coupling = {"motors": list(drives), "joints": list(robot.joint_names), "motor_per_joint": A.tolist()}
+    robot = tw.robots.ur5().with_actuators({"couplings": {"all": coupling}, "actuators": drives})
+    q = robot.random_configuration(seed)
+    g, w = robot.gravity_forces(q), statics.torques_per_kilogram(robot, q)
+    box = [(0, None), *((-L, L) for L in robot.limits.effort)]
+    found = linprog([-1.0, *np.zeros(6)], A_eq=np.column_stack([-w, A.T]), b_eq=g, bounds=box, method="highs")
+    mine = statics.largest_payload(robot, q)
+    assert bool(mine.holds)
+    assert_close(mine.mass, found.x[0], 1e-7, "payload")
+    assert all(name.startswith("motor motor") for name in mine.joint_names)
+
+
+def test_forces_at_the_tip_are_limited_by_motors():
+    """The largest force along a direction touches the polytope, and both name motors."""
+    robot, q = differential(effort=3.0), np.array([0.1, -1.0, 1.2, 0.3, 0.8, 0.2])
+    polytope = statics.wrench_polytope(robot, q)
+    for d in np.eye(3):
+        found = statics.largest_wrench(robot, q, d)
+        tau = robot.holding_torques(q, wrench_on_robot={"tool0": np.zeros(6)}) + robot.wrench_torques(
+            q, np.r_[np.zeros(3), robot.forward_kinematics(q)[:3, :3].T @ d * found.magnitude]
+        )
+        shares = np.abs(motor_torques(robot.model, tau)) / robot.limits.effort
+        assert_close(shares.max(), 1.0, 1e-9, "the limit is touched")
+        assert bool(polytope.contains(d * found.magnitude)) and not bool(polytope.contains(1.001 * d * found.magnitude))
+    assert any("motor m5 (wrist_2_joint and wrist_3_joint)" in side for side in polytope.sides)
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_the_fastest_motion_keeps_the_motors_within_their_limits(friction):
+    """Largest share 1 up to what the search leaves free, on a grid that is not the search's; a motor limits part of it."""
+    law = {"coulomb": "0.4 N m", "viscous": "0.2 N m s/rad"}
+    robot = differential(effort=1.5, ratio=101, rotor={"inertia": "20 g cm^2"}, friction=law)
+    path = trajectories.joint_line(robot, [0, -1, 1, 0, 0.5, 0], [0.5, -0.6, 1.2, -0.3, 1.4, -1.0])
+    quick = trajectories.fastest(robot, path, friction=friction)
+    q, dq, ddq = quick(np.linspace(0, quick.duration, 1777)[1:-1])  # at rest the law of friction gives 0
+    motors = motor_torques(robot.model, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    share = np.abs(motors / robot.limits.effort).max(axis=0)
+    assert share.max() <= 1.0 + 1e-9 and share[4:].max() >= 1 - 1e-3
+    assert any(t.joint == "motor m6 (wrist_2_joint and wrist_3_joint)" for t in quick.limit_contacts)
+    assert friction or not quick.violations()
+    fitted = trajectories.move(robot, path(0.0)[0], path(1.0)[0])
+    assert fitted.duration >= quick.duration and not fitted.violations()
+
+
+def test_a_motion_beyond_a_motor_is_a_violation_of_that_motor():
+    robot = differential(effort=0.004)
+    motion = trajectories.move(tw.robots.ur5(), [0, -1, 1, 0, 0.5, 0], [0.5, -0.6, 1.2, -0.3, 2.4, -1.0]).sample(0.01)
+    mine = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, robot=robot)
+    names = {v.joint for v in mine.violations()}
+    assert names == {f"motor {m} (wrist_2_joint and wrist_3_joint)" for m in ("m5", "m6")} and not motion.violations()
+
+
+def test_the_command_torques_judges_motors(tmp_path, capsys):
+    def run():
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        return end.value.code, " ".join(capsys.readouterr().out.split())
+
+    path, table = tmp_path / "drives.yaml", tmp_path / "out.csv"
+    path.write_text(FILE.replace("effort: 28 N m", "effort: 1.2 N m"))
+    arguments = ["torques", "ur5", "--trajectory", "demo", "--actuators", str(path), "--csv", str(table), "--why"]
+    code, out = run()
+    assert code == 1 and "OVER LIMIT: motor m" in out and "(wrist_2_joint and wrist_3_joint) needs" in out
+    rows = np.genfromtxt(table, delimiter=",", names=True)
+    robot = tw.robots.ur5().with_actuators(path)
+    motion = tw.Motion.from_file(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), robot)
+    motors = motor_torques(robot.model, motion.torques(friction=True))
+    assert_close(np.stack([rows["m5torque"], rows["m6torque"]], axis=1), motors[:, 4:], 1e-6, "columns of motors")
+    path.write_text(FILE.replace("    effort: 28 N m\n", ""))
+    code, out = run()
+    assert code == 1 and "give each coupled motor an effort" in out
+
+
+# ── edits
+
+
+def test_edits_keep_the_coupling(robot):
+    q, dq, ddq = random_state(robot, np.random.default_rng(4))
+    tau = robot.inverse_dynamics(q, dq, ddq, friction=True)
+    again = pickle.loads(pickle.dumps(robot))
+    assert_close(again.inverse_dynamics(q, dq, ddq, friction=True), tau, 1e-15, "pickled")
+    hand = tw.robots.pendulum()
+    whole = robot.attach(hand, prefix="hand_")
+    assert whole.model.drive_names[4:6] == ("m5", "m6") and whole.limits.effort[4:6].tolist() == [28.0, 28.0]
+    assert_close(whole.armature[:6], robot.armature, 1e-15, "armature")
+    other = hand.attach(robot, prefix="arm_")
+    assert other.model.drive_names[-2:] == ("arm_m5", "arm_m6")
+    held = robot.lock(dict.fromkeys(WRIST, 0.0))
+    assert held.model.couplings == () and list(held.actuators) == ["elbow_joint"] and held.nv == 4
+    assert robot.with_armature({"m6": 0.5}).armature[5] == 0.5
+    with pytest.raises(tw.ModelError, match="cannot be locked alone"):
+        robot.lock({"wrist_3_joint": 0.0})
+    with pytest.raises(tw.ModelError, match="is not in that part of the robot"):
+        robot.chain(None, "wrist_2_link")
+    with pytest.raises(tw.ModelError, match="Describe those instead"):
+        robot.with_armature({"wrist_2_joint": 0.1})
+    coupling = {"motors": ["m5"], "joints": ["hinge"], "motor_per_joint": [[2.0]]}
+    with pytest.raises(tw.ModelError, match="both robots have a motor called 'm5'"):
+        robot.attach(hand.with_actuators({"couplings": {"one": coupling}, "actuators": {}}))
+
+
+def test_parameters_of_friction_go_by_motors(robot):
+    f = robot.kernel("friction_forces", parameters=("m5.viscous",))
+    dq = np.array([0, 0, 0, 0, 0.4, 0.3])
+    change = f(dq, np.array([1.5])) - robot.friction_forces(dq)
+    assert_close(change, np.r_[np.zeros(4), 0.7, 0.7], 1e-13, "1 N m s/rad more at a motor of 0.7 rad/s")
+
+
+# ── what is refused
+
+BAD = {
+    "both": ("motor_per_joint: [[1, 1], [1, -1]]", "motor_per_joint: [[1, 0], [0, 1]]\n    joint_per_motor: [[1, 0], [0, 1]]", "has both motor_per_joint and joint_per_motor"),
+    "neither": ("    motor_per_joint: [[1, 1], [1, -1]]\n", "", "has neither motor_per_joint nor joint_per_motor"),
+    "singular": ("[1, -1]]", "[2, 2]]", "singular matrix, of rank 1 for 2 joints"),
+    "not square": ("[[1, 1], [1, -1]]", "[[1, 1]]", "has a matrix of 1 × 2 for 2 motors and 2 joints"),
+    "ragged": ("[1, -1]]", "[1]]", "has rows of 2, 1 numbers"),
+    "no rows": ("[[1, 1], [1, -1]]", "5", "expected rows of numbers such as"),
+    "no number": ("[1, -1]]", "[1, one]]", "couplings → wrist → motor_per_joint is 'one', expected a number"),
+    "infinite": ("[1, -1]]", "[1, 1e400]]", "expected a number"),
+    "more motors": ("[m5, m6]", "[m5, m6, m7]", "for 3 motors and 2 joints"),
+    "motor twice": ("[m5, m6]", "[m5, m5]", "names motor 'm5' twice"),
+    "no list": ("[m5, m6]", "m5", "couplings → wrist → motors is 'm5', expected names in brackets"),
+    "unknown joint": ("[wrist_2_joint,", "[wrist2,", "no joint named 'wrist2'"),
+    "name of a joint": ("[m5, m6]", "[m5, elbow_joint]", "has the name of a joint"),
+    "unknown motor": ("  m6:", "  m7:", "no joint named 'm7'"),
+    "joint with its own actuator": ("  m6:", "  wrist_3_joint:", "is moved by motors m5, m6 of coupling 'wrist'"),
+    "unknown entry": ("    motors: [m5", "    engines: [m5", "couplings → wrist named 'engines'"),
+    "two couplings": ("motors:\n", "  again: {motors: [m1], joints: [wrist_3_joint], motor_per_joint: [[1]]}\nmotors:\n", "joint 'wrist_3_joint' is in couplings 'wrist' and 'again'"),
+    "elastic": ("reflected_inertia: 0.03 kg m^2", "stiffness: 1 kN m/rad", "named 'stiffness'"),
+    "rotor elsewhere": ("inertia: 20 g cm^2", "inertia: 20 g cm^2, axis: [0, 0, 1]", "counts by its inertia about its axis alone"),
+    "effort of a joint": ("ratio: 101, friction: {viscous: 3 N m s/rad}", "effort: 3 N m", "named 'effort'"),
+    "rotor and armature": ("rotor: {inertia: 20 g cm^2}", "rotor: {inertia: 20 g cm^2}\n    reflected_inertia: 1 kg m^2", "twice"),
+    "negative effort": ("effort: 28 N m", "effort: -28 N m", "must be above 0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_meant_is_one_clear_error(case):
+    old, new, text = BAD[case]
+    assert old in FILE
+    with pytest.raises((tw.ModelError, tw.UnknownNameError, tw.ValueRangeError)) as problem:
+        tw.robots.ur5().with_actuators(FILE.replace(old, new, 1))
+    assert text in str(problem.value) and "the text given" in str(problem.value)
+
+
+def still(q, robot):
+    rest = np.zeros((8, 6))
+    return tw.Motion(np.arange(8.0), rest + q, rest, rest, robot=robot)
+
+
+REFUSED = {
+    "simulate with friction": lambda r, q: r.simulate(q, 0 * q, 0.01, friction=True),
+    "rollout with friction": lambda r, q: r.rollout(q, 0 * q, np.zeros((3, 6)), dt=1e-3, friction=True),
+    "rollout with limits": lambda r, q: r.rollout(q, 0 * q, np.zeros((3, 6)), dt=1e-3, torque_limits=True),
+    "derive": lambda r, q: tw.symbolic.derive(r),
+    "close": lambda r, q: r.close("ground", "tool0"),
+    "equilibrium": lambda r, q: statics.robot_equilibrium(r, q, []),
+    "excite": lambda r, q: tw.identification.exciting_trajectory(r, 2.0, 2),
+    "size": lambda r, q: tw.size_drives(r, still(q, r), {"motors": {}}),
+    "page": lambda r, q: write_page(r, "page.html"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_does_not_count_couplings_refuses_them(robot, what, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(tw.ModelError, match="does not support coupled drives"):
+        REFUSED[what](robot, np.full(6, 0.3))
+
+
+def test_files_of_other_formats_lose_the_coupling_and_say_so(robot):
+    for write in ("to_urdf", "to_mjcf", "to_sdf"):
+        with pytest.warns(tw.ModelWarning, match="is moved by coupled motors m5, m6"):
+            text = getattr(robot, write)()
+        again = tw.load(text)
+        assert not again.armature[4:].any() and np.isinf(again.limits.effort[4:]).all()
