@@ -286,7 +286,7 @@ def _api() -> dict[str, str]:
     return pages | {
         "api-errors.md": _listed("Classes of errors", errors),
         "api-robot.md": f"# Robot\n\nMethods by subject: [API](api.md).\n\n::: twistwrench.Robot\n{shown}",
-        "api.md": "# API\n\n`import twistwrench as tw`; `tw.load` returns a [`Robot`](api-robot.md). "
+        "api.md": "# API by subject\n\n`import twistwrench as tw`; `tw.load` returns a [`Robot`](api-robot.md). "
         "The second column has methods of robots and functions of `tw`.\n\n"
         f"| subject | methods and functions | classes and modules |\n| --- | --- | --- |\n{rows}"
         "\n[Errors and warnings](errors.md) have a page with examples, and [their classes](api-errors.md) one of their own.\n",
