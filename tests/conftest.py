@@ -26,6 +26,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     if not hasattr(config, "workerinput"):
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        os.environ.setdefault("COLUMNS", "110")  # sentences that tests look for stay on their lines
         config.stash[_FOLDER] = os.environ[CACHE] = tempfile.mkdtemp(prefix="twistwrench-tests-")
 
 

@@ -71,5 +71,5 @@ def test_counts_and_names_that_do_not_fold_stand_in_full():
     table = Table("", names, words("words", [long, 12345678]))
     printer = console()
     printer.width, printer.file = 40, io.StringIO()
-    printer.print(rendered(table, 40))
+    printer.print(rendered(table, printer))
     assert "a_name_that_is_long" in printer.file.getvalue() and "12345678" in printer.file.getvalue()

@@ -6,7 +6,10 @@ import io
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from rich.cells import cell_len
 
+from twistwrench.cli.main import main
 from twistwrench.cli.terminal import console, rendered
 from twistwrench.core import numbers as printed
 from twistwrench.reports.blocks import Table, numbers, words
@@ -20,7 +23,7 @@ def test_numbers_names_and_heads_are_never_cut(width, capsys):
     table = Table("a title", words("joint", ["shoulder_pan_joint"]), *peaks)
     printer = console()
     printer.width, printer.file = width, io.StringIO()
-    printer.print(rendered(table, width))
+    printer.print(rendered(table, printer))
     shown = printer.file.getvalue()
     assert all(number in shown for number in NUMBERS)
     names = "".join(line.split()[0] for line in shown.splitlines() if line.split() and "title" not in line)
@@ -44,5 +47,28 @@ def test_whole_numbers_of_numpy_stand_in_full_as_those_of_python():
     table = Table("", numbers("python", [12345678]), numbers("numpy", [np.int64(12345678)]))
     printer = console()
     printer.width, printer.file = 80, io.StringIO()
-    printer.print(rendered(table, 80))
+    printer.print(rendered(table, printer))
     assert printer.file.getvalue().count("12345678") == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "torques ur5 --trajectory demo --payload 10 --why --actuators demo",
+        "payload ur5",
+        "info panda",
+        "doctor ur5",
+        "robots",
+        "move planar_2r --by 0.5,0.5 --duration 1",
+        "simulate ur5 --duration 0.01",
+        "identify planar_2r demo",
+        "sensor identify demo",
+        "sensor poses",
+        "derive planar_2r",
+        "convert panda panda.xml",
+    ],
+)
+def test_reports_keep_within_80_columns(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    output = CliRunner().invoke(main, words.split(), env={"COLUMNS": "80"}).output
+    assert output and not [line for line in output.splitlines() if cell_len(line.rstrip()) > 80]

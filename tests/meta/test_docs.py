@@ -94,6 +94,7 @@ def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
         return re.sub(r"[0-9.]+e-1[0-9]", "0", " ".join(words.split()))
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("COLUMNS", raising=False)
     for name, text in FILES.items():
         Path(name).write_text(text, "utf-8")
     program, *arguments = shlex.split(command)

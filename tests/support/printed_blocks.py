@@ -1,9 +1,10 @@
 """Blocks of a report as a console of some width prints them."""
 
-from rich.console import Group
+from rich.console import Console, Group
 
 from twistwrench.cli.terminal import rendered
 
 
 def printed(blocks, width):
-    return Group(*(rendered(block, width) for block in blocks))
+    output = Console(width=width)
+    return Group(*(rendered(block, output) for block in blocks))

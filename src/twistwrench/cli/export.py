@@ -14,6 +14,7 @@ from ..reports.robot_summary import assignments
 from ..robot.load import save
 from .main import Given, option
 from .shared import PAYLOADS, RobotOptions, load_case, robot_command, show_written
+from .terminal import show
 
 _LISTS = ("by", "parameters", "rows", "wrenches")
 
@@ -126,7 +127,7 @@ def convert_command(options: RobotOptions, given: Given) -> ExitCode:
     less = f" The format cannot represent {len(lost)} propert{'y' if len(lost) == 1 else 'ies'}." if lost else ""
     click.echo(f"OK: wrote {given.out}.{less}")
     for sentence in grouped(lost):
-        click.echo(f"lost: {sentence}")
+        show(f"lost: {sentence}")
     if shaped := len(robot.model.shaped):
         click.echo(
             f"note: the shapes of {shaped} link{'s' * (shaped > 1)} are not written: a robot keeps what moves and weighs.",

@@ -153,14 +153,14 @@ def payload_view(
     shares = [float(x) for x in found.share]
     known = [share if math.isfinite(limit) else None for share, limit in zip(shares, found.limits, strict=True)]
     styles = ["bold red" if over_limit(x) else "bold" if k == int(found.joint) else "" for k, x in enumerate(shares)]
+    bars = [share_bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
     judgement = (
         numbers("loaded", found.torques, torque),
         numbers("limit", found.limits),
         numbers(
             "up to", np.maximum(found.per_joint, 0.0), lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg"
         ),
-        numbers("share", known, percent_of_limit),
-        words("", [share_bar(share or 0.0) for share in known], fold=False),
+        words("share of limit", bars, fold=False, narrow=numbers("share", known, percent_of_limit)),
     )
     table = Table(
         f"Holding torques [{heading_unit('tau', turning)}]",

@@ -21,11 +21,6 @@ from rich.tree import Tree
 from ..core.arguments import visible
 from ..reports.blocks import Block, Branch, Column, Line, Table
 
-_WIDTH = 110
-"""Width of output to files and pipes, in characters."""
-_NARROW = 80
-"""Characters below which columns have their narrow form."""
-
 
 class _Output(Console):
     """Console that escapes control characters, never cuts a line, and ends the program at a broken pipe."""
@@ -42,22 +37,24 @@ class _Output(Console):
 
 
 def console() -> Console:
-    """Console of the terminal's width."""
-    output = _Output(highlight=False)
-    return output if output.is_terminal else _Output(highlight=False, width=_WIDTH)
+    """Console of the terminal's width; files and pipes have that of COLUMNS, or 80 characters."""
+    return _Output(highlight=False)
 
 
 def show(*blocks: Block) -> None:
     """Print on standard output."""
     output = console()
     for block in blocks:
-        output.print(rendered(block, output.width))
+        output.print(rendered(block, output))
 
 
-def rendered(block: Block, width: int) -> RenderableType:
-    """A block as Rich prints it."""
+def rendered(block: Block, output: Console) -> RenderableType:
+    """A block as Rich prints it; columns have their narrow form if the table is too wide otherwise."""
     if isinstance(block, Table):
-        return TerminalTable(block, narrow=width < _NARROW)
+        tight = TerminalTable(block)
+        tight.padding = (0, 0)
+        wide = Measurement.get(output, output.options.update(max_width=_ANY), tight).maximum > output.width
+        return TerminalTable(block, narrow=wide)
     if isinstance(block, Branch):
         return _tree(block)
     text = _text(block)

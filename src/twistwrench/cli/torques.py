@@ -443,7 +443,7 @@ def _why(report: TorqueReport, k: int) -> Table:
     if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
         why = why.with_term("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
     heads, *rows = why.rows(why.joints[k])
-    apart = ", what the payload adds under the term it is" if report.load.payloads else ""
+    apart = ", payload's part below each term" if report.load.payloads else ""
     unit = heads[-1].partition("[")[2].rstrip("]")
     links, *terms = zip(*rows, strict=True)
     return Table(
