@@ -38,7 +38,7 @@ $(VENV)/.dev: pyproject.toml | $(VENV)/.made
 demo: $(VENV)/.demo
 	mkdir -p $(DEMO)
 	$(BIN)/twistwrench torques ur5 --trajectory demo --payload 10 --why \
-	  --csv $(DEMO)/torques.csv --plot $(DEMO)/torques.png || [ $$? -eq 1 ]
+	  --overwrite --csv $(DEMO)/torques.csv --plot $(DEMO)/torques.png || [ $$? -eq 1 ]
 	$(BIN)/twistwrench torques ur5 --trajectory demo --payload 5
 
 lint: $(VENV)/.dev

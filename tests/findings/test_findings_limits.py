@@ -138,7 +138,7 @@ def test_finding_17_move_and_torques_count_the_same_joints_of_the_same_motion(ru
     )
     for to in ("spin=1", "elbow=0.8"):
         first = []
-        planned = run("move", "arm.urdf", "--to", to, "--duration", duration, "--csv", "move.csv")
+        planned = run("move", "arm.urdf", "--to", to, "--duration", duration, "--csv", "move.csv", "--overwrite")
         for code, said in (planned, run("torques", "arm.urdf", "--trajectory", "move.csv")):
             words = re.match(r"(UNSURE: no torque limit for [^,;]*|OVER LIMIT|OK)", said)
             assert words, said

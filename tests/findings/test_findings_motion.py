@@ -51,7 +51,9 @@ def test_finding_24_move_and_torques_agree_on_a_motion_with_friction(run, tmp_pa
     assert code == again == 1
     assert said.startswith("OVER LIMIT: elbow: torque") and torques.startswith("OVER LIMIT: ")
     assert "with friction" in said
-    code, said = run("move", "arm.urdf", "--to", "1,0.8", "--duration", 4, "--csv", "m.csv", "--no-friction")
+    code, said = run(
+        "move", "arm.urdf", "--to", "1,0.8", "--duration", 4, "--csv", "m.csv", "--no-friction", "--overwrite"
+    )
     again, torques = run("torques", "arm.urdf", "--trajectory", "m.csv", "--no-friction")
     assert code == again == 0
     assert said.startswith("OK: ") and torques.startswith("OK: ")

@@ -433,7 +433,7 @@ def test_finding_51_a_whole_file_is_not_replaced_by_part_of_one(tmp_path, monkey
         raise stop
 
     monkeypatch.setattr(tw.Robot, "simulate", interrupted)
-    found = run(*begun, path)
+    found = run(*begun, path, "--overwrite")
     assert found.exit_code == 130 and path.read_bytes() == whole and "is kept" in found.output
     assert run(*begun, tmp_path / "new.csv").exit_code == 130 and (tmp_path / "new.csv").read_bytes() == whole
 

@@ -207,7 +207,7 @@ def test_the_command_takes_causes(tmp_path):
     motion = tw.Motion(t, q, robot=ARM)
     tau = (motion.torques() + 0.05 * np.random.default_rng(0).normal(size=q.shape)) * [1.0, 2.0]
     tw.Motion(t, q, tau=tau, robot=ARM).to_csv(log)
-    fixed = ["--cutoff", "10", "--shift", "0", "--json", str(tmp_path / "found.json")]
+    fixed = ["--cutoff", "10", "--shift", "0", "--json", str(tmp_path / "found.json"), "--overwrite"]
     given = ["identify", "planar_2r", str(log), "--assume", f"gain:{NAMES[1]}", *fixed]
     ran = CliRunner().invoke(main, given)
     assert ran.exit_code == 0 and f"Assumed: gain of {NAMES[1]} " in ran.output, ran.output

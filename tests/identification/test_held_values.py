@@ -105,7 +105,9 @@ def test_the_command(planar, tmp_path):
     assert "essential groups" in said.output and "held at known values" in said.output
     found = json.loads(out.read_text())
     assert found["held"] == {"link2.m": pytest.approx(1.0)} and 5 < len(found["essential"]) < found["base_parameters"]
-    said = run("planar_2r", tmp_path / "log.csv", "--cutoff", 10, "--payload-only", "link2", "--json", out)
+    said = run(
+        "planar_2r", tmp_path / "log.csv", "--cutoff", 10, "--payload-only", "link2", "--json", out, "--overwrite"
+    )
     assert "payload at link2" in said.output
     assert json.loads(out.read_text())["payload"]["frame"] == "link2"
 

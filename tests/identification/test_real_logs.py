@@ -47,7 +47,7 @@ PENDULUM = """
 def identified(tmp_path, *arguments, code=None):
     """What ``--json`` writes."""
     out = tmp_path / "found.json"
-    result = CliRunner().invoke(main, ["identify", *map(str, arguments), "--json", str(out)])
+    result = CliRunner().invoke(main, ["identify", *map(str, arguments), "--json", str(out), "--overwrite"])
     assert out.is_file(), result.output
     found = json.loads(out.read_text("utf-8"))
     assert result.exit_code == (0 if found["verdict"] == "OK" else 1)

@@ -96,7 +96,8 @@ def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("COLUMNS", raising=False)
     for name, text in FILES.items():
-        Path(name).write_text(text, "utf-8")
+        if f"--csv {name}" not in command:
+            Path(name).write_text(text, "utf-8")
     program, *arguments = shlex.split(command)
     assert program == "twistwrench"
     result = CliRunner().invoke(main, arguments)

@@ -187,7 +187,7 @@ def test_fanuc_s_third_column_is_doubted_and_a_sum_reads_it(tmp_path, monkeypatc
     pendant = np.degrees(Q)
     pendant[:, 2] -= pendant[:, 1]  # J3 = joint_3 - J2, so joint_3 = J3 + J2
     np.savetxt("log.csv", np.column_stack([TIME, pendant]), delimiter=",", comments="", header="time,J1,J2,J3,J4,J5,J6")
-    command = ["torques", "arm.urdf", "--trajectory", "log.csv", "--degrees", "--csv", "out.csv"]
+    command = ["torques", "arm.urdf", "--trajectory", "log.csv", "--degrees", "--csv", "out.csv", "--overwrite"]
     code, said = run(*command)
     assert code == 1 and "J3 on Fanuc's pendant includes J2" in said
     option = "--columns 'J1,J2,J3+J2,J4,J5,J6'"

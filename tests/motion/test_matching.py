@@ -249,7 +249,7 @@ def test_columns_are_a_list_or_a_map():
 def test_a_list_gives_the_columns_in_the_order_of_the_joints(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written(tmp_path / "log.csv", ["t", *"abcdef"], TIME, Q)
-    command = ["torques", "ur5", "--trajectory", "log.csv", "--csv", "out.csv", "--columns"]
+    command = ["torques", "ur5", "--trajectory", "log.csv", "--csv", "out.csv", "--overwrite", "--columns"]
     (tmp_path / "map.csv").write_text(
         "name,column\n" + "\n".join(f"{n},{c}" for n, c in zip(OWN, "abcdef", strict=True))
     )

@@ -40,7 +40,7 @@ def test_a_failed_run_leaves_the_old_file_alone(run, ur5, motion_file, tmp_path)
     out = tmp_path / "out.csv"
     out.write_text("old")
     motion_file.write_text(motion_file.read_text() + "oops\n")
-    code, text = run("torques", "ur5", "--trajectory", motion_file, "--csv", out)
+    code, text = run("torques", "ur5", "--trajectory", motion_file, "--csv", out, "--overwrite")
     assert code == 2
     assert "line 702" in text
     assert out.read_text() == "old"

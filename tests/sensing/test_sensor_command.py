@@ -258,7 +258,7 @@ def test_sensor_files_with_bad_values_say_which(run, tmp_path, key, value, said)
 def test_a_weightless_load_can_be_saved_and_read(run, tmp_path):
     for seed in range(6):  # by noise, some masses come out below zero
         write_log(simulate(ForceTorqueSensor(bias=[0, 0, 0, 1, 2, 3]), 12, rng=seed), tmp_path / "log.csv")
-        code, said = run("identify", tmp_path / "log.csv", "--save", tmp_path / "sensor.json")
+        code, said = run("identify", tmp_path / "log.csv", "--save", tmp_path / "sensor.json", "--overwrite")
         assert (code, "LOOK AGAIN" in said) == (1, True)
         assert read_sensor(tmp_path / "sensor.json")[0].load.mass >= 0
 

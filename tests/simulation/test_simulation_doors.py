@@ -605,11 +605,21 @@ def test_degrees_are_those_of_planar_joints_too(tmp_path):
     (tmp_path / "sled.urdf").write_text(SLED)
     for given in (["--at", "slide=1,2,90"], ["--at", "1,2,90"]):
         place = tmp_path / "sled.npz"
-        done = twistwrench(tmp_path / "sled.urdf", "--degrees", *given, "--duration", 0.01, "--npz", place)
+        done = twistwrench(
+            tmp_path / "sled.urdf", "--degrees", *given, "--duration", 0.01, "--npz", place, "--overwrite"
+        )
         assert done.exit_code == 0, done.output
         np.testing.assert_allclose(SimulationResult.load(place).q[0], [1, 2, np.pi / 2])
     done = twistwrench(
-        tmp_path / "sled.urdf", "--degrees", "--velocity", "slide=90,1,2", "--duration", 0.01, "--npz", place
+        tmp_path / "sled.urdf",
+        "--degrees",
+        "--velocity",
+        "slide=90,1,2",
+        "--duration",
+        0.01,
+        "--npz",
+        place,
+        "--overwrite",
     )
     assert done.exit_code == 0, done.output
     np.testing.assert_allclose(SimulationResult.load(place).dq[0], [np.pi / 2, 1, 2])

@@ -69,7 +69,7 @@ def test_the_csv_has_all_digits(run, tmp_path):
     numbers = [float(r[c]) for r in rows for c in ("alone", "per_kilogram", "with_payload", "share")]
     assert all(x == 0 or abs(x) > 1e-9 for x in numbers)  # no rounding where there is nothing
     assert max(float(r["share"]) for r in rows) == pytest.approx(1)
-    run("ur5", "--degrees", "--at", "elbow_joint=50", "--csv", tmp_path / "out.csv")
+    run("ur5", "--degrees", "--at", "elbow_joint=50", "--csv", tmp_path / "out.csv", "--overwrite")
     with (tmp_path / "out.csv").open(newline="") as file:
         assert [float(r["q_degrees"]) for r in csv.DictReader(file)] == pytest.approx([0, 0, 50, 0, 0, 0])
 

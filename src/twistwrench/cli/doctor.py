@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from ..core.files import refuse_existing
 from ..core.numbers import residual
 from ..core.verdict import ExitCode, Word
 from ..diagnosis import DoctorReport, Finding, Severity, doctor
@@ -25,7 +24,6 @@ from .terminal import show
     click.argument("source", metavar="ROBOT"),
     option("--only CHECK", "Run only this check; may be repeated. [default: all]", multiple=True),
     option("--out OUT", "Write the repaired robot file; all else stays byte for byte."),
-    option("--overwrite", "Replace the file of --out if it exists."),
     REPORT,
     PAGE,
     option("--plot OUT.png", "Draw shapes, and inertia ellipsoids before and after the repair."),
@@ -60,8 +58,6 @@ def doctor_command(given: Given) -> ExitCode:
     found = robot_source(given.source)
     files = {"ROBOT": given.source if Path(given.source).is_file() else None}
     given.check_files(files)
-    if given.out is not None:
-        refuse_existing(given.out, overwrite=given.overwrite)
     report = doctor(
         found,
         only=given.only or None,
@@ -72,19 +68,17 @@ def doctor_command(given: Given) -> ExitCode:
         model=given.model,
     )
     blocks = list(doctor_view(report, every=given.strict))
-    only_json = given.json == "-"
     if given.json is not None:
         write_text(given.json, report.to_json())
-    if not only_json:
-        show(*blocks)
+    show(*blocks)
     if given.out is not None:
         repaired = report.write(given.out, overwrite=given.overwrite)
-        click.echo(f"wrote {given.out}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=only_json)
+        click.echo(f"wrote {given.out}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}")
     if given.plot is not None:
         from ..plotting.identification import links_drawn, plot_diagnosis
 
         if links_drawn(report):
-            click.echo(f"wrote {plot_diagnosis(report, given.plot)}", err=only_json)
+            click.echo(f"wrote {plot_diagnosis(report, given.plot)}")
         else:
             click.echo("note: no finding changes an inertia, so there is nothing to draw.", err=True)
     if given.report is not None or given.html is not None:

@@ -110,7 +110,6 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
 @robot_command(
     "convert",
     click.argument("out", metavar="OUT"),
-    option("--overwrite", "Replace OUT if it exists."),
     option("--strict", "Exit with 1 if the format cannot represent everything."),
     examples=("convert panda panda.xml",),
     robot_first=True,

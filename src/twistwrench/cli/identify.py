@@ -88,7 +88,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
         "load-friction or another name of the report; may be repeated.",
         multiple=True,
     ),
-    option("--csv OUT.csv", "Write parameter groups with their intervals as a table."),
+    shared.csv_option("Write parameter groups with their intervals as a table"),
     REPORT,
     option("--plot OUT.png", "Draw measured and predicted torques, and parameter groups."),
     shared.JSON,
@@ -366,7 +366,7 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
     option("--restarts", "Number of searches; the best result is kept.", default=3),
     option("--noise NM", "Standard deviation of the torques [N m, N]. [default: 1 % of each limit]", type=float),
     option("--step SECONDS", "Time between rows of --csv.", default=0.01),
-    option("--csv OUT.csv", "Write the motion, which torques and view read."),
+    shared.csv_option("Write the motion, which torques and view read"),
     examples=("excite panda --duration 20 --harmonics 5 --csv motion.csv",),
     robot_first=True,
 )

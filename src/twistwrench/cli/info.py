@@ -21,15 +21,15 @@ from ..reports.blocks import Block, Branch, Line, Piece, Table, numbers, remarks
 from ..reports.robot_summary import as_text, link_of
 from ..robot import Robot
 from ..robots.finding import FoundRobot, known_robots, plain_name
-from .main import Given, command, option
-from .shared import JSON, RobotOptions, robot_command, write_text
+from .main import Given, command
+from .shared import JSON, RobotOptions, csv_option, robot_command, write_text
 from .terminal import show
 
 
 @robot_command(
     "info",
     JSON,
-    option("--csv OUT.csv", "Write joints and limits in SI units and radians, for --limits; '-' prints them."),
+    csv_option("Write joints and limits in SI units and radians, for --limits"),
     examples=("info panda", "info ur5 --json -"),
 )
 def info_command(options: RobotOptions, given: Given) -> None:

@@ -49,8 +49,7 @@ def log_command(given: Given) -> ExitCode:
     if given.json is not None:
         texts = [_plain({**asdict(q), "path": str(q.path)}) for q in found]
         write_text(given.json, json.dumps(texts, indent=2) + "\n")
-    if given.json != "-":
-        show(*(block for quality in found for block in log_view(quality)))
+    show(*(block for quality in found for block in log_view(quality)))
     for path, reason in failed:
         click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE

@@ -7,12 +7,14 @@ Commands read options, call one function of the library, and turn errors into on
 from __future__ import annotations
 
 import errno
+import io
 import logging
 import os
 import re
 import shlex
 import signal
 import sys
+import tempfile
 import threading
 import traceback
 import warnings
@@ -27,9 +29,9 @@ from typing import Any, NamedTuple, TypeAlias
 import click
 
 from ..core.arguments import visible
-from ..core.files import check_outputs, picture_path
+from ..core.files import check_outputs, picture_path, refuse_existing
 from ..core.verdict import ExitCode, end_at_once
-from ..errors import ModelWarning, TwistWrenchError
+from ..errors import ModelWarning, TwistWrenchError, ValueRangeError
 
 
 class RobotOption(click.Option):
@@ -337,6 +339,7 @@ class Given(SimpleNamespace):
 
     wrenches: tuple[str, ...] = ()
     no_friction = False
+    overwrite = False
 
     def pick(self, *names: str) -> dict[str, Any]:
         """Options as keyword arguments of a function that calls them the same."""
@@ -346,21 +349,55 @@ class Given(SimpleNamespace):
         """Refuse outputs in the place of an input or of each other, and pictures that cannot be drawn.
 
         Outputs are all options and arguments whose form begins with OUT, and those given; the answer is the options that
-        are used. A picture gets its suffix.
+        are used. A picture gets its suffix. Data that exist are replaced with --overwrite only.
         """
-        files = {f"--{name}": path for name, path in outputs.items()}
+        files, data = {f"--{name}": path for name, path in outputs.items()}, list[str]()
         for param in click.get_current_context().command.params:
             form, name = param.metavar or "", str(param.name)
             path = getattr(self, name, None)
-            if form.startswith("OUT") and path not in (None, "-"):
+            if form.startswith("OUT") and path not in (None, "-"):  # derive prints documents itself
                 if form == "OUT.png" or name == "report":
                     check_matplotlib()
                 if form == "OUT.png":
                     path = picture_path(path)
                     setattr(self, name, path)
                 files[param.opts[0] if isinstance(param, click.Option) else form] = path
+                if _DATA.fullmatch(form) and path != getattr(self, "add", None):  # which is added to
+                    data.append(path)
         check_outputs(files, inputs)
+        for path in data:
+            refuse_existing(path, overwrite=self.overwrite)
         return list(files)
+
+
+_DATA = re.compile(r"OUT(\.(csv|json|mcap|npz|rrd|urdf|yaml))?")
+"""Forms of outputs that are data, and not pictures, pages or source code."""
+_PORTION = 1 << 16
+
+
+@contextmanager
+def printed_output(given: dict[str, Any]) -> Iterator[None]:
+    """Print the table of ``--csv -``, or the data of ``--json -``, in place of the report; "wrote" lines go to stderr."""
+    names = [name for name in ("csv", "json") if given.get(name) == "-"]
+    if not names:
+        yield
+        return
+    if len(names) > 1:
+        raise ValueRangeError(
+            "--csv - and --json - would print two files as one. Choose one, or give the other a name."
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, f"out.{names[0]}")
+        given[names[0]] = str(path)
+        with redirect_stdout(io.StringIO()) as report:
+            yield
+        for line in report.getvalue().splitlines():
+            if line.startswith("wrote ") and folder not in line:
+                click.echo(line, err=True)
+        if path.is_file():
+            with path.open(encoding="utf-8", newline="") as file:
+                while portion := file.read(_PORTION):
+                    click.echo(portion, nl=False)
 
 
 def check_matplotlib() -> None:
@@ -409,11 +446,16 @@ def command(name: str, *options: Decorator, examples_: Sequence[str], **settings
         @wraps(function)
         def run(**given: Any) -> None:
             with plain_errors():
-                if code := function(Given(**given)):
+                with printed_output(given):
+                    code = function(Given(**given))
+                if code:
                     sys.exit(code)
 
         declare = click.command(name, cls=OwnOptionsFirst, epilog=examples(*examples_), **settings)
-        return declare(option_group(*options)(run))
+        made: click.Command = declare(option_group(*options)(run))
+        if any(_DATA.fullmatch(param.metavar or "") for param in made.params):
+            made.params.append(click.Option(["--overwrite"], is_flag=True, help="Replace files of data that exist."))
+        return made
 
     return decorate
 

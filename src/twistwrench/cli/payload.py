@@ -49,7 +49,7 @@ _SAMPLES = 200_000
     shared.LIMITS,
     option("--map rz|xz|yz|xy", "Map the largest payload over this plane of the workspace.", "plane"),
     option("--samples N", f"Number of random configurations for --map.  [default: {_SAMPLES}]", type=int),
-    option("--csv OUT.csv", "Write the table, one row per joint."),
+    shared.csv_option("Write the table, one row per joint"),
     option("--plot OUT.png", "Draw force polytope, ellipsoid, shares and map."),
     REPORT,
     examples=("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),

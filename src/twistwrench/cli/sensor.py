@@ -30,7 +30,7 @@ from ..sensing.outliers import runs
 from ..typing import Array
 from .main import Given, command, option, with_option_names
 from .report import REPORT, drawn, write_report
-from .shared import show_written, write_csv
+from .shared import csv_option, show_written, write_csv
 from .terminal import show
 
 _LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
@@ -45,7 +45,7 @@ SIGN = option(
 
 GRAVITY_OPTION = option("--gravity", "Its size [m/s²]; -z of the world.", default=STRENGTH)
 
-CSV = option("--csv OUT.csv", "Write the readings without bias and load as a table.")
+CSV = csv_option("Write the readings without bias and load as a table")
 
 PLOT = option("--plot OUT.png", "Draw the readings before and after.")
 
@@ -84,7 +84,7 @@ def _check_files(given: Given) -> dict[str, str | Path | None]:
     """Check the files of a command, and return its inputs."""
     log, sensor = given.log, getattr(given, "sensor", None)
     inputs = {"LOG": log and _path(log, _LOGS), "--sensor": sensor and _path(sensor, _SENSORS)}
-    given.check_files(inputs, **({"save": given.save} if hasattr(given, "save") else {}))
+    given.check_files(inputs)
     return inputs
 
 
@@ -170,7 +170,7 @@ def compensate_command(given: Given) -> ExitCode:
     option("--bias m,m,m,f,f,f", "Known bias [N m, N], which is then not estimated."),
     option("--noise M,F", "Standard deviation of moments [N m] and forces [N], or of all six. [default: estimated]"),
     option("--keep-outliers", "Use readings that contradict the others, too."),
-    option("--save SENSOR.json", "Write the sensor file for `compensate`."),
+    option("--save OUT.json", "Write the sensor file for `compensate`."),
     CSV,
     PLOT,
     REPORT,
@@ -214,7 +214,7 @@ def identify_command(given: Given) -> ExitCode:
     option("--noise M,F", "Standard deviation of moments [N m] and forces [N].", default="0.01,0.3"),
     option("--mass", "Approximate mass of the load [kg].", default=1.0),
     GRAVITY_OPTION,
-    option("--csv OUT.csv", "Write the poses as a table."),
+    csv_option("Write the poses as a table"),
     REPORT,
     examples_=("sensor poses", "sensor poses demo --count 3"),
     short_help="Propose the orientations to read next.",

@@ -294,6 +294,13 @@ AT = option(
     multiple=True,
 )
 JSON = option("--json OUT.json", "Write the results as JSON, in SI units; '-' prints them in place of the report.")
+
+
+def csv_option(text: str) -> Decorator:
+    """The option ``--csv``, from its help."""
+    return option("--csv OUT.csv", f"{text}; '-' prints it in place of the report.")
+
+
 COLUMNS = option(
     "--columns JOINT=COLUMN,…",
     "Columns of the log: elbow=pos3, elbow.vel=w3, elbow.tau=i3, time=stamp; LOG:elbow=pos3 for the file LOG only; "
@@ -536,10 +543,7 @@ def show_written(*paths: object) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a file, and print a line for it; "-" prints the text."""
-    if path == "-":
-        click.echo(text, nl=False)
-        return
+    """Write a file, and print a line for it."""
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8", newline="")
     show_written(path)

@@ -68,7 +68,7 @@ _CONTACT = "1e5,0.3,0.5"
     ),
     option("--rtol", "Relative tolerance of a dopri5 step.", default=1e-8),
     option("--every N", "Keep every N-th state.", default=1),
-    option("--csv OUT.csv", "Write the motion, which torques and view read."),
+    shared.csv_option("Write the motion, which torques and view read"),
     option("--npz OUT.npz", "Write all arrays in NumPy format."),
     option("--plot OUT.png", "Draw joints, energies and drift."),
     REPORT,

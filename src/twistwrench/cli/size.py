@@ -52,7 +52,7 @@ _DIGITS = 3
     shared.reading_options(),
     shared.PAYLOADS,
     shared.NO_FRICTION,
-    option("--csv OUT.csv", "Write each figure with its limit as a table."),
+    shared.csv_option("Write each figure with its limit as a table"),
     option("--plot OUT.png", "Draw each motor's speed–torque region with the cycle, and its temperature."),
     REPORT,
     PAGE,

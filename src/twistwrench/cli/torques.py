@@ -50,7 +50,7 @@ _PLOTS = ("torques", "causes", "power", "phase", "motors")
     "torques",
     shared.loaded_motion_options(required=True),
     shared.worker_options,
-    option("--csv OUT.csv", "Write time and torques as a table."),
+    shared.csv_option("Write time and torques as a table"),
     option("--split", "Add the causes of the torques to the table of --csv."),
     option(
         "--plot [KIND=]OUT.png",
