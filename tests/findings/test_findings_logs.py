@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -254,14 +255,14 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "name"), RIGHT, ids=lambda x: getattr(x, "__name__", x))
+@pytest.mark.parametrize(("kind", "name"), mostly_slow(RIGHT, 2), ids=lambda x: getattr(x, "__name__", x))
 def test_right_logs_are_believed(kind, name, tmp_path):
     bench = Bench(name, tmp_path)
     result = bench.torques(kind(bench))
     assert first_word(result) == "OK" and result.exit_code == 0, result.output
 
 
-@pytest.mark.parametrize(("kind", "name", "words"), WRONG, ids=lambda x: getattr(x, "__name__", x))
+@pytest.mark.parametrize(("kind", "name", "words"), mostly_slow(WRONG, 2), ids=lambda x: getattr(x, "__name__", x))
 def test_wrong_logs_are_not_believed(kind, name, words, tmp_path):
     bench = Bench(name, tmp_path)
     result = bench.torques(kind(bench))

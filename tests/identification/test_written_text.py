@@ -10,6 +10,7 @@ import pytest
 from identification_logs import known_log
 from numpy.testing import assert_allclose
 from places import SHARED
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import identify
@@ -135,7 +136,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", mostly_slow(CASES, 3))
 def test_mjcf_comes_back(case, tmp_path):
     """Of one file with what the format can do to inertias and to joints, by our reading and by MuJoCo's."""
     path, out = tmp_path / "arm.xml", tmp_path / "new.xml"
@@ -242,7 +243,7 @@ def sdf_model(case, name="arm"):
     return f'<model name="{name}">{parts}</model>'
 
 
-@pytest.mark.parametrize("case", SDF_CASES)
+@pytest.mark.parametrize("case", mostly_slow(SDF_CASES, 3))
 def test_sdf_comes_back(case, tmp_path):
     path, out = tmp_path / "arm.sdf", tmp_path / "new.sdf"
     path.write_text(f'<?xml version="1.0"?>\n<sdf version="1.9"><world name="w">{sdf_model(case)}</world></sdf>')

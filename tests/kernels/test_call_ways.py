@@ -11,6 +11,7 @@ import weakref
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.lowering.ir_builder import LlvmWriter
@@ -87,7 +88,7 @@ SHORT = [name for name in INPUTS if name not in ("forward_dynamics_derivatives",
 
 @pytest.mark.parametrize(
     ("robot", "name"),
-    [("panda", name) for name in INPUTS] + [("quadruped", name) for name in SHORT],
+    mostly_slow([("panda", name) for name in INPUTS] + [("quadruped", name) for name in SHORT], 3),
     indirect=["robot"],
 )
 def test_single_batch_and_out_give_the_same_bits(robot, direct, name):

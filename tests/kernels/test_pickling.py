@@ -9,6 +9,7 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.robot.quantities import QUANTITIES
@@ -33,7 +34,7 @@ def arguments_of(robot, name):
 
 
 @pytest.mark.filterwarnings("ignore:.*rows of 'tip':twistwrench.ModelWarning")
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", mostly_slow(METHODS, 3))
 def test_every_method_pickles_before_and_after_a_hundred_calls(robot, name):
     given = arguments_of(robot, name)
     ways = [copy.copy, copy.deepcopy, *(lambda m, p=p: pickle.loads(pickle.dumps(m, p)) for p in range(6))]

@@ -77,8 +77,8 @@ def _parameters():
     for number, name in enumerate(FILES):
         for floating_base in (False, True):
             base = "floating" if floating_base else "fixed"
-            # a sixth on a fixed base, a sixth on a floating one; the rest with -m slow, as all on the other base
-            usual = number % 6 == 3 * floating_base or name in COMPILED
+            # a twelfth on a fixed base, a twelfth on a floating one; the rest with -m slow, as all on the other base
+            usual = number % 12 == 6 * floating_base or name in COMPILED
             marks = () if usual else pytest.mark.slow
             yield pytest.param((name, floating_base, False), id=f"{name}-{base}-floats", marks=marks)
             marks = () if name in COMPILED else pytest.mark.slow

@@ -15,6 +15,7 @@ import sys
 import numpy as np
 import pytest
 from bench.cuda_launch import compile_kernel, launch
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.printers.cuda import OPTIONS, SHARED, CudaFunction
@@ -99,7 +100,7 @@ CASES = [
 
 @as_cpp
 @pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize(("name", "quantity", "options"), CASES, ids=[f"{n}-{q}" for n, q, _ in CASES])
+@pytest.mark.parametrize(("name", "quantity", "options"), mostly_slow(CASES, 3), ids=[f"{n}-{q}" for n, q, _ in CASES])
 def test_the_same_text_as_cpp_gives_what_the_kernels_give(name, quantity, options, precision, bundled, tmp_path):
     robot = bundled(name)
     program, kernel = robot.program(quantity, **options), robot.kernel(quantity, **options)

@@ -18,6 +18,7 @@ import llvmlite.binding as llvm
 import mpmath
 import numpy as np
 import pytest
+from quick import mostly_slow
 from random_trees import tree
 
 import twistwrench as tw
@@ -96,7 +97,7 @@ def bits(results) -> list[bytes]:
 # ── the same bits at every width ──
 
 
-@pytest.mark.parametrize(("name", "quantity"), CASES)
+@pytest.mark.parametrize(("name", "quantity"), mostly_slow(CASES, 2))
 @precisions
 @fusing
 def test_bits_do_not_depend_on_the_width(made_for, name, quantity, precision, fused):

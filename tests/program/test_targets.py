@@ -11,6 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.ir.program import FUSED, Program
@@ -157,7 +158,7 @@ def flat(results, batch: tuple[int, ...]) -> np.ndarray:
     return np.concatenate([np.reshape(a, (*batch, n)) for a, n in zip(arrays, sizes, strict=True)], axis=-1)
 
 
-@pytest.mark.parametrize(("robot_name", "name", "options"), list(cases()))
+@pytest.mark.parametrize(("robot_name", "name", "options"), mostly_slow(cases(), 2))
 def test_targets_agree_with_the_algorithm(robot_name, name, options):
     robot = robot_named(robot_name)
     options = options_of(robot, name, options)

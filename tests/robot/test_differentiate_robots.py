@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from random_trees import DIFFERENCES, ROUNDING, frames
 from small_trees import SIMPLE, tree
 
@@ -64,7 +65,7 @@ BY_Q = [
 
 
 @pytest.mark.parametrize("name", ["floating base", "planar", "driven"])
-@pytest.mark.parametrize("quantity", BY_Q)
+@pytest.mark.parametrize("quantity", mostly_slow(BY_Q, 2))
 def test_of_any_quantity_by_differences(quantity, name):
     robot = tree(name)
     options = {"frame": robot.frame_names[-1]} if "frame" in QUANTITIES[quantity].options else {}

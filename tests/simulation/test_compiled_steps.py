@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from small_trees import tree
 
 import twistwrench as tw
@@ -49,7 +50,7 @@ def test_the_arm(method):
 
 
 @pytest.mark.parametrize("name", ["floating base", "planar", "mimic", "driven"])
-@pytest.mark.parametrize("method", METHODS[1:])
+@pytest.mark.parametrize("method", mostly_slow(METHODS[1:], 2))
 def test_trees_of_all_joints_with_their_friction_pushed_at_two_frames(name, method):
     robot = tree(name)
     q0, dq0, _ = random_state(robot, np.random.default_rng(3), ())

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 from page_files import read_page
 from page_under_node import under_node
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -227,7 +228,7 @@ def test_work_less_friction_is_what_the_energies_gain(bundled):
 
 
 @pytest.mark.parametrize("draw", [plot_split, plot_power, plot_phase])
-@pytest.mark.parametrize("name", ["ur5", "pendulum", "floating_box", "cart_pole"])
+@pytest.mark.parametrize("name", mostly_slow(["ur5", "pendulum", "floating_box", "cart_pole"], 2))
 def test_pictures_of_any_robot(bundled, tmp_path, draw, name):
     image = pytest.importorskip("matplotlib.image")
     robot = bundled(name)
