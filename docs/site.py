@@ -68,6 +68,10 @@ _GROUPS: dict[str, tuple[str, str, str]] = {
 """Methods of a robot, functions, and classes and modules with pages of their own, by subject."""
 
 
+_BOOSTS = {"Tutorials": 2, "How-to": 2, "Reference": 2, "Project": 0.3, "API": 0.3}
+"""Weight of a page in the search, by its group of the navigation: guides are found before docstrings."""
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages that are made."""
     from mkdocs.structure.files import File
@@ -90,8 +94,12 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to the repository's files lead to their pages on the site."""
     markdown = _LIVE.sub(_frame, _FENCE.sub(r"```\1", markdown))
-    if page.file.src_uri.startswith("api-"):
-        page.meta["search"] = {"boost": 0.3}  # guides are found before docstrings
+    if page.file.src_uri == "changes.md":
+        page.meta["search"] = {"exclude": True}
+    elif not page.file.src_uri.startswith("files/"):
+        made = page.file.src_uri.startswith("api-") or page.file.src_uri in ("commands.md", "errors.md")
+        group = "API" if made else "" if page.parent is None else page.parent.title
+        page.meta["search"] = {"boost": _BOOSTS.get(group, 1)}
     if page.file.src_uri.startswith("files/"):
         return markdown
     return _LINK.sub(lambda found: _relinked(found, ROOT / "docs"), markdown)

