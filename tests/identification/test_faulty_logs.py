@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twistwrench.identification import measured_causes
+
 ROOT = Path(__file__).resolve().parents[2]
 pytest.importorskip("pinocchio", reason="true torques of whole logs are Pinocchio's")
 sys.path.append(str(ROOT))  # the benchmark's modules lie beside the package
@@ -200,6 +202,13 @@ def test_a_narrow_log_is_unsure_of_the_whole_range():
     row = score.score(parts.Task("ordinary", "planar_3r", "ordinary 38", 38), quick=True)
     assert row["wrong"] > 0.05 and row["verdict"] == "UNSURE"
     assert [d["kind"] for d in row["doubts"]] == ["unexciting"]
+
+
+@pytest.mark.parametrize(("robot", "number"), [("planar_2r", 119), ("planar_3r", 192), ("sliding", 21)])
+def test_what_gains_by_chance_is_not_a_cause(robot, number):
+    """Clean logs of ordinary work in which some cause gains S of 0.5 to 1.2, in a few of the blocks of time."""
+    log = parts.Task("ordinary", robot, f"ordinary {number}", number).recording()
+    assert measured_causes(log.truth.file, parts.motion_of(log)) == ()
 
 
 @pytest.mark.slow

@@ -255,10 +255,11 @@ def measured_causes(report: TorqueReport, log: MotionLog) -> tuple[Doubt, ...]:
     from .. import identification
     from ..motion.motion import Motion
 
-    robot, motions = report.load.robot, []
+    robot, motions, read = report.load.robot, [], tuple(report.doubts)
     for table in excerpts(log.table, _RUNS, _ROWS):
         rows = log.motion(table)
-        motions.append(Motion(rows.time, rows.q, tau=rows.tau, robot=robot, in_seconds=True))
+        still = np.zeros((len(rows.time), robot.nv))  # the search differentiates positions below a cut-off of its own
+        motions.append(Motion(rows.time, rows.q, still, still, rows.tau, robot, read=read))
     return identification.measured_causes(robot, motions)
 
 

@@ -200,7 +200,7 @@ class AssumedCauses:
                 for way in (1.0, -1.0):
                     moved = replace(one, beta=one.beta + way * one.step * axis)
                     c = _corrected(s, (*self.causes[:k], moved, *self.causes[k + 1 :]), self.x)
-                    ends.append(c.torque(self.x) + of_springs(c.base, c.q, c.dq, c.ddq) - c.in_time)
+                    ends.append(c.torques(self.x)[0] + of_springs(c.base, c.q, c.dq, c.ddq) - c.in_time)
                 e = s.filtered((ends[0] - ends[1]) / (2.0 * one.step))[s.rows]
                 found.append(e / c.gain * ~self.dead)
         return np.stack(found, axis=-1) if found else np.zeros((len(s.rows), len(s.gain), 0))
@@ -319,7 +319,7 @@ def _with_law(one: WantedCause, fit: CauseFit, x: Array) -> tuple[_TakenOff, Cau
     """A law of joints with its coefficient."""
     s = fit.states
     law = next(law for law in causes.laws(s) if (law.kind, law.joints) == (one.kind, _joints(one, s)))
-    refit = fit.refit(s, law_columns(fit, law, FittedTorques.from_groups(s, x))[..., 0])
+    refit = fit.refit(s, law_columns(fit, [law], FittedTorques.from_groups(s, x))[0][..., 0])
 
     def correct(s: LogStates, x: Array, beta: Array) -> LogStates:
         return s.changed(tau=s.in_time - beta[0] * law.columns(s, FittedTorques.from_groups(s, x))[..., 0], shift=0.0)
@@ -332,7 +332,7 @@ def _candidates(one: WantedCause, s: LogStates, x: Array) -> list[Cause]:
     tried: Iterable[Cause]
     if one.kind == "elasticity":
         one = replace(one, joints=_joints(one, s))
-        tried = causes.compliances(s, s.filtered(s.torque(x)))
+        tried = causes.compliances(s, s.filtered(s.torques(x)[0]))
     else:
         tried = (*causes.discrete_causes(s, one.joints), *causes.continuous_causes(s, wide=True))
     return [cause for cause in tried if (cause.kind, cause.joints) == (one.kind, one.joints)]
@@ -343,7 +343,7 @@ def _taken_off(one: WantedCause, s: LogStates, x: Array, best: FoundCause) -> _T
     if one.kind == "time-scale":
         return _TakenOff(one, _unchanged, np.zeros(0), number=best.number)
     cause = next(c for c in _candidates(one, s, x) if best.value is not None or c.number == best.number)
-    largest, joints = np.abs(s.filtered(s.torque(x))).max(axis=0), _joints(one, s)
+    largest, joints = np.abs(s.filtered(s.torques(x)[0])).max(axis=0), _joints(one, s)
 
     def as_found(s: LogStates, _x: Array, _beta: Array) -> LogStates:
         return best.correct(s) if best.correct else s
@@ -352,7 +352,7 @@ def _taken_off(one: WantedCause, s: LogStates, x: Array, best: FoundCause) -> _T
         return cause.correct(s, beta)
 
     def twisted(s: LogStates, x: Array, beta: Array) -> LogStates:
-        each = causes.compliances(s, s.filtered(s.torque(x)), largest)
+        each = causes.compliances(s, s.filtered(s.torques(x)[0]), largest)
         return next(c for c in each if c.joints == joints).correct(s, beta)
 
     if best.value is None:
@@ -366,8 +366,8 @@ def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParamete
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
     for speed in causes.STRIBECK_SPEEDS:
         mine = (law for law in causes.laws(s) if (law.kind, law.speed, len(law.joints)) == ("stribeck", speed, 1))
-        columns = (law_columns(fit, law, fitted)[..., 0] for law in mine)
-        best.append((fit.gained(fit.refit(s, *(e for e in columns if e.any()))), speed))
+        columns = [e[..., 0] for e in law_columns(fit, mine, fitted) if e.any()]
+        best.append((fit.gained(fit.refit(s, *columns)), speed))
     friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))
     return replace(unknown, friction=friction, stribeck_speed=max(best)[1])
 

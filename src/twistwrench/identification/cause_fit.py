@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -44,6 +45,7 @@ _FEWEST, _MOST = 300, 1200
 _LEAST_ROWS, _PER_GROUP = 40, 3
 """Rows, and equations for each group, from which causes are sought."""
 _NUMBERS = 5e6  # entries of rows at most
+_TOGETHER = 64  # sets of columns at a time, so that they stay small
 
 
 class CauseFit:
@@ -119,6 +121,17 @@ class CauseFit:
         left, beta = self.with_columns(e)
         squares = (left**2).mean(axis=0) + self.floor[:, None]
         return np.log(self.squares[:, None] / squares)[self.live].sum(axis=0), beta
+
+    def gains(self, columns: Sequence[Array]) -> list[tuple[float, Array]]:
+        """S and coefficients (k,) of each of several sets of columns (m, nv, k) alone."""
+        found = [(0.0, np.zeros(0))] * len(columns)
+        for width in {e.shape[2] for e in columns}:
+            mine = [c for c, e in enumerate(columns) if e.shape[2] == width]
+            for some in (mine[k : k + _TOGETHER] for k in range(0, len(mine), _TOGETHER)):
+                S, beta = self.gained_by(np.stack([columns[c] for c in some], axis=2))
+                for c, one, coefficients in zip(some, S.tolist(), beta, strict=True):
+                    found[c] = one, coefficients
+        return found
 
     def with_columns(self, e: Array) -> tuple[Array, Array]:
         """Residuals held out (m, nv, g) and coefficients (g, k) of more columns e (m, nv, g, k), k at a time beside the others.
@@ -243,14 +256,17 @@ class ScreenedCause:
 
 def screened(fit: CauseFit, tried: Iterable[Cause]) -> list[ScreenedCause]:
     """Causes with a value, by their columns at each of the values that they start from."""
-    s, found = fit.states, list[ScreenedCause]()
+    s, places = fit.states, list[tuple[CauseFit, Cause, Array, Array]]()
     for cause in tried:
         for start in cause.starts:
             beta = np.full(cause.size, start)
             at = fit if start == 0.0 else fit.refit(cause.correct(s, beta))
-            e = cause_columns(at, s, cause, beta)
-            (S,), (step,) = at.gained_by(e[:, :, None])
-            found.append(ScreenedCause(fit.gained(at) + S if at is not fit else S, cause, beta + step, e))
+            places.append((at, cause, beta, cause_columns(at, s, cause, beta)))
+    gained = iter(fit.gains([e for at, _, _, e in places if at is fit]))
+    found = list[ScreenedCause]()
+    for at, cause, beta, e in places:
+        S, step = next(gained) if at is fit else at.gains([e])[0]
+        found.append(ScreenedCause(S if at is fit else fit.gained(at) + S, cause, beta + step, e))
     return found
 
 
@@ -259,26 +275,31 @@ def cause_columns(fit: CauseFit, s: LogStates, cause: Cause, beta: Array) -> Arr
     x, found = fit.x[: fit.W.shape[2] - len(fit.laws)], []
     for axis in np.eye(cause.size):
         ends = [cause.correct(s, beta + way * cause.step * axis) for way in (1.0, -1.0)]
-        plus, minus = (one.columns @ x - one.measured for one in ends)
+        plus, minus = (one.predicted(x) - one.measured for one in ends)
         found.append((plus - minus) / (2.0 * cause.step) * fit.live)
     return np.stack(found, axis=-1)
 
 
-def law_columns(fit: CauseFit, law: Law, fitted: FittedTorques) -> Array:
-    """Columns (m, nv, k) of a law in the rows of a fit, filtered as the torques are."""
-    s = fit.states
-    return np.asarray(s.filtered(law.columns(s, fitted))[s.rows] * fit.live[:, None])
+def law_columns(fit: CauseFit, laws: Iterable[Law], fitted: FittedTorques) -> list[Array]:
+    """Columns (m, nv, k) of laws in the rows of a fit, filtered as the torques are."""
+    s, found, alike = fit.states, list[Array](), dict[Any, Array]()
+    for law in laws:
+        key = law.values, law.since
+        if key not in alike:  # laws of several joints are filtered once
+            alike[key] = s.filtered(law.everywhere(s, fitted))[s.rows]
+        mine = fit.live & np.isin(np.arange(len(fit.live)), law.joints)
+        found.append(alike[key] * mine[:, None])
+    return found
 
 
 def _laws_screened(fit: CauseFit) -> list[ScreenedCause]:
     """Laws of the joints and their elasticity, each by its column."""
-    s, found = fit.states, list[ScreenedCause]()
+    s = fit.states
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
-    for law in causes.laws(s):
-        e = law_columns(fit, law, fitted)
-        if e.any():
-            (S,), (beta,) = fit.gained_by(e[:, :, None])
-            found.append(ScreenedCause(S, law, beta, e))
+    laws = list(causes.laws(s))
+    told = [(law, e) for law, e in zip(laws, law_columns(fit, laws, fitted), strict=True) if e.any()]
+    gained = fit.gains([e for _, e in told])
+    found = [ScreenedCause(S, law, beta, e) for (law, e), (S, beta) in zip(told, gained, strict=True)]
     return found + screened(fit, causes.compliances(s, s.filtered(fitted.whole)))
 
 
@@ -286,27 +307,26 @@ def screened_changes(fit: CauseFit) -> list[ScreenedCause]:
     """Laws that begin within the log, each at the row from which its columns gain most."""
     s, found = fit.states, list[ScreenedCause]()
     fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
-    for law in causes.changes(s):
-        e = law_columns(fit, law, fitted)
-        if not e.any():
-            continue
-        S, beta, begin = _best_begin(fit, e)
+    laws = list(causes.changes(s))
+    told = [(law, e) for law, e in zip(laws, law_columns(fit, laws, fitted), strict=True) if e.any()]
+    for (law, e), (S, beta, begin) in zip(told, _best_begins(fit, [e for _, e in told]), strict=True):
         k = int(s.rows[begin])
         after = (np.arange(len(e)) >= begin)[:, None, None]
         found.append(ScreenedCause(S, replace(law, since=(int(s.piece[k]), float(s.time[k]))), beta, e * after))
     return found
 
 
-def _best_begin(fit: CauseFit, e: Array) -> tuple[float, Array, int]:
-    """S and coefficients of columns e (m, nv, k) from some row on, and the row, found by halving steps."""
-    rows, step = np.arange(len(e)), len(e) // _BEGINS
-    tried, best = step * np.arange(1, _BEGINS), (-np.inf, np.zeros(0), 0)
-    while tried.size:
-        after = (rows[:, None] >= tried)[:, None, :, None]
-        S, beta = fit.gained_by(e[:, :, None] * after)
-        k = int(S.argmax())
-        best = max(best, (float(S[k]), beta[k], int(tried[k])), key=lambda one: one[0])
+def _best_begins(fit: CauseFit, columns: Sequence[Array]) -> list[tuple[float, Array, int]]:
+    """S and coefficients of columns e (m, nv, k) from some row on, and the row, found by halving steps; for each of several."""
+    m = len(fit.tau)
+    rows, step = np.arange(m)[:, None, None], m // _BEGINS
+    best = [(-np.inf, np.zeros(0), 0)] * len(columns)
+    tried = [(c, int(begin)) for c in range(len(columns)) for begin in step * np.arange(1, _BEGINS)]
+    while tried:
+        gained = fit.gains([columns[c] * (rows >= begin) for c, begin in tried])
+        for (c, begin), (S, beta) in zip(tried, gained, strict=True):
+            best[c] = max(best[c], (S, beta, begin), key=lambda one: one[0])
         step //= 2
-        tried = best[2] + step * np.array([-1, 1]) if best[0] > 0.5 * LEAST_S and step else np.zeros(0, int)
-        tried = tried[(tried > 0) & (tried < len(e))]
+        worth = [c for c, (S, _, _) in enumerate(best) if S > 0.5 * LEAST_S and step]
+        tried = [(c, begin) for c in worth for begin in (best[c][2] - step, best[c][2] + step) if 0 < begin < m]
     return best

@@ -29,11 +29,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..lie import so3
+from ..estimation.filters import UniformSpline, lagged, low_pass
 from ..model.model import BASE
 from ..typing import Array
 from .parameters import BaseParameters
-from .rows import SteadySamples, low_pass, of_springs, states_with_rows
+from .rows import SteadySamples, of_springs, states_with_rows
 
 _PORTION = 2048
 _MADE_OF = {
@@ -141,56 +141,70 @@ class LogStates:
         return np.concatenate([self._moved(s) for s in self.pieces]) if self.shift else self.tau
 
     def _moved(self, s: slice) -> Array:
-        from scipy.interpolate import make_interp_spline
-
         time = self.time[s]
-        return np.asarray(make_interp_spline(time, self.tau[s])(np.clip(time + self.shift, time[0], time[-1])))
+        return UniformSpline.from_samples(time, self.tau[s])(np.clip(time + self.shift, time[0], time[-1]))
 
     @cached_property
     def columns(self) -> Array:
         """(m, nv, r) columns of the groups at the rows, friction low-passed as the torques are."""
-        of_bodies = self.base.unknown.of_bodies[self.base.kept] >= 0
-        W = np.empty((*self.bodies.shape[:2], len(of_bodies)))
-        W[:, :, of_bodies], W[:, :, ~of_bodies] = self.bodies, self.drives
+        kept, unknown = self.base.kept, self.base.unknown
+        of_bodies, drives = unknown.of_bodies[kept] >= 0, self.base.drives
+        W = np.empty((*self.bodies.shape[:2], len(kept)))
+        W[:, :, of_bodies] = self.bodies[:, :, unknown.of_bodies[kept[of_bodies]]]
+        W[:, :, drives] = self.drives[:, None] * unknown.shares[kept[drives]].T
+        return self._at_rows(W)
+
+    def predicted(self, x: Array) -> Array:
+        """(m, nv) torques W x at the rows."""
+        bodies, drives = self._parts(x)
+        return self._at_rows(bodies + drives)
+
+    def _parts(self, x: Array) -> tuple[Array, Array]:
+        """Torques of the bodies and of the drives by groups x (r,)."""
+        kept, unknown, drives = self.base.kept, self.base.unknown, self.base.drives
+        mine, places = np.zeros(self.bodies.shape[2]), unknown.of_bodies[kept]
+        mine[places[places >= 0]] = x[places >= 0]
+        return self.bodies @ mine, (self.drives * x[drives]) @ unknown.shares[kept[drives]]
+
+    def _at_rows(self, W: Array) -> Array:
+        """Columns, or torques, of gains, and behind a low-pass that is in all states."""
         if self.lag:
-            W = np.concatenate([_lagged(W[s], self.lag * float(self.rate[s.start])) for s in self.pieces])[self.rows]
-        return np.asarray(W * self.gain[:, None] if (self.gain != 1.0).any() else W)
+            W = np.concatenate([lagged(W[s], self.lag * float(self.rate[s.start])) for s in self.pieces])[self.rows]
+        return np.asarray(W * self.gain.reshape(-1, *[1] * (W.ndim - 2)) if (self.gain != 1.0).any() else W)
 
     @cached_property
     def bodies(self) -> Array:
-        """Columns of the bodies at the rows, or in all states that a low-pass needs."""
+        """Columns of the bodies' parameters at the rows, or in all states that a low-pass needs."""
         at = slice(None) if self.lag else self.rows
-        places = self.base.unknown.of_bodies[self.base.kept]
         states = self.q[at], self.dq[at], self.ddq[at]
         Y = self.base.unknown.regressor(*states, self.gravity)
         if self.weightless:
             joints = list(self.weightless)
             Y[:, joints] = self.base.unknown.regressor(*states, 0.0 * self.gravity)[:, joints]
-        return np.asarray(Y[:, :, places[places >= 0]])
+        return np.asarray(Y)
 
     @cached_property
     def drives(self) -> Array:
-        """Columns of motor inertias, friction and offsets, for the same states."""
+        """Factors of the columns of motor inertias, friction and offsets, for the same states."""
         unknown, at = self.base.unknown, slice(None) if self.lag else self.rows
-        which = self.base.kept[unknown.of_bodies[self.base.kept] < 0].tolist()
-        dry = [k for k in which if unknown.kinds[k] in ("coulomb", "stribeck")]
-        steep = [unknown.drive(k, self.dq, self.ddq, self.friction_speed)[0] for k in dry]
-        low = dict(zip(dry, self.filtered(np.stack(steep, axis=1))[at].T, strict=True)) if dry else {}
-        found = np.empty((*self.dq[at].shape, len(which)))
-        for c, k in enumerate(which):
-            value, share = unknown.drive(k, self.dq[at], self.ddq[at], self.friction_speed)
-            found[:, :, c] = low.get(k, value)[:, None] * share
+        which = self.base.kept[self.base.drives]
+        found = unknown.drives(which, self.dq[at], self.ddq[at], self.friction_speed)
+        dry = [c for c, k in enumerate(which.tolist()) if unknown.kinds[k] in ("coulomb", "stribeck")]
+        if dry:
+            found[:, dry] = self.filtered(unknown.drives(which[dry], self.dq, self.ddq, self.friction_speed))[at]
         return found
 
-    def torque(self, x: Array) -> Array:
-        """(n, nv) torques W x of all states, in portions."""
+    def torques(self, x: Array) -> tuple[Array, Array]:
+        """(n, nv) torques W x of all states, and those of the bodies, in portions."""
         n, found = len(self.time), []
         for k in range(0, n, _PORTION):
             span = slice(k, min(n, k + _PORTION))
             arrays = {name: getattr(self, name)[span] for name in ("time", "piece", "rate", "q", "dq", "ddq", "tau")}
             part = self.changed(**arrays, rows=np.arange(span.stop - k), pieces=(), lag=0.0)
-            found.append(part.columns @ x)
-        return np.concatenate(found)
+            bodies, drives = part._parts(x)
+            found.append(self.gain * np.stack([bodies + drives, bodies]))
+        whole, bodies = np.concatenate(found, axis=1)
+        return whole, bodies
 
     def changed(self, **columns: Any) -> LogStates:
         """States with other values of some fields; columns that no change concerns are kept."""
@@ -199,15 +213,6 @@ class LogStates:
             if part in self.__dict__ and all(getattr(found, name) is getattr(self, name) for name in fields):
                 found.__dict__[part] = self.__dict__[part]
         return found
-
-
-def _lagged(x: Array, steps: float) -> Array:
-    """Samples (n, ...) behind a first-order low-pass of so many steps, at rest before them."""
-    from scipy.signal import lfilter
-
-    a = np.exp(-1.0 / steps)
-    start = a * x[:1]
-    return np.asarray(lfilter([1.0 - a], [1.0, -a], x, axis=0, zi=start)[0])
 
 
 # ── Corrections of states
@@ -248,8 +253,9 @@ def exchanged_torques(s: LogStates, order: Array) -> LogStates:
 
 def tilt(s: LogStates, beta: Array) -> LogStates:
     """Turn the base by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
-    level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes at right angles to gravity
-    return s.changed(gravity=so3.exp(level.T @ beta) @ s.gravity)
+    turn = np.linalg.svd(s.gravity[None])[2][1:].T @ beta  # at right angles to gravity
+    angle = float(np.linalg.norm(turn))
+    return s.changed(gravity=np.cos(angle) * s.gravity + np.sinc(angle / np.pi) * np.cross(turn, s.gravity))
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
@@ -311,7 +317,7 @@ class FittedTorques(NamedTuple):
         dry = np.zeros(len(s.gain))
         for c, joints in unknown.coulomb_columns(kept):
             dry[joints] += abs(float(x[c])) * (unknown.kinds[int(kept[c])] == "coulomb")
-        return cls(s.torque(x), s.torque(np.where(unknown.of_bodies[kept] >= 0, x, 0.0)), dry)
+        return cls(*s.torques(x), dry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,9 +334,13 @@ class Law:
 
     def columns(self, s: LogStates, fitted: FittedTorques) -> Array:
         """Columns (n, nv, k) of the law, in the rows of its joints."""
+        return self.everywhere(s, fitted) * np.isin(np.arange(len(s.gain)), self.joints)[:, None]
+
+    def everywhere(self, s: LogStates, fitted: FittedTorques) -> Array:
+        """Columns (n, nv, k) of the law as if all joints had it."""
         values = self.values(s, fitted)
         values = values if values.ndim == 3 else values[..., None]
-        return values * np.isin(np.arange(len(s.gain)), self.joints)[:, None] * self.acting(s)[:, None, None]
+        return values * self.acting(s)[:, None, None]
 
     def acting(self, s: LogStates) -> Array:
         """(n,) bool: states in which it acts."""
@@ -402,10 +412,11 @@ STRIBECK_SPEEDS = (0.03, 0.1, 0.3)
 def laws(s: LogStates) -> Iterator[Law]:
     """Laws of each joint, and of all joints with one coefficient."""
     every = tuple(range(len(s.gain)))
+    static = [(partial(_stribeck, speed=speed), speed) for speed in STRIBECK_SPEEDS]
     for joints in (*((k,) for k in every), *([every] if len(every) > 1 else [])):
         yield Law("load-friction", joints, _load_friction)
         yield Law("warming", joints, _warming)
-        yield from (Law("stribeck", joints, partial(_stribeck, speed=speed), speed) for speed in STRIBECK_SPEEDS)
+        yield from (Law("stribeck", joints, *one) for one in static)
     for k in every:
         yield Law("late-joint", (k,), _delayed)
         yield Law("drift", (k,), _drift)
@@ -415,7 +426,7 @@ def changes(s: LogStates) -> Iterator[Law]:
     """Laws that may begin within the log: another gain of a joint, another delay of all torques, a load on the tip."""
     every = tuple(range(len(s.gain)))
     for k in every:
-        yield Law("gain-change", (k,), lambda _s, fitted: fitted.whole)
+        yield Law("gain-change", (k,), _whole)
     yield Law("late-change", every, _delayed)
     model = s.base.unknown.model
     if model.tip is not None and model.frames[model.tip].body != BASE:
@@ -440,6 +451,10 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
 _OFF, _DEPENDENT = 1e-3, 1e-6
 """Distance of finite differences [m], and share of a column that others leave of it, below which it depends on them."""
 _NEAR = np.concatenate([np.zeros((1, 3)), *(_OFF * way * np.eye(3)[[k]] for k in range(3) for way in (1, -1))])
+
+
+def _whole(_s: LogStates, fitted: FittedTorques) -> Array:
+    return fitted.whole
 
 
 def _load_friction(s: LogStates, fitted: FittedTorques) -> Array:

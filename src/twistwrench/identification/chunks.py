@@ -14,6 +14,7 @@ import numpy as np
 from ..core.numbers import number
 from ..errors import TrajectoryError, ValueRangeError
 from ..estimation.covariance import StateCells
+from ..estimation.filters import UniformSpline, low_pass
 from ..estimation.sampling import GAP
 from ..log_checks.doubts import Doubt, doubt
 from ..log_checks.fit_doubts import LEFT_OUT
@@ -36,7 +37,6 @@ from .rows import (
     Filtered,
     border_of,
     filtered_portions,
-    low_pass,
     resampled,
     states_below_of,
 )
@@ -314,8 +314,6 @@ class RowFrame:
 
 def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, Array, list[Array]]]:
     """The chunk's own rows in portions: times (n,) [s], cells of state, and each joint's entries (n, r_j + 1), torques last."""
-    from scipy.interpolate import CubicSpline
-
     cutoff, rate = frame.settings.cutoff, 1.0 / chunk.step
     every = max(1, math.floor(rate / (STATE_RATE * cutoff)))
     number = -(-chunk.first // every)  # of the first state, on the stretch's own grid
@@ -331,11 +329,10 @@ def rows_of(frame: RowFrame, chunk: SteadyWindow) -> Iterator[tuple[Array, Array
     wanted = wanted[(wanted >= 0) & (wanted < len(states.time))]
     if not wanted.size:
         return
-    torques = CubicSpline(
-        states.time, low_pass(states.tau, cutoff, states.rate)
-    )  # low-passed once more, as the columns
+    filtered = low_pass(states.tau, cutoff, states.rate)  # once more, as the columns
+    torques = UniformSpline.from_samples(states.time, filtered)
     there = np.clip(states.time[wanted] + frame.settings.shift, states.time[0], states.time[-1])
-    tau, slope = torques(there), torques(there, 1)
+    tau, slope = torques(there), torques.slope(there)
     for here, span, entries, springs in filtered_portions(
         frame.columns, states, wanted, cutoff, frame.settings.friction_speed, PERIODS
     ):

@@ -120,14 +120,16 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
 
     Each cause is put in before the next is sought.
     """
-    found, fit, before = list[FoundCause](), start, start
+    found, fit = list[FoundCause](), start
     if not start.enough:
         return found, start
     if push := _push(fit):
         found.append(replace(push, effect=effect(fit, push)))
         fit = push.fit
+    before = fit = _at_best_speed(fit)
     for stage in (_of_the_log, _of_the_joints):
-        before = fit = _at_best_speed(fit)
+        if fit is not before:
+            before = fit = _at_best_speed(fit)
         for _ in range(_ROUNDS):
             tried, count = stage(fit)
             best = _first(fit, tried, count)
@@ -282,7 +284,7 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     x = fit.x[: s.base.count]
     level = np.linalg.svd(s.gravity[None])[2][1:]
     still = s.changed(dq=0.0 * s.dq, ddq=0.0 * s.ddq)
-    e = [(still.changed(gravity=s.gravity - g).columns - still.columns) @ x * fit.live for g in level]
+    e = [(still.changed(gravity=s.gravity - g).predicted(x) - still.predicted(x)) * fit.live for g in level]
     A = np.stack(e, axis=-1) * np.sqrt(fit.weight)[:, None]
     y = (fit.left * np.sqrt(fit.weight))[..., None]
     N = A.swapaxes(1, 2) @ A
@@ -330,7 +332,7 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCa
     for one, law in laws[:_REFINED]:
         if one.S > 0.5 * LEAST_S:
             refit = fit.refit(s, *np.moveaxis(one.e, -1, 0))
-            e = law_columns(fit, law, FittedTorques.from_groups(s, refit.x[:r]))
+            (e,) = law_columns(fit, [law], FittedTorques.from_groups(s, refit.x[:r]))
             refit = fit.refit(s, *np.moveaxis(e, -1, 0))
             k = e.shape[-1]
             told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
@@ -393,8 +395,8 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
         pieces=(), rows=np.arange(_STATES), time=first, piece=none, rate=none, q=q, dq=dq, ddq=ddq, tau=0.0 * q, lag=0.0
     )
     r = s.base.count
-    before = other.columns @ fit.x[:r]
-    after = (found.correct(other) if found.correct else other).changed(lag=0.0).columns @ found.fit.x[:r]
+    before = other.predicted(fit.x[:r])
+    after = (found.correct(other) if found.correct else other).changed(lag=0.0).predicted(found.fit.x[:r])
     if found.law is not None:
         e = found.law.columns(other, FittedTorques.from_groups(other, found.fit.x[:r]))
         after = after + e @ found.fit.x[-e.shape[-1] :]

@@ -388,13 +388,11 @@ class SettingRows:
             ]
         )
         fold = self.folds(judged.log, judged.time)
-        W = judged.W.copy() if self.coulomb else judged.W
+        W, unknown = judged.W.copy() if self.coulomb else judged.W, self.base.unknown
         for c, joints in self.coulomb:
-            of_states = (
-                self.base.unknown.drive(int(self.base.kept[c]), s.dq, s.ddq, settings.friction_speed)
-                for s in judged.states
-            )
-            W[:, joints, c] = np.concatenate([value[:, None] * share[joints] for value, share in of_states])
+            k = int(self.base.kept[c])
+            factors = [unknown.drives([k], s.dq, s.ddq, settings.friction_speed) for s in judged.states]
+            W[:, joints, c] = np.concatenate(factors) * unknown.shares[k, joints]
         left = np.zeros(W.shape[1])
         for block, (_, x) in zip(blocks, self._fits(settings, prior, blocks), strict=True):
             here = fold == block

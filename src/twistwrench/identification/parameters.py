@@ -81,8 +81,8 @@ class UnknownParameters:
     (5, 1, 14)
     >>> unknown.coulomb_columns(np.arange(14))
     [(12, array([ True]))]
-    >>> unknown.drive(11, np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1))
-    (array([2.]), array([1.]))
+    >>> unknown.drives([11], np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1)), unknown.shares[11]
+    (array([[2.]]), array([1.]))
     """
 
     robot: Robot
@@ -112,8 +112,9 @@ class UnknownParameters:
                 f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
                 "robot without them, and their file as actuators=…."
             )
-        bare = replace(robot.model, armature=np.zeros(robot.nv), actuators={})
-        object.__setattr__(self, "robot", Robot(bare))
+        if robot.model.armature.any() or robot.actuators:
+            bare = replace(robot.model, armature=np.zeros(robot.nv), actuators={})
+            object.__setattr__(self, "robot", Robot(bare))
         for name, value in self.known.items():
             if name not in self.names:
                 raise UnknownNameError.from_choices("parameter", name, self.names)
@@ -248,9 +249,9 @@ class UnknownParameters:
             W[:, :, mine] = self.regressor(q, dq, ddq, self.model.gravity if gravity is None else gravity)[
                 ..., places[mine]
             ]
-        for c in np.flatnonzero(places < 0):
-            value, s = self.drive(int(which[c]), dq, ddq, friction_speed)
-            W[:, :, c] = value[:, None] * s
+        of_drives = np.flatnonzero(places < 0)
+        factors = self.drives(which[of_drives], dq, ddq, friction_speed)
+        W[:, :, of_drives] = factors[:, None] * self.shares[which[of_drives]].T
         return W
 
     @cached_property
@@ -274,31 +275,37 @@ class UnknownParameters:
                 found.append((c, self.coupled[place] != 0))
         return found
 
-    def drive(self, k: int, dq: Array, ddq: Array, friction_speed: Array) -> tuple[Array, Array]:
-        """Column of one parameter of a drive: its factor, and the share of it at each joint.
+    @cached_property
+    def shares(self) -> Array:
+        """(p, nv) the column of a drive's parameter at each joint, in units of its factor; 0 for parameters of bodies."""
+        found = np.zeros((len(self._entries), self.model.nv))
+        for row, (_, kind, place) in zip(found, self._entries, strict=True):
+            if kind.removeprefix("coupled ") in DRIVE:
+                row[:] = self.coupled[place] if kind.startswith("coupled ") else np.arange(self.model.nv) == place
+        return found
+
+    def drives(self, which: Sequence[int] | Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
+        """Factors of the columns of some parameters of drives; the columns are factors times :attr:`shares`.
 
         Parameters
         ----------
-        k : int, number of the parameter
+        which : (k,) sequence of int, numbers of the parameters
 
         Returns
         -------
-        value : (n,) array
-        s : (nv,) array; the column is value s'
+        factors : (n, k) array
         """
-        _, kind, place = self._entries[k]
-        together = kind.startswith("coupled ")
-        s = self.coupled[place] if together else np.eye(self.model.nv)[place]
-        plain = kind.removeprefix("coupled ")
-        if plain == "motor_inertia":
-            return ddq @ s, s
-        if plain == "viscous":
-            return dq @ s, s
-        if plain in _DRY:
-            rate = dq @ s
-            eased = np.tanh(rate / friction_speed[speed_owner(s)])
-            return (eased if plain == "coulomb" else eased * np.exp(-((rate / self.stribeck_speed) ** 2))), s
-        return np.ones(len(dq)), s
+        which = np.asarray(which, int)
+        kinds, shares = np.array(self.kinds)[which], self.shares[which]
+        found, rates = np.ones((len(dq), len(which))), dq @ shares.T
+        motor, viscous, dry, fading = (
+            np.flatnonzero(np.isin(kinds, kind)) for kind in ("motor_inertia", "viscous", _DRY, "stribeck")
+        )
+        found[:, motor] = ddq @ shares[motor].T
+        found[:, viscous] = rates[:, viscous]
+        found[:, dry] = np.tanh(rates[:, dry] / friction_speed[[speed_owner(shares[k]) for k in dry]])
+        found[:, fading] *= np.exp(-((rates[:, fading] / self.stribeck_speed) ** 2))
+        return found
 
 
 def speed_owner(joints: Array) -> int:
@@ -375,7 +382,7 @@ class BaseParameters:
         nv = robot.nv
         rng = np.random.default_rng(seed)
         states = -(-_ROWS_PER_COLUMN * p // nv) + 8
-        q = np.stack([robot.random_configuration(rng) for _ in range(states)])
+        q = robot.random_configuration(rng, states)
         turning = np.array([b.joint.turning[0] for b in unknown.model.leaders])
         q = np.where(turning, rng.uniform(-np.pi, np.pi, q.shape), q)
         dq, ddq = rng.normal(size=(2, states, nv)) * 2.0

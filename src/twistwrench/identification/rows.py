@@ -1,7 +1,6 @@
 """Rows of equations τ = W x from logs: states and torques without delay, regressor columns filtered alike, then decimated.
 
-The filter is Butterworth's, run over the samples and back over the result, so that phases cancel (Gustafsson, "Determining the
-initial states in forward-backward filtering", IEEE Trans. Signal Processing 44(4), 1996); derivatives are central differences.
+The filter is Butterworth's, forward and backward, so that phases cancel; derivatives are central differences.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -17,14 +16,13 @@ import numpy as np
 
 from ..algorithms.inverse_dynamics import regressor
 from ..errors import TrajectoryError
+from ..estimation.filters import UniformSpline, low_pass
 from ..estimation.sampling import GAP, pauses
 from ..ir.tracer import trace
 from ..robot.engine import compiled
 from ..typing import Array
 from .parameters import BaseParameters, speed_owner
 
-ORDER = 4
-"""Order of the filter; twice that, forward and backward."""
 STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
 STEADY = 1e-3
@@ -105,24 +103,6 @@ class Filtered:
     dq: Array  # (m, nv)
     ddq: Array  # (m, nv)
     tau: Array  # (m, nv), low-passed as q is
-
-
-@lru_cache(maxsize=32)
-def _filter(cutoff: float, rate: float) -> Array:
-    from scipy.signal import butter
-
-    return np.asarray(butter(ORDER, cutoff, fs=rate, output="sos"))
-
-
-def low_pass(x: Array, cutoff: float, rate: float) -> Array:
-    """Samples (n, ...) below a cut-off [Hz], without delay; as they are where the cut-off is above what they can show."""
-    if cutoff >= 0.45 * rate:
-        return x
-    from scipy.signal import sosfiltfilt
-
-    sos = _filter(float(cutoff), float(rate))
-    pad = min(len(x) - 1, int(3 * rate / cutoff) + 1)
-    return np.asarray(sosfiltfilt(sos, x, axis=0, padlen=pad))
 
 
 def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
@@ -223,10 +203,11 @@ class BaseColumns:
         ).astype(int)
         if bodies.size:
             found[:, bodies] = self._kernel(q, dq, ddq)
-        for k in np.flatnonzero(unknown.of_bodies[kept] < 0).tolist():
-            value, share = unknown.drive(int(kept[k]), dq, ddq, friction_speed)
+        factors = unknown.drives(kept[self.base.drives], dq, ddq, friction_speed)
+        for k, factor in zip(self.base.drives.tolist(), factors.T, strict=True):
             for j in np.flatnonzero(self.base.felt[:, k]).tolist():
-                found[:, self.slices[j].start + int(np.searchsorted(self.groups[j], k))] = value * share[j]
+                place = self.slices[j].start + int(np.searchsorted(self.groups[j], k))
+                found[:, place] = factor * unknown.shares[kept[k], j]
         return found
 
     @property
@@ -283,11 +264,9 @@ class _LogRows:
     """Low-passed twice; none once they are in the spline."""
 
     @cached_property
-    def spline(self) -> Any:
+    def spline(self) -> UniformSpline:
         """Spline of the torques."""
-        from scipy.interpolate import make_interp_spline
-
-        found, self._tau = make_interp_spline(self.time, self._tau), self._tau[:0]
+        found, self._tau = UniformSpline.from_samples(self.time, self._tau), self._tau[:0]
         return found
 
     def torques(self, shift: float) -> Array:
@@ -355,11 +334,11 @@ class FilteredRows:
         return self._coulomb[key]
 
     def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
-        k, found = int(self.base.kept[column]), list[Array]()
+        k, unknown, found = int(self.base.kept[column]), self.base.unknown, list[Array]()
         for log in self.logs:
-            value, share = self.base.unknown.drive(k, log.dq, log.dq, friction_speed)  # which no acceleration changes
-            w = np.zeros((len(log.acceleration), len(share)))
-            w[:, joints] = low_pass(value, self.cutoff, log.rate)[log.rows, None] * share[joints]
+            factor = unknown.drives([k], log.dq, log.dq, friction_speed)  # which no acceleration changes
+            w = np.zeros((len(log.acceleration), len(joints)))
+            w[:, joints] = low_pass(factor, self.cutoff, log.rate)[log.rows] * unknown.shares[k, joints]
             found.append(w)
         whole = np.concatenate(found)
         if self.dead is not None:

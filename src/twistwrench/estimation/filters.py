@@ -1,0 +1,155 @@
+"""Low-pass filters and cubic splines of samples on a steady clock, by matrix products.
+
+A Butterworth low-pass of order 4, after the bilinear transform with K = tan(π f_c / f_s), has the poles
+
+    p_k = (1 + s_k) / (1 - s_k),   s_k = K exp(jπ (2k + 5) / 8),   k = 0 … 3,
+
+and in partial fractions the impulse response h_n = d δ_n + Σ_k r_k p_k^n. Blocks of N samples are products with the Toeplitz
+matrix of h_0 … h_{N-1}; what is before a block acts on it by one number for each pole, Σ_i p_k^{N-1-i} u_i, carried over by
+p_k^N. Oppenheim and Schafer, "Discrete-Time Signal Processing", sections 6.3 and 7.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ..typing import Array
+
+_CACHED = 1 << 16
+_BLOCK, _FADED = 64, 1e-20
+"""Samples of a block, and share of a state that counts as none."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Recursion:
+    """Recursive filter y_n = d u_n + Re Σ_k r_k s_k, with s_k ← p_k s_k + u_n; its matrices for rows of samples.
+
+    States are real parts, then imaginary parts.
+    """
+
+    within: Array
+    """(N, N + 2 k) samples of a block to its response, and to its states at the end."""
+    carried: Array
+    """(2 k, 2 k) states over a block."""
+    after: Array
+    """(2 k, N) states at the end of the block before to a block's response."""
+
+    @classmethod
+    def from_modes(cls, poles: Array, residues: Array, direct: float) -> _Recursion:
+        """Filter with impulse response d δ_n + Re Σ_k r_k p_k^n."""
+        powers = poles[:, None] ** np.arange(_BLOCK + 1)
+        h = (residues @ powers[:, :-1]).real
+        h[0] += direct
+        lag = np.subtract.outer(np.arange(_BLOCK), np.arange(_BLOCK))
+        ends, over, after = powers[:, _BLOCK - 1 :: -1], np.diag(powers[:, -1]), residues[:, None] * powers[:, 1:]
+        return cls(
+            np.concatenate([np.tril(h[np.abs(lag)]), ends.real, ends.imag]).T.copy(),
+            np.block([[over.real, over.imag], [-over.imag, over.real]]),
+            np.concatenate([after.real, -after.imag]),
+        )
+
+    def __call__(self, u: Array) -> Array:
+        """Response (c, n) to samples u (c, n), steady before them."""
+        first, (columns, n) = u[:, :1], u.shape
+        blocks = np.zeros((columns, -(-n // _BLOCK), _BLOCK))
+        np.subtract(u, first, out=blocks.reshape(columns, -1)[:, :n])
+        found = blocks @ self.within
+        y, ends, over, k = found[..., :_BLOCK], found[..., _BLOCK:], self.carried, 1
+        while k < ends.shape[1] and np.abs(over).max() > _FADED:  # s_b over b, b - 1; then b - 2, b - 3; …
+            ends[:, k:] += ends[:, :-k] @ over
+            over, k = over @ over, 2 * k
+        y[:, 1:] += ends[:, :-1] @ self.after
+        return y.reshape(columns, -1)[:, :n] + first
+
+
+@lru_cache(maxsize=32)
+def _butterworth(ratio: float) -> _Recursion:
+    """Butterworth's filter of order 4 with a cut-off of that share of the sampling rate."""
+    s = np.tan(np.pi * ratio) * np.exp(1j * np.pi * (2 * np.arange(4) + 5) / 8)
+    p, far = (1 + s) / (1 - s), -2 * s / (1 - s)  # 1 - p without cancellation
+    others = 2 * (s[:, None] - s) / ((1 - s[:, None]) * (1 - s) * p[:, None]) + np.eye(4)  # 1 - p_j / p_k
+    gain = float(far.prod().real) / 16
+    r = gain * ((1 + p) / p) ** 4 / others.prod(axis=1)
+    return _Recursion.from_modes(p[:2], 2 * r[:2], gain / float(p.prod().real))
+
+
+def low_pass(x: Array, cutoff: float, rate: float) -> Array:
+    """Samples (n, ...) below a cut-off [Hz], without delay: filtered forward, then backward.
+
+    Both ends are continued by the odd reflection of three periods of the cut-off. Samples stay as they are where the
+    cut-off is above what they can show.
+    """
+    if cutoff >= 0.45 * rate:
+        return x
+    filtered, pad = _butterworth(float(cutoff) / float(rate)), min(len(x) - 1, int(3 * rate / cutoff) + 1)
+    flat, found = x.reshape(len(x), -1), np.empty(x.shape)
+    out = found.reshape(flat.shape)
+    for k in range(0, flat.shape[1], wide := max(1, _CACHED // (len(x) + 2 * pad))):
+        u = flat[:, k : k + wide].T
+        u = np.concatenate([2 * u[:, :1] - u[:, pad:0:-1], u, 2 * u[:, -1:] - u[:, -2 : -pad - 2 : -1]], axis=1)
+        u = filtered(filtered(u)[:, ::-1])[:, ::-1]
+        out[:, k : k + wide] = u[:, pad : pad + len(x)].T
+    return found
+
+
+def lagged(x: Array, steps: float) -> Array:
+    """Samples (n, ...) behind a first-order low-pass with a time constant of so many steps, steady before them."""
+    a = np.exp(-1.0 / steps)
+    filtered = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
+    return filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class UniformSpline:
+    """Cubic spline through samples (n, ...) on a steady clock, at least four, with not-a-knot ends.
+
+    Its second derivatives M solve M_{i-1} + 4 M_i + M_{i+1} = 6 (y_{i-1} - 2 y_i + y_{i+1}) / h², with M_0 = 2 M_1 - M_2 and
+    likewise at the end (de Boor, "A Practical Guide to Splines", chapter IV).
+
+    Examples
+    --------
+    >>> time = np.arange(8.0)
+    >>> spline = UniformSpline.from_samples(time, time**3)
+    >>> spline(np.array([2.5])).round(9).tolist(), spline.slope(np.array([2.5])).round(9).tolist()
+    ([15.625], [18.75])
+    """
+
+    start: float
+    step: float
+    y: Array
+    M: Array
+
+    @classmethod
+    def from_samples(cls, time: Array, y: Array) -> UniformSpline:
+        """Spline through ``y`` (n, ...) at ``time`` (n,)."""
+        from scipy.linalg import solve_banded
+
+        step, n = float(time[-1] - time[0]) / (len(time) - 1), len(y)
+        bands = np.ones((3, n - 2))
+        bands[1], bands[1, [0, -1]] = 4.0, 6.0
+        bands[0, 1], bands[2, -2] = 0.0, 0.0
+        inner = solve_banded((1, 1), bands, 6.0 * np.diff(y, 2, axis=0) / step**2, check_finite=False)
+        M = np.concatenate([2 * inner[:1] - inner[1:2], inner, 2 * inner[-1:] - inner[-2:-1]])
+        return cls(float(time[0]), step, y, M)
+
+    def __call__(self, t: Array) -> Array:
+        """Values (m, ...) at times (m,)."""
+        k, a, b = self._places(t)
+        y, M, h = self.y, self.M, self.step
+        return np.asarray(a * y[k] + b * y[k + 1] + ((a**3 - a) * M[k] + (b**3 - b) * M[k + 1]) * (h**2 / 6))
+
+    def slope(self, t: Array) -> Array:
+        """First derivatives (m, ...) at times (m,)."""
+        k, a, b = self._places(t)
+        y, M, h = self.y, self.M, self.step
+        return np.asarray((y[k + 1] - y[k]) / h + ((1 - 3 * a**2) * M[k] + (3 * b**2 - 1) * M[k + 1]) * (h / 6))
+
+    def _places(self, t: Array) -> tuple[Array, Array, Array]:
+        """Samples before times (m,), and the shares of those and of the next ones."""
+        at = (t - self.start) / self.step
+        k = np.clip(at.astype(int), 0, len(self.y) - 2)
+        b = (at - k).reshape(-1, *[1] * (self.y.ndim - 1))
+        return k, 1.0 - b, b
