@@ -211,6 +211,15 @@ def test_what_gains_by_chance_is_not_a_cause(robot, number):
     assert measured_causes(log.truth.file, parts.motion_of(log)) == ()
 
 
+def test_a_change_within_one_of_two_logs_names_it():
+    """The second one; times of one log alone need no name."""
+    logs = [made("geared", name, 1) for name in ("clean", "gain 1.5 on 3 half way")]
+    motions = [parts.motion_of(log) for log in logs]
+    (both,), (alone,) = (measured_causes(logs[0].truth.file, given) for given in (motions, motions[1]))
+    assert both.kind == alone.kind == "gain-change"
+    assert both.sentence.startswith("log 2: the torque of ") and alone.sentence.startswith("the torque of ")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["payload 2 kg half way", "clock 60 ms off half way", "no gravity in torque 2"])
 def test_what_changes_half_way_and_gravity_that_is_missing(name):

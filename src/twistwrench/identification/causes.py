@@ -59,6 +59,7 @@ class LogStates:
     friction_speed : (nv,) array, v_0
     gravity : (3,) array
     gain : (nv,) array
+    logs : sequence of int, the number of each piece's log, from 1; 0 if its times belong to one log only
     lag : float, time constant of the low-pass of the torques [s]
     weightless : tuple of int, joints whose torques are without those of gravity
     """
@@ -77,6 +78,7 @@ class LogStates:
     friction_speed: Array
     gravity: Array
     gain: Array
+    logs: Sequence[int]
     lag: float = 0.0
     shift: float = 0.0
     weightless: tuple[int, ...] = ()
@@ -115,6 +117,7 @@ class LogStates:
             friction_speed,
             np.asarray(base.unknown.model.gravity, float),
             np.ones(nv),
+            [one.log for one in samples],
         )
 
     def filtered(self, x: Array) -> Array:

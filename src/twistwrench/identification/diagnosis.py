@@ -84,6 +84,8 @@ class FoundCause:
     cost: float = 0.0
     span: tuple[float, float] | None = None
     """Times [s] between which it acts."""
+    log: int = 0
+    """Number of the log that these are times of, from 1; 0 if they belong to one log only."""
     size: float | None = None
     """Acceleration of a base that sways [m/s²]."""
 
@@ -269,8 +271,9 @@ def _push(fit: CauseFit) -> FoundCause | None:
     f, *_ = np.linalg.lstsq(A, y, rcond=None)
     if float(((y - A @ f) ** 2).sum()) > (1.0 - _BY_FORCE) * float(y @ y):
         return None
-    span = float(s.time[s.rows[a]]), float(s.time[s.rows[b - 1]])
-    return FoundCause("push", (), np.inf, np.inf, fit, rest, number=float(np.linalg.norm(f)), span=span)
+    first, last = s.rows[a], s.rows[b - 1]
+    span, log = (float(s.time[first]), float(s.time[last])), s.logs[s.piece[first]]
+    return FoundCause("push", (), np.inf, np.inf, fit, rest, number=float(np.linalg.norm(f)), span=span, log=log)
 
 
 def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
@@ -337,8 +340,9 @@ def _refined_laws(fit: CauseFit, tried: Sequence[ScreenedCause]) -> list[FoundCa
             k = e.shape[-1]
             told = FoundCause(law.kind, law.joints, fit.gained(refit), refit.t_value(fit), fit, refit)
             span = None if law.since is None else (law.since[1], float(s.time[s.rows[-1]]))
+            log = 0 if law.since is None else s.logs[law.since[0]]
             value, deviation = refit.x[-k:][:1], refit.law_deviation(k)[:1]
-            found.append(replace(told, law=law, value=value, deviation=deviation, span=span))
+            found.append(replace(told, law=law, value=value, deviation=deviation, span=span, log=log))
     return found
 
 

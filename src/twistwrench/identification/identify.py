@@ -6,6 +6,7 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -332,10 +333,12 @@ def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -
 
 
 def _samples(motions: Sequence[Motion], what: str) -> list[SteadySamples]:
-    found = list[SteadySamples]()
-    for k, motion in enumerate(motions):
+    found, spans = list[SteadySamples](), sorted((float(m.time[0]), float(m.time[-1])) for m in motions)
+    common = any(after[0] <= before[1] for before, after in pairwise(spans))
+    for k, motion in enumerate(motions, 1):
         q = continuous(motion.robot.model, motion.q)
-        found += SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {k + 1}")
+        pieces = SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {k}")
+        found += [replace(piece, log=k if common else 0) for piece in pieces]
     return found
 
 

@@ -45,6 +45,7 @@ class SteadySamples:
     tau: Array  # (n, nv), torques of the joints
     moved: float = 0.0  # share of the stamps that were off the steady clock by a tenth of a step
     cut: bool = False  # true if it is one of several pieces of a log with pauses
+    log: int = 0  # number of its log, from 1; 0 if its times belong to one log only
 
     @classmethod
     def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:

@@ -185,7 +185,8 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
         "share": share,
         "effect": cause.effect,
     }
-    return doubt(cause.kind, joints, level=own, found=found, named=said, **words)
+    log = f"log {cause.log}" if cause.log else ""
+    return doubt(cause.kind, joints, level=own, log=log, found=found, named=said, **words)
 
 
 def gain_of_all(seen: FittedLog) -> list[Doubt]:
