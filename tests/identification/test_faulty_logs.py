@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import twistwrench as tw
 from twistwrench.identification import measured_causes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -212,12 +213,13 @@ def test_what_gains_by_chance_is_not_a_cause(robot, number):
 
 
 def test_a_change_within_one_of_two_logs_names_it():
-    """The second one; times of one log alone need no name."""
-    logs = [made("geared", name, 1) for name in ("clean", "gain 1.5 on 3 half way")]
-    motions = [parts.motion_of(log) for log in logs]
-    (both,), (alone,) = (measured_causes(logs[0].truth.file, given) for given in (motions, motions[1]))
+    arm, t = tw.robots.planar_2r(), np.arange(0, 20, 0.01)
+    q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    tau = tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
+    logs = [tw.Motion(t, q, tau=tau * np.where(t > end, 1.5, 1.0)[:, None] ** [0, 1], robot=arm) for end in (20, 10)]
+    (both, *_), (alone, *_) = measured_causes(arm, logs), measured_causes(arm, logs[1])
     assert both.kind == alone.kind == "gain-change"
-    assert both.sentence.startswith("log 2: the torque of ") and alone.sentence.startswith("the torque of ")
+    assert both.sentence.startswith("log 2: the torque of joint2 ") and alone.sentence.startswith("the torque of joint2 ")
 
 
 @pytest.mark.slow
