@@ -219,7 +219,9 @@ def test_a_change_within_one_of_two_logs_names_it():
     logs = [tw.Motion(t, q, tau=tau * np.where(t > end, 1.5, 1.0)[:, None] ** [0, 1], robot=arm) for end in (20, 10)]
     (both, *_), (alone, *_) = measured_causes(arm, logs), measured_causes(arm, logs[1])
     assert both.kind == alone.kind == "gain-change"
-    assert both.sentence.startswith("log 2: the torque of joint2 ") and alone.sentence.startswith("the torque of joint2 ")
+    assert both.sentence.startswith("log 2: the torque of joint2 ") and alone.sentence.startswith(
+        "the torque of joint2 "
+    )
 
 
 @pytest.mark.slow
