@@ -84,7 +84,7 @@ def test_a_gain_is_an_unknown_of_the_fit(log):
 
 
 def test_a_cause_that_a_log_does_not_tell_is_refused(log):
-    with pytest.raises(ValueRangeError, match="do not tell"):
+    with pytest.raises(ValueRangeError, match="do not separate"):
         tw.identification.identify(ARM, log, assume="tilt", cutoff=10.0, friction_speed=0.05, shift=0.0)
     with pytest.raises(ValueRangeError, match="late is assumed"):
         tw.identification.identify(ARM, log, assume="late", shift=0.0)
