@@ -24,13 +24,16 @@ from ..robot.task_space_methods import require_robot
 from ..statics.capsules import CapsuleDistances, LinkCapsules
 from ..typing import Array
 from .parameters import FRICTION, BaseParameters, UnknownParameters, check_speed
-from .trajectory_constraints import DENSE, Clear, TrajectoryConstraints, shared_bounds
 from .trajectory_search import (
     CRITERIA,
+    DENSE,
+    Clear,
     Criterion,
     MotionInformation,
     MotionSearch,
+    TrajectoryConstraints,
     WindowedFourierSeries,
+    shared_bounds,
     typical_sizes,
 )
 

@@ -18,11 +18,145 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.polynomial import polynomial
 
+from ..errors import ShapeError, ValueRangeError
 from ..model.limits import Limits
 from ..robot import Robot
+from ..statics.capsules import MARGIN, CapsuleDistances, Pullback
 from ..typing import Array
 from .parameters import BaseParameters
-from .trajectory_constraints import DENSE, TrajectoryConstraints, half_and_middle
+
+# ── Constraints: limits, the floor, and clearances of the capsules around the links
+
+# Each is low ≤ x ≤ high, and each edge has a size that makes the distance from it a share.
+
+Clear = Callable[[Array], Array]
+"""Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
+_NEAR = 0.1  # m: the size of a clearance
+DENSE = 0.01
+"""s: the longest step at which clearances are looked at in the end."""
+_DISPLACED = 1e-5  # displacement of configurations for slopes of the user's distances
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryConstraints:
+    """Constraints on the motions of one robot."""
+
+    robot: Robot  # whose own friction counts among the torques
+    bounds: Limits  # those to keep
+    friction_speed: Array  # (nv,), speed at which dry friction turns, for what has to be smooth
+    capsules: CapsuleDistances  # of the floor and the robot itself
+    clear: Clear | None = None
+
+    @cached_property
+    def _edges(self) -> tuple[int, Array, Array, Array]:
+        """Number of upper edges; of all, upper ones first, the column each limits (e,), the share at 0 (e,) and its slope (e,).
+
+        Columns are positions, velocities, accelerations, torques and distances.
+        """
+        b = self.bounds
+        half = (b.upper - b.lower) / 2.0
+        margins = np.full(self._clearances(self.robot.neutral[None])[0].shape[1], MARGIN)
+        margins[self.capsules.count :] = 0.0  # the user's distances may come to 0
+        margins[: len(self.capsules.margins)] = self.capsules.margins
+        both = np.concatenate([b.velocity, b.acceleration, b.effort])
+        high = np.concatenate([b.upper, both, np.full(len(margins), np.inf)])
+        low = np.concatenate([b.lower, -both, margins])
+        size = np.concatenate([np.where(np.isfinite(half), half, 1.0), both, np.full(len(margins), _NEAR)])
+        above, below = np.flatnonzero(np.isfinite(high)), np.flatnonzero(np.isfinite(low))
+        columns, signs = np.concatenate([above, below]), np.repeat([-1.0, 1.0], [len(above), len(below)])
+        slopes = signs / size[columns]
+        return len(above), columns, -slopes * np.concatenate([high[above], low[below]]), slopes
+
+    def evaluate(self, states: Array, *, smooth: bool = False) -> tuple[Array, Pullback]:
+        """Distances from all edges as shares of their sizes, below 0 beyond them, and their pullback.
+
+        Parameters
+        ----------
+        states : (3, n, nv) array, positions, velocities and accelerations
+        smooth : bool, dry friction that turns smoothly and is at its largest, in place of the file's; always the pullback's
+
+        Returns
+        -------
+        shares : (n, e) array
+        pullback : function of weights (n, e) that returns the derivative (3, n, nv) of the weighted sum by the states
+        """
+        (q, dq, ddq), f, nv = states, self.robot.model.friction, states.shape[2]
+        rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=not smooth))
+        eased, dry = np.tanh(dq / self.friction_speed), f.static + f.load * np.abs(rigid)
+        tau = rigid + f.viscous * dq + dry * eased if smooth else rigid
+        distances, of_distances = self._clearances(q)
+        upper, columns, at_0, slopes = self._edges
+        x = np.concatenate([q, dq, ddq, tau, distances], axis=1)
+
+        def pullback(weights: Array) -> Array:
+            by_x, scaled = np.zeros_like(x), weights * slopes
+            by_x[:, columns[:upper]] = scaled[:, :upper]
+            by_x[:, columns[upper:]] += scaled[:, upper:]
+            by_q, by_dq, by_ddq, by_tau, by_distances = np.split(by_x, [nv, 2 * nv, 3 * nv, 4 * nv], axis=1)
+            felt = by_tau * (1.0 + f.load * np.sign(rigid) * eased)
+            found = np.stack([by_q, by_dq, by_ddq]) + self.robot.inverse_dynamics_gradient(q, dq, ddq, felt)
+            found[0] += of_distances(by_distances)
+            found[1] += by_tau * (f.viscous + dry * (1.0 - eased**2) / self.friction_speed)
+            return np.asarray(found)
+
+        return at_0 + slopes * x[:, columns], pullback
+
+    def least(self, states: Array) -> float:
+        """The least distance from any edge, as a share of its size; below 0 beyond one. Friction as the robot's file has it."""
+        return float(self.evaluate(states)[0].min(initial=np.inf))
+
+    def _clearances(self, q: Array) -> tuple[Array, Pullback]:
+        """Distances of the capsules and those of ``clear`` [m], and their pullback by central differences."""
+        own, of_own = self.capsules.evaluate(q, MARGIN + _NEAR)
+        if self.clear is None:
+            return own, of_own
+
+        def pullback(weights: Array) -> Array:
+            found, mine = of_own(weights[:, : own.shape[1]]), weights[:, own.shape[1] :]
+            for k, step in enumerate(_DISPLACED * np.eye(q.shape[1]) if mine.any() else ()):
+                moved = (self._user_distances(q + step) - self._user_distances(q - step)) / (2.0 * _DISPLACED)
+                found[:, k] += (moved * mine).sum(axis=1)
+            return found
+
+        return np.concatenate([own, self._user_distances(q)], axis=1), pullback
+
+    def _user_distances(self, q: Array) -> Array:
+        try:
+            found = np.asarray(self.clear(q) if self.clear else (), float)
+        except (TypeError, ValueError) as problem:
+            raise ValueRangeError(f"clear could not be evaluated for {len(q)} configurations: {problem}") from None
+        if found.ndim < 1 or len(found) != len(q) or not np.isfinite(found).all():
+            raise ShapeError(
+                f"clear gave an array of shape {found.shape} for {len(q)} configurations: give a distance [m] for each, "
+                "finite, below 0 where something touches."
+            )
+        return found.reshape(len(q), -1)
+
+
+def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
+    """Half the way between the limits of positions, inf where one is missing, and the middle, meant where both are there."""
+    with np.errstate(invalid="ignore"):
+        return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
+
+
+def shared_bounds(bounds: Limits, share: float) -> Limits:
+    """A share of the limits of positions, about their middle, of velocities and of torques.
+
+    The limit of accelerations is the lower one of acceleration and deceleration.
+    """
+    half, middle = half_and_middle(bounds)
+    both = np.isfinite(half)
+    with np.errstate(invalid="ignore"):
+        lower = np.where(both, middle - share * half, bounds.lower)
+        upper = np.where(both, middle + share * half, bounds.upper)
+    either = np.minimum(bounds.acceleration, bounds.deceleration)
+    return replace(
+        bounds, lower=lower, upper=upper, velocity=share * bounds.velocity, effort=share * bounds.effort,
+        acceleration=either, deceleration=either,
+    )  # fmt: skip
+
+
+# ── Barrier and multipliers
 
 
 @dataclass(frozen=True, eq=False)
