@@ -81,3 +81,31 @@ def test_topics_are_explained_without_links_to_files(topic):
     done = CliRunner().invoke(main, ["help", topic])
     assert done.exit_code == 0 and len(done.output.splitlines()) > 15
     assert not re.search(r"\]\((?!https?:)|^---$|^```\w+ ", done.output, re.MULTILINE)
+
+
+OTHER_FORMS = {"--plot": "KIND= of torques", "--html": "derive prints it too", "--c": "derive prints it too"}
+"""Options whose values have another form in one of the commands."""
+
+
+def test_no_option_name_has_two_meanings():
+    """Options of one name take the same values, and their help begins with the same word."""
+    forms, firsts = {}, {}
+    for words, command in commands():
+        for option in (p for p in command.params if isinstance(p, click.Option)):
+            form = option.metavar, tuple(getattr(option.type, "choices", ())) if option.metavar is None else ()
+            for name in (*option.opts, *option.secondary_opts):
+                forms.setdefault(name, {}).setdefault((*form, option.multiple), []).append(words)
+                firsts.setdefault(name, {}).setdefault(option.help.split()[0].rstrip(",:."), []).append(words)
+    assert {name for name, found in forms.items() if len(found) > 1} <= set(OTHER_FORMS), forms
+    assert not {name: found for name, found in firsts.items() if len(found) > 1}
+
+
+def test_an_old_name_is_answered_by_the_new_one_where_it_exists():
+    def said(*words):
+        return CliRunner().invoke(main, words).stderr.replace("'", "")
+
+    assert "Did you mean --torque-side?" in said("export", "ur5", "--torque", "motor")
+    assert "Did you mean --weights?" in said("identify", "planar_2r", "demo", "--method", "ols")
+    assert "Did you mean --torque-noise?" in said("excite", "planar_2r", "--noise", "1")
+    assert "Did you mean --no-test-program?" in said("export", "ur5", "--no-test")
+    assert "--torque-side" not in said("payload", "ur5", "--torque", "motor")

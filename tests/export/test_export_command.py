@@ -36,7 +36,7 @@ def test_it_writes_what_the_library_writes(run, tmp_path):
 
 def test_a_folder_takes_files_of_the_robots_name(run, tmp_path):
     (tmp_path / "out").mkdir()
-    code, output = run("planar_2r", "--c", "out", "--no-test", "--prefix", "two")
+    code, output = run("planar_2r", "--c", "out", "--no-test-program", "--prefix", "two")
     assert code == 0, output
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["two.c", "two.h"]
     assert "to check it" not in output
@@ -44,7 +44,7 @@ def test_a_folder_takes_files_of_the_robots_name(run, tmp_path):
 
 def test_options_of_a_quantity_follow_its_name(run, tmp_path):
     code, output = run(
-        "ur5", "--c", "ur5.c", "--float", "--no-test",
+        "ur5", "--c", "ur5.c", "--float", "--no-test-program",
         "--quantity", "jacobian:frame=wrist_3_link,kind=space",
         "--quantity", "bias_forces:wrenches=tool0+forearm_link,gravity=input",
         "--quantity", "task_inertia:rows=vx+vz",

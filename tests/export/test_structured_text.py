@@ -284,7 +284,7 @@ def test_the_command_writes_what_the_library_writes(tmp_path, monkeypatch):
         "--actuators",
         "demo",
     ]
-    result = CliRunner().invoke(main, [*arguments, "--torque", "motor", "--float"])
+    result = CliRunner().invoke(main, [*arguments, "--torque-side", "motor", "--float"])
     assert result.exit_code == 0 and "wrote a.st" in result.output, result.output
     ur5 = tw.robots.ur5().with_actuators(tw.robots.path_of("ur5").with_name("ur5_demo.yaml"))
     loaded = ur5.with_payload(tw.SpatialInertia.from_com(3.0, (0.0, 0.02, 0.1)), "tool0")
@@ -296,8 +296,8 @@ def test_the_command_writes_what_the_library_writes(tmp_path, monkeypatch):
     ("arguments", "words"),
     [
         ([], "Add --c OUT.c, --st OUT.st or --ros2 DIR"),
-        (["--c", "a.c", "--torque", "motor"], "Add --st OUT.st"),
-        (["--st", "a.st", "--torque", "motor"], "--torque motor needs an actuator"),
+        (["--c", "a.c", "--torque-side", "motor"], "Add --st OUT.st"),
+        (["--st", "a.st", "--torque-side", "motor"], "--torque-side motor needs an actuator"),
         (["--st", "a.c"], "--st 'a.c'"),
     ],
 )

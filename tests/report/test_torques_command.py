@@ -87,7 +87,7 @@ def test_bad_input_exits_2_with_one_line(run, case):
         ("torques", "the name that floating_base=True gives", "the name that --floating-base gives"),
         ("torques", "Pass limits=, or q=[0, 1].", "Pass --limits, or q=[0, 1]."),
         ("export", "It needs precision='double'.", "It needs no --float."),
-        ("export", "or pass test=False.", "or pass --no-test."),
+        ("export", "or pass test=False.", "or pass --no-test-program."),
         ("convert", "or overwrite=True.", "or --overwrite."),
         ("verify", "or overwrite=True.", "or overwrite=True."),
     ],

@@ -53,15 +53,16 @@ _LISTS = ("by", "parameters", "rows", "wrenches")
         default="function_block",
     ),
     option(
-        "--torque",
+        "--torque-side",
         "Structured Text only: torques at the joints, or at the motor shafts of --actuators.",
+        "torque",
         choices=("joint", "motor"),
         default="joint",
     ),
-    option("--test/--no-test", "Write a program that tests the functions.", "test", default=True),
+    option("--test-program/--no-test-program", "Write a program that tests the functions.", "test", default=True),
     examples=(
         "export panda --c . --quantity inverse_dynamics --quantity mass_matrix",
-        "export ur5 --st ur5.st --payload 3 --actuators demo --torque motor",
+        "export ur5 --st ur5.st --payload 3 --actuators demo --torque-side motor",
         "export panda --ros2 panda_dynamics --payload 2",
     ),
     angles=False,
@@ -75,7 +76,7 @@ def export_command(options: RobotOptions, given: Given) -> None:
     if given.path is None and given.st is None and given.ros2 is None:
         raise ValueRangeError("nothing is to be written. Add --c OUT.c, --st OUT.st or --ros2 DIR.")
     if given.st is None and (given.style, given.torque) != ("function_block", "joint"):
-        raise ValueRangeError("--style and --torque apply to Structured Text. Add --st OUT.st, or leave them out.")
+        raise ValueRangeError("--style and --torque-side apply to Structured Text. Add --st OUT.st, or leave them out.")
     robot = load_case(options.load(), options, given).with_load
     wanted = [_quantity(text) for text in given.quantities]
     if given.gravity_input:

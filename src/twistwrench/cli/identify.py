@@ -60,8 +60,9 @@ def parse_friction(text: str) -> tuple[str, ...]:
     option("--cutoff HZ", "Cut-off frequency of the zero-phase low-pass filter.", default=_AUTO),
     option("--shift SECONDS", "Delay of torques relative to positions.", default=_AUTO),
     option(
-        "--method",
-        "Least squares: robust (irls), weighted (wls) or ordinary (ols).",
+        "--weights",
+        "Weights of the least squares: robust (irls), of each joint (wls) or none (ols).",
+        "method",
         choices=("irls", "wls", "ols"),
         default="irls",
     ),
@@ -84,7 +85,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
     FRICTION_LAWS,
     option(
         "--assume CAUSE",
-        "Correct the logs for this cause and estimate its value: gain:JOINT, position-scale:JOINT, zero:JOINT, tilt, late, "
+        "Estimate this cause too, and correct the logs for it: gain:JOINT, position-scale:JOINT, zero:JOINT, tilt, late, "
         "load-friction or another name of the report; may be repeated.",
         multiple=True,
     ),
@@ -96,7 +97,7 @@ def parse_friction(text: str) -> tuple[str, ...]:
     shared.worker_options,
     option("--add OLD.npz", "Add the logs to the normal equations saved by --information."),
     option("--information OUT.npz", "Save the normal equations, for --add."),
-    option("--out OUT.urdf", "Write the robot file with the identified parameters."),
+    option("--out OUT", "Write the robot file with the identified parameters."),
     option("--out-actuators OUT.yaml", "Write friction and motor inertias as an actuator file."),
     option("--keep-close STRENGTH", "Weight of the prior from the robot file, 0.01 to 100000.", default=_AUTO),
     examples=("identify my_arm.urdf log.csv --test other_log.csv --report report.html",),
@@ -347,7 +348,7 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
 
 @robot_command(
     "excite",
-    option("--duration SECONDS", "Length, one period of the first harmonic.", default=20.0),
+    option("--duration SECONDS", "Duration, one period of the first harmonic.", default=20.0),
     option("--harmonics", "Number of harmonics of the Fourier series.", default=5),
     NO_MOTOR_INERTIA,
     FRICTION_LAWS,
@@ -364,7 +365,12 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
     option("--ignore-self", "Ignore collisions between links; the verdict is then UNSURE."),
     option("--seed", "Seed of the random start motions.", default=0),
     option("--restarts", "Number of searches; the best result is kept.", default=3),
-    option("--noise NM", "Standard deviation of the torques [N m, N]. [default: 1 % of each limit]", type=float),
+    option(
+        "--torque-noise NM",
+        "Standard deviation of the torques [N m, N]. [default: 1 % of each limit]",
+        "noise",
+        type=float,
+    ),
     option("--step SECONDS", "Time between rows of --csv.", default=0.01),
     shared.csv_option("Write the motion, which torques and view read"),
     examples=("excite panda --duration 20 --harmonics 5 --csv motion.csv",),

@@ -134,10 +134,15 @@ _RENAMED = {
     "--configuration": "--at",
     "--dt": "--step",
     "--fix": "--out",
+    "--method": "--weights",
     "--motor-plot": "--plot motors=OUT.png",
+    "--no-test": "--no-test-program",
+    "--noise": "--torque-noise",
     "--seconds": "--duration",
+    "--test": "--test-program",
+    "--torque": "--torque-side",
 }
-"""Options of earlier versions, with those in their place."""
+"""Options of earlier versions, with those in their place; some are still those of other commands."""
 
 ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
 """Entries of the context: words of the command line, and sentences of :func:`note`."""
@@ -195,8 +200,10 @@ def _own_endings() -> Iterator[None]:
     except click.exceptions.NoArgsIsHelpError:
         raise
     except click.UsageError as error:
-        if isinstance(error, click.NoSuchOption) and error.option_name in _RENAMED:
-            error = click.NoSuchOption(error.option_name, possibilities=[_RENAMED[error.option_name]], ctx=error.ctx)
+        if isinstance(error, click.NoSuchOption) and error.ctx and (new := _RENAMED.get(error.option_name)):
+            known = {name for param in error.ctx.command.params for name in (*param.opts, *param.secondary_opts)}
+            if new.split()[0] in known:
+                error = click.NoSuchOption(error.option_name, possibilities=[new], ctx=error.ctx)
         where = f" See {error.ctx.command_path} --help." if error.ctx else ""
         raise _UsageLine(" ".join(error.format_message().split()) + where) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):

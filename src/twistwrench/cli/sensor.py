@@ -160,7 +160,7 @@ def compensate_command(given: Given) -> ExitCode:
         "--with-inertia", "Estimate the six moments of inertia too; the log needs wx … vz and dwx … dvz.", "inertia"
     ),
     option(
-        "--assume",
+        "--assume CAUSE",
         "Estimate this cause too; may be repeated. orientation: rotation of the sensor axes against the frame of the poses. "
         "drift: linear change of the bias. tilt: rotation of gravity; the log needs orientations. delay: delay of the "
         "readings; the log needs time and motion.",
