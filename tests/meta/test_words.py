@@ -39,7 +39,6 @@ LATER = frozenset(
         "gallery",
         "quantities",
         "questions",
-        "torques",
     ]
 )
 """Pages that are still to be rewritten."""
