@@ -12,10 +12,15 @@ from twistwrench.robot.quantity_methods import QuantityMethods
 PAGE = Path(__file__).with_name("quantities.md")
 _HEAD = """# Quantities
 
-What a robot can be asked for, from the table in `src/twistwrench/robot/quantities.py`; `python docs/quantities.py` writes
-this page. Each is a method of the robot, for arrays with any leading batch shape; a kernel, `robot.kernel(name)`, a
-`numpy.ufunc` with the robot's own sizes; a function of [exported C](export.md); and a [CUDA kernel](export.md#cuda).
-Those marked ° are kernels only, of which methods are made. Words are those of the [glossary](glossary.md).
+Quantities of a robot are available in four forms:
+
+* a method of the robot, for arrays with any leading batch shape;
+* a kernel, `robot.kernel(name)`: a `numpy.ufunc` with the robot's own sizes;
+* a function of [exported C](export.md);
+* a [CUDA kernel](export.md#cuda).
+
+Those marked ° are kernels only; methods use them. Terms are those of the [glossary](glossary.md). `python docs/quantities.py`
+writes this page from the table in `src/twistwrench/robot/quantities.py`.
 
 ```python
 import twistwrench as tw
@@ -25,12 +30,12 @@ assert panda.kernel("inverse_dynamics").signature == "(7),(7),(7)->(7)"
 assert panda.program("inverse_dynamics").flops < 1500
 ```
 
-## What goes in, and what comes out
+## Inputs and outputs
 
 nq and nv are the numbers of coordinates and of velocities. Angular parts come first. Quantities take the options of
-derivatives ([`by=`](derivatives.md)) and `parameters=` beside their own.
+derivatives ([`by=`](derivatives.md)) and `parameters=` in addition to their own.
 
-| input | shape | what | unit |
+| input | shape | meaning | unit |
 | --- | --- | --- | --- |
 | `q`, `q0`, `q1` | nq | configuration | rad, m; quaternions (w, x, y, z) |
 | `dq` | nv | velocities | rad/s, m/s |
@@ -41,11 +46,11 @@ derivatives ([`by=`](derivatives.md)) and `parameters=` beside their own.
 
 """
 _COSTS = """
-## What others call it, and what it costs
+## Names in other libraries, and operations
 
 Sections and equations are those of Modern Robotics (Lynch and Park, 2017). Pinocchio puts the linear part of a twist first,
-MuJoCo gives the two parts of a Jacobian apart; [`twistwrench.convert`](conventions.md) translates. "M⁻¹" marks what needs an
-invertible mass matrix, and raises `SingularMassMatrixError` where a joint moves nothing with inertia. Operations are
+and MuJoCo returns the two parts of a Jacobian separately; [`twistwrench.convert`](conventions.md) translates. Quantities marked "M⁻¹" need
+an invertible mass matrix. They raise `SingularMassMatrixError` if a joint moves nothing with inertia. Operations are
 additions, multiplications and divisions for one state of the bundled Panda with its seven joints; sines and cosines are not
 counted.
 """

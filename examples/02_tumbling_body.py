@@ -1,7 +1,7 @@
 """Rotation about the middle principal axis is unstable: a free box turns over again and again.
 
 Seen from the box, the angular momentum L moves on a sphere (its magnitude is constant) and on an ellipsoid (the energy is
-constant); its path is where the two intersect. Around the axes of least and greatest inertia these paths are small closed
+constant). Its path is their intersection. Around the axes of least and greatest inertia these paths are small closed
 curves. The paths through the middle axis lead from one side to the other, so a small disturbance turns the box over. The
 period is an elliptic integral.
 

@@ -1,7 +1,7 @@
 """Largest payload of an arm along a path, and the joint that limits it.
 
-The torques are linear in the mass of the payload, τ = τ₀ + m τ₁, so the largest mass at each moment follows at once, and with
-it the joint that reaches its torque limit first. The path is a move between two configurations.
+The torques are linear in the mass of the payload, τ = τ₀ + m τ₁. This gives the largest mass at each moment, and the joint that
+reaches its torque limit first. The path is a move between two configurations.
 
 To change: ``start`` and ``goal``, the duration (a slower move allows more mass), or the position of the payload in the hand.
 """

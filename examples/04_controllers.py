@@ -1,7 +1,7 @@
 """Three controllers follow a straight line with a payload that their model may not include.
 
-PD with gravity compensation, computed torque and impedance control move the hand of a UR5 along a straight line, each once
-with a model that includes the payload and once without it. The error that the missing mass causes differs by controller: under
+PD with gravity compensation, computed torque and impedance control move the hand of a UR5 along a straight line. The model of
+each includes the payload once, and once it does not. The error from the missing mass differs by controller: under
 impedance control the hand rests too low by the payload's weight divided by the stiffness.
 
 To change: the payload, the gains, the stiffness, or the speed along the line.

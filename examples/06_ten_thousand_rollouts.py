@@ -1,10 +1,10 @@
 """Ten thousand rollouts of a Panda under computed torque, each with its own payload, gains and start.
 
-The controller does not know the payload, so each joint ends with an error: M⁻¹ times the unknown gravity torque, divided by
-the square of the frequency ω that the gains are chosen for. Higher gains reduce this error, and can ask for more torque at the
+The controller's model lacks the payload, so each joint ends with an error: M⁻¹ times the missing gravity torque, divided by
+the square of the frequency ω of the gains. Higher gains reduce this error, but may require more torque at the
 start than the motors have.
 
-To change: the controller (``PD`` instead), the ranges of the random values, or what is unknown (``robot.varying()``).
+To change: the controller (``PD`` instead), the ranges of the random values, or the unknown parameters (``robot.varying()``).
 """
 
 from argparse import ArgumentParser

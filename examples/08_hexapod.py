@@ -2,8 +2,8 @@
 
 Six legs on universal joints end in ball joints on a floating platform. Closed at six points, the mechanism has six degrees of
 freedom and six motors that act along the legs. Inverse kinematics finds all coordinates of each pose with the loops closed;
-inverse dynamics of the closed robot gives the motor forces. The load is high and off centre, so one leg is pulled while the
-others are pressed.
+inverse dynamics of the closed robot gives the motor forces. The load is high and off centre, so one leg is in tension while the
+others are in compression.
 
 To change: the load and its position, the tilt, or the period of a round (dotted: the same poses at rest).
 """

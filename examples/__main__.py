@@ -31,8 +31,8 @@ def page() -> str:
     """The whole of it."""
     start = """# Gallery
 
-Each picture is made by a script of about a page, which prints the numbers behind it too: `python examples/01_falling_ur5.py
-PICTURE.png`. `python -m examples` runs all of them, and makes this page."""
+Each picture is made by a script of about a page, which also prints the numbers behind it: `python examples/01_falling_ur5.py
+PICTURE.png`. `python -m examples` runs all of them and writes this page."""
     return "\n\n".join([start, *map(entry, SCRIPTS)]) + "\n"
 
 

@@ -34,11 +34,6 @@ IS_NO = re.compile(r"(?<!there )(?<!There )\b(is|are) no (?!(longer|slower|faste
 LATER = frozenset(
     [
         "actuation",
-        "compare",
-        "errata",
-        "gallery",
-        "quantities",
-        "questions",
     ]
 )
 """Pages that are still to be rewritten."""
