@@ -31,13 +31,6 @@ UNSAID = (
 )
 VERBS = re.compile(r"\b(say|says|said|knows?|feels?|felt|asks?|asked|tells?|told|goes home)\b")
 IS_NO = re.compile(r"(?<!there )(?<!There )\b(is|are) no (?!(longer|slower|faster|more|less|larger|smaller)\b)[a-z]+")
-LATER = frozenset(
-    [
-        "actuation",
-    ]
-)
-"""Pages that are still to be rewritten."""
-
 ALLOWED: tuple[str, ...] = ()
 """Parts of sentences in which a person says, knows, feels, asks or tells, at most 20."""
 
@@ -66,7 +59,6 @@ def test_sentences_are_short(page):
     """At most 20 words on average, and few of more than 35."""
     lengths = [len(sentence.split()) for sentence in sentences(page)]
     long = [sentence for sentence in sentences(page) if len(sentence.split()) > LONG]
-    mean, most = (22.3, 0.21) if page.stem in LATER else (20.0, 0.03)
     assert sum(lengths) <= mean * len(lengths), f"{page.name}: {sum(lengths) / len(lengths):.1f} words a sentence"
     assert len(long) <= max(1, most * len(lengths)), (page.name, long)
 
@@ -75,14 +67,14 @@ def test_sentences_are_short(page):
 def test_nothing_is_no_thing(page):
     """'is not a', never 'is no'."""
     found = [sentence for sentence in sentences(page) if IS_NO.search(plain(sentence))]
-    assert page.stem in LATER or not found, (page.name, found)
+    assert not found, (page.name, found)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_no_sentence_begins_with_of(page):
     """Subject, verb, object; but a count may be 'Of the 70 faults, 53 …'."""
     found = [s for s in sentences(page) if re.match(r"\**Of (?!(the |all )?[\d.,]*\d)", s)]
-    assert page.stem in LATER or not found, (page.name, found)
+    assert not found, (page.name, found)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
@@ -93,7 +85,7 @@ def test_software_returns_and_reports(page):
         for sentence in sentences(page)
         if VERBS.search(plain(sentence).replace("told apart", "")) and not any(part in sentence for part in ALLOWED)
     ]
-    assert page.stem in LATER or not found, (page.name, found)
+    assert not found, (page.name, found)
 
 
 def test_few_sentences_are_excepted():
