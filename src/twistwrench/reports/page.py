@@ -23,7 +23,7 @@ POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:
 TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
     "UNSURE": "The data do not decide. This is not a yes.",
-    "OVER LIMIT": "A limit is passed for certain.",
+    "OVER LIMIT": "A limit is exceeded for certain.",
     "COLLISION": "Two links of the robot are in contact, by the exact distance of their shapes.",
     "LOOK AGAIN": "The input contradicts itself, so no number below can be trusted.",
     "CONTACT": "A sensor reads more than its load explains.",
@@ -34,7 +34,7 @@ TERMS = {
     "inertia": "Torque that accelerates the masses, M(q) ddq.",
     "Coriolis": "Torque from velocities: Coriolis and centrifugal terms.",
     "gravity": "Torque that holds the weight at rest.",
-    "payload": "A body fixed to a frame of the robot afterwards; the commands take a point mass.",
+    "payload": "A body attached to a frame of a loaded robot; the commands take a point mass.",
     "friction": "Torque lost in a joint: viscous and Coulomb parts of its file.",
     "ext. wrench": "Torque that balances moments and forces exerted on the robot.",
     "σ": "Standard deviation.",
@@ -43,7 +43,7 @@ TERMS = {
     "coverage": "Share of intervals that contain the true value.",
     "held out": "Rows that the fit did not use, and that are only predicted.",
     "deviation": "Standard deviation of an estimate.",
-    "drift": "Gain of energy that no work accounts for: the error of the simulation.",
+    "drift": "Gain of energy that work does not explain: the error of the simulation.",
     "bias": "Reading of a sensor without any load.",
     "limit curve": "Largest speed along a path at which some acceleration keeps all torque limits.",
 }
