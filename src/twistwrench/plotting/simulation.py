@@ -95,7 +95,7 @@ def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
     axis.plot(result.times, result.drift, color=style.OVER)
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     drift = residual(result.relative_drift)
-    axis.set_title(f"Drift [J]: gain of energy that no work accounts for; at most {drift} of what moved", loc="left")
+    axis.set_title(f"Drift [J]: gain of energy that work does not explain; at most {drift} of what moved", loc="left")
     axis.set_xlabel("time [s]")
 
 

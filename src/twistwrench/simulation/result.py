@@ -96,7 +96,7 @@ class SimulationResult:
     energy: Array = field(init=False)
     """(n,) J, kinetic and potential."""
     drift: Array = field(init=False)
-    """(n,) J, gain of energy that no work accounts for: the error of the method."""
+    """(n,) J, gain of energy that work does not explain: the error of the method."""
 
     def __post_init__(self) -> None:
         with np.errstate(all="ignore"):  # the last states before a failure may be enormous
