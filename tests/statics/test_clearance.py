@@ -332,7 +332,12 @@ def test_locked_joints_keep_the_shapes_and_leave_fewer_pairs():
 @needs_files
 def test_the_page_shows_what_the_commands_say(run, coal):
     """Commands, their outputs and the numbers in the comments of the Python block."""
-    text = (ROOT / "docs" / "torques.md").read_text("utf-8").partition("## Self-collision and clearance\n")[2].partition("\n## ")[0]
+    text = (
+        (ROOT / "docs" / "torques.md")
+        .read_text("utf-8")
+        .partition("## Self-collision and clearance\n")[2]
+        .partition("\n## ")[0]
+    )
     shown = re.findall(
         r"```console no-run(?: exit=(\d))?\n\$ twistwrench ([^\n]+)\n```\n\n```text\n(.*?)```", text, re.DOTALL
     )
