@@ -80,6 +80,8 @@ docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 outputs: $(VENV)/.dev
+	$(BIN)/python docs/quantities.py
+	$(BIN)/python docs/doubts.py
 	$(BIN)/python docs/outputs.py
 
 release-check: $(VENV)/.dev
