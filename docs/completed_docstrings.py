@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import griffe
 
 from twistwrench.core.glossary import completed
+
+_MAPPING = re.compile(r"^(\s*\w+ : )\{([^{}]+: [^{}]+)\}", re.MULTILINE)
+"""Type of a parameter, as in ``known : {name: float}, optional``; griffe takes braces for a set of choices."""
 
 
 class Glossary(griffe.Extension):
@@ -17,4 +21,5 @@ class Glossary(griffe.Extension):
         parts = func.path.split(".")
         if func.docstring is not None and len(parts) > 2:
             names = [p.name for p in func.parameters if p.name not in ("self", "cls")]
-            func.docstring.value = completed(func.docstring.value, names, parts[1], str(func.returns))
+            text = completed(func.docstring.value, names, parts[1], str(func.returns))
+            func.docstring.value = _MAPPING.sub(r"\1dict of \2", text)
