@@ -229,8 +229,8 @@ def _book() -> dict[str, str]:
             f"<b>{number}</b> {section.title}</a>"
         )
     found["book-pages.md"] = (
-        "# Interactive pages of the book\n\nSections of *Modern Robotics*, each a page that computes while its reader drags the tip "
-        "of a robot or moves a slider. They need no network; save one, and it runs from a file.\n\n"
+        "# Interactive pages of the book\n\nSections of *Modern Robotics*, each a page that computes while its reader drags "
+        "the tip of a robot or moves a slider. They need no network; save one, and it runs from a file.\n\n"
         '<div class="thumbnails">\n' + "\n".join(rows) + "\n</div>\n\n"
         "For your own arm: `twistwrench view my_arm.urdf --section 8.3 --html page.html`; [what the pages show](viewer.md).\n"
     )
