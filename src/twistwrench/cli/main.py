@@ -203,7 +203,8 @@ def _own_endings() -> Iterator[None]:
         if isinstance(error, click.NoSuchOption) and error.ctx and (new := _RENAMED.get(error.option_name)):
             known = {name for param in error.ctx.command.params for name in (*param.opts, *param.secondary_opts)}
             if new.split()[0] in known:
-                error = click.NoSuchOption(error.option_name, possibilities=[new], ctx=error.ctx)
+                # NoSuchOption drops possibilities that are spelled otherwise.
+                error = click.UsageError(f"No such option: {error.option_name}. Did you mean {new}?", error.ctx)
         where = f" See {error.ctx.command_path} --help." if error.ctx else ""
         raise _UsageLine(" ".join(error.format_message().split()) + where) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):
