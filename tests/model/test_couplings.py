@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from places import SHARED
 from random_trees import ROUNDING, tree
 from scipy.optimize import linprog
 
@@ -276,7 +277,7 @@ def test_the_command_torques_judges_motors(tmp_path, capsys):
 
     path, table = tmp_path / "drives.yaml", tmp_path / "out.csv"
     path.write_text(FILE.replace("effort: 28 N m", "effort: 1.2 N m"))
-    arguments = ["torques", "ur5", "--trajectory", "demo", "--actuators", str(path), "--csv", str(table), "--why"]
+    arguments = ["torques", "ur5", "--trajectory", "demo", "--actuators", str(path), "--csv", str(table)]
     code, out = run()
     assert code == 1 and "OVER LIMIT: motor m" in out and "(wrist_2_joint and wrist_3_joint) needs" in out
     rows = np.genfromtxt(table, delimiter=",", names=True)
@@ -285,8 +286,132 @@ def test_the_command_torques_judges_motors(tmp_path, capsys):
     motors = motor_torques(robot.model, motion.torques(friction=True))
     assert_close(np.stack([rows["m5torque"], rows["m6torque"]], axis=1), motors[:, 4:], 1e-6, "columns of motors")
     path.write_text(FILE.replace("    effort: 28 N m\n", ""))
+    arguments = [*arguments[:-2], "--why"]
     code, out = run()
     assert code == 1 and "give each coupled motor an effort" in out
+
+
+# ── logs and identification
+
+
+def logged(robot, path, tau, names):
+    """A log with positions of the joints, and torques under some names."""
+    t = np.arange(0, 8, 0.01)
+    q = 0.6 * np.sin(np.outer(t, [1.1, 1.7]) + np.array([0.0, 0.5])) + 0.3 * np.sin(np.outer(t, [2.9, 2.3]))
+    motion = tw.Motion(t, q, robot=robot)
+    header = ",".join(["time", *robot.joint_names, *names])
+    np.savetxt(path, np.column_stack([t, q, tau(motion)]), delimiter=",", comments="", fmt="%.17g", header=header)
+    return path
+
+
+@pytest.fixture
+def two_motors():
+    """The planar arm with both joints coupled; torques with friction of the motors and none of the joints."""
+    law = {"viscous": "0.7 N m s/rad", "coulomb": "1.5 N m"}
+    coupling = {"motors": ["a", "b"], "joints": ["joint1", "joint2"], "motor_per_joint": [[1.0, 0.5], [1.0, -1.0]]}
+    alone = {"couplings": {"both": coupling}, "actuators": {}}
+    return tw.robots.planar_2r().with_actuators(alone | {"actuators": {"a": {"friction": law}, "b": {}}}), alone
+
+
+def test_torque_columns_named_by_motors_are_combined(two_motors, tmp_path):
+    """τ_j = A'τ_m, by names in the file, by --columns, and of currents with a gain."""
+    robot, _ = two_motors
+    path = logged(
+        robot, tmp_path / "log.csv", lambda m: motor_torques(robot.model, m.torques()), ["a.torque", "b.torque"]
+    )
+    motion = tw.Motion.from_file(path, robot)
+    assert_close(motion.tau, motion.torques(), 1e-9, "τ by names of motors")
+    path = logged(robot, path, lambda m: motor_torques(robot.model, m.torques()) / [2.0, 1.0], ["Ia [A]", "other"])
+    read = {"a.current": "Ia [A]", "b.tau": "other"}
+    motion = tw.Motion.from_file(path, robot, columns=read, gain={"a": 2.0})
+    assert_close(motion.tau, motion.torques(), 1e-9, "τ by columns=")
+    path = logged(robot, path, lambda m: m.torques(), ["joint1.torque", "joint2.torque"])
+    assert_close(tw.Motion.from_file(path, robot).tau, motion.torques(), 1e-9, "τ of the joints themselves")
+    path = logged(robot, path, lambda m: m.torques(), ["a.torque", "joint2.torque"])
+    assert tw.Motion.from_file(path, robot).tau is None
+
+
+def test_friction_of_coupled_motors_is_identified(two_motors, tmp_path):
+    """Torques with friction of motor a: predicted to rounding of the fit with columns for motors, and not without."""
+    robot, alone = two_motors
+    path = logged(
+        robot,
+        tmp_path / "log.csv",
+        lambda m: motor_torques(robot.model, m.torques(friction=True)),
+        ["a.torque", "b.torque"],
+    )
+    seen = tw.robots.planar_2r().with_actuators(alone)
+    options = {"cutoff": 20.0, "shift": 0.0, "friction_speed": 1e-3}
+    found = tw.identification.identify(seen, tw.Motion.from_file(path, seen), **options)
+    assert {"a.viscous", "a.coulomb"} <= set(found.base.unknown.names)
+    motion = tw.Motion.from_file(
+        path, tw.robots.planar_2r(), columns={"joint1.tau": "a.torque", "joint2.tau": "b.torque"}
+    )
+    joints = tw.Motion(motion.time, motion.q, tau=tw.Motion.from_file(path, seen).tau, robot=tw.robots.planar_2r())
+    without = tw.identification.identify(tw.robots.planar_2r(), joints, **options)
+    assert found.held_out.all < 0.1 * without.held_out.all
+    with pytest.raises(tw.ValueRangeError, match="coupled motors have friction beside"):
+        found.write(None, tmp_path / "new.yaml", force=True)
+
+
+STAUBLI = """
+couplings:
+  wrist: {motors: [m5, m6], joints: [joint_5, joint_6], motor_per_joint: [[1, 0], [1, 1]]}
+actuators:
+  joint_1: {ratio: 32}
+  joint_2: {ratio: 32}
+  joint_3: {ratio: 45}
+  joint_4: {ratio: -48}
+  m5: {ratio: 45}
+  m6: {ratio: 32}
+log:
+  side: motor
+  joints:
+    joint_2: {zero: -90 deg}
+    joint_3: {zero: 90 deg}
+"""
+
+
+@pytest.mark.skipif(not (SHARED / "logs").is_dir(), reason="the shared logs are not here")
+@pytest.mark.filterwarnings("ignore::twistwrench.ModelWarning")
+def test_a_log_of_the_tx40_per_motor_identifies_as_its_joint_columns_do(tmp_path):
+    """Motor columns, by their names before the gears, against joint positions and torques; 1e-9 of the largest group."""
+    robot, folder = tw.load(SHARED / "robots" / "staubli_tx40.urdf"), SHARED / "logs" / "staubli_tx40"
+    q, tau = (np.loadtxt(folder / f"{n}_data.csv", delimiter=",", skiprows=1)[:4000, -6:] for n in ("pos_read", "curr"))
+    names = [*(f"joint_{k}" for k in range(1, 5)), "m5", "m6"]
+    header, path = ",".join([*names, *(f"{n}.torque" for n in names)]), tmp_path / "motors.csv"
+    np.savetxt(path, np.hstack([q, tau]), delimiter=",", comments="", fmt="%.17g", header=header)
+    side = tw.identification.motor_side(robot.model, STAUBLI)
+    R = np.diag([32.0, 32, 45, -48, 45, 32])
+    R[5, 4] = 32
+    zero = np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])
+    joints = tw.Motion(np.arange(4000) / 5000, q @ np.linalg.inv(R).T + zero, tau=tau @ R, robot=robot)
+    motors = tw.identification.read_motion(path, robot, side=side, rate=5000)
+    options = {"cutoff": 100.0, "shift": 0.0, "friction_speed": 0.01}
+    one = tw.identification.identify(robot, motors, motor_side=side, **options)
+    two = tw.identification.identify(robot, joints, motor_side=side, **options)
+    assert_close(one.values, two.values, 1e-9, "groups")
+    assert "m6.coulomb" in one.base.unknown.names
+
+
+def test_signs_and_gains_of_a_log_go_by_motors_and_zeros_by_joints():
+    arm = tw.robots.planar_2r().model
+    file = {
+        "couplings": {"both": {"motors": ["a", "b"], "joints": ["joint1", "joint2"], "motor_per_joint": DIFFERENTIAL}},
+        "actuators": {"a": {"ratio": 10}, "b": {"ratio": 20}},
+        "log": {"side": "motor", "joints": {"b": {"sign": -1, "gain": "2 N m/A"}, "joint2": {"zero": "0.5 rad"}}},
+    }
+    side = tw.identification.motor_side(arm, file)
+    assert (
+        side.ratios.tolist() == [[10, 10], [-20, 20]]
+        and side.gain.tolist() == [1, 2]
+        and side.zero.tolist() == [0, 0.5]
+    )
+    for wrong in ({"joint2": {"gain": "2 N m/A"}}, {"b": {"zero": "0.5 rad"}}, {"joint1": {"coupled": {"joint2": 1}}}):
+        with pytest.raises(tw.UnknownNameError, match="no entry of log"):
+            tw.identification.motor_side(arm, file | {"log": {"side": "motor", "joints": wrong}})
+    with pytest.raises(tw.ModelError, match="is a coupled motor, and the log has the side of the joints"):
+        tw.identification.motor_side(arm, file | {"log": {"joints": {"b": {"sign": -1}}}})
 
 
 # ── edits

@@ -17,9 +17,11 @@ from ..core.numbers import number, percent, percent_of_limit
 from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import UnknownNameError, ValueRangeError
-from ..formats.actuators import actuator_content
+from ..formats.actuators import actuator_content, read_log_side
 from ..identification.payload import motor_side, read_motion
+from ..identification.write import OF_COUPLED_MOTORS
 from ..joints.units import heading_unit, units_of
+from ..model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
 from ..plotting.identification import bodies_view, identification_pictures, identification_view
@@ -208,9 +210,13 @@ def _robot(options: RobotOptions, given: Given) -> tuple[Robot, Any]:
     if file is None:
         return robot, None
     known = (*robot.model.velocity_names, *locked)
+    known += tuple(motor for c in read_log_side(robot.model, file).couplings for motor in c.motors)
     if others := [name for name in actuator_content(file).get("actuators") or () if name not in known]:
         raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', others[0], known)}")
-    return robot, motor_side(robot.model, file)
+    side, couplings = motor_side(robot.model, file), read_log_side(robot.model, file).couplings
+    if couplings and given.out_actuators is not None:
+        raise ValueRangeError(f"--out-actuators: {OF_COUPLED_MOTORS}; --json has the results.")
+    return robot if side.names else Robot(with_couplings(robot.model, couplings)), side
 
 
 def _number(text: str, option: str) -> float | None:

@@ -479,7 +479,8 @@ def current_gains(
                 f"--gain {joint}={number(gain)}, and {source} gives {number(known, 4)} N m/A (torque constant times ratio, or "
                 "log: gain:). Leave out one of them."
             )
-    found = own | {f"{name}.current": gain for name, gain in side.of_currents.items() if name in model.velocity_names}
+    names = {*model.velocity_names, *model.drive_names}
+    found = own | {f"{name}.current": gain for name, gain in side.of_currents.items() if name in names}
     applied = side.gain if of_side else {}
     return {name: 1.0 if name.removesuffix(".current") in applied else gain for name, gain in found.items()}
 

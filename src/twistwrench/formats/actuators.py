@@ -14,7 +14,7 @@ from ..core.numbers import printed
 from ..errors import ModelError, ModelWarning, UnknownNameError, ValueRangeError
 from ..model.actuation import with_actuators, with_friction, with_link_friction
 from ..model.actuators import Actuator, Motor, Rotor, Thermal
-from ..model.couplings import Coupling, with_couplings
+from ..model.couplings import Coupling, with_couplings, without_couplings
 from ..model.edit import with_armature
 from ..model.model import Model
 from .yaml import Section, Source, plain_number, read_yaml, shown
@@ -284,6 +284,8 @@ class LogSide:
     """N m (or N) of the motor, or of the joint, per unit of the column."""
     of_currents: Mapping[str, float]
     """N m/A of columns that are currents: :attr:`gain`, else torque constants, times the ratio on the joints' side."""
+    couplings: tuple[Coupling, ...] = ()
+    """Coupled motors; ratios, signs and gains go by their names, zeros by those of the joints."""
 
 
 def read_log_side(model: Model, source: Source) -> LogSide:
@@ -297,7 +299,11 @@ def read_log_side(model: Model, source: Source) -> LogSide:
 
 def _log_side(model: Model, file: Section) -> LogSide:
     check_entries(model, file)
-    names = model.velocity_names
+    couplings = tuple(read_couplings(model, file))
+    together = {motor for c in couplings for motor in c.motors}
+    coupled = {joint for c in couplings for joint in c.joints}
+    with_couplings(without_couplings(model), couplings)  # refuses joints that are not there
+    names = (*model.velocity_names, *sorted(together))
     sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
     listed, motors = (
         file.section("actuators") if "actuators" in file.content else Section({}, "actuators"),
@@ -321,7 +327,11 @@ def _log_side(model: Model, file: Section) -> LogSide:
         if name not in names:
             raise UnknownNameError.from_choices("joint", name, names)
         entry = joints.section(name)
-        entry.only(*given)
+        entry.only(*(("sign", "gain") if name in together else ("zero",) if name in coupled else given))
+        if name in together and side == "joint":
+            raise ModelError(
+                f"{entry.path} is a coupled motor, and the log has the side of the joints. Say side: motor."
+            )
         if "coupled" in entry.content:
             others = entry.section("coupled")
             for other in others.content:
@@ -336,4 +346,4 @@ def _log_side(model: Model, file: Section) -> LogSide:
         if abs(sign := given["sign"].get(name, 1.0)) != 1.0:
             raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
     geared = {name: k * (1.0 if side == "motor" else ratios.get(name, 1.0)) for name, k in constants.items()}
-    return LogSide(side == "motor", ratios, **given, of_currents=geared | given["gain"])
+    return LogSide(side == "motor", ratios, **given, of_currents=geared | given["gain"], couplings=couplings)

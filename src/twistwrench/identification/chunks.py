@@ -26,7 +26,7 @@ from ..robot import Robot
 from ..typing import Array
 from .hyperparameters import FitSettings
 from .parameters import BaseParameters, speed_owner
-from .payload import MotorSide
+from .payload import MotorSide, open_log
 from .rows import (
     FEWEST,
     PAUSE,
@@ -133,10 +133,11 @@ class LogSource:
             "topic": self.topic,
             "episode": self.episode,
         }
-        key = (self.path, written, self.robot.coordinate_names, told, gain, *options.values())
+        motors = () if self.side is None else self.side.names
+        key = (self.path, written, self.robot.model.drive_names, motors, told, gain, *options.values())
         if key not in _OPENED:
             options |= {"columns": self.columns, "gain": self.gain}
-            log = MotionLog.open(self.path, self.robot.model, **options)
+            log = open_log(self.path, self.robot.model, self.side, **options)
             while len(_OPENED) >= _MOST_OPENED:
                 _OPENED.pop(next(iter(_OPENED)))
             _OPENED[key] = log

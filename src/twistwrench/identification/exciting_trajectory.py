@@ -16,6 +16,7 @@ from ..core.numbers import number, printed
 from ..core.text import listed
 from ..core.verdict import Verdict
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..model.couplings import refuse_couplings
 from ..model.limits import Limits
 from ..motion.bounds import bounds_of
 from ..motion.motion import Motion
@@ -266,6 +267,7 @@ def exciting_trajectory(
     ()
     """
     require_robot(robot, "exciting_trajectory")
+    refuse_couplings(robot.model, "exciting_trajectory")
     unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
     rng = arguments.generator(seed, "seed")
     series = WindowedFourierSeries(

@@ -19,6 +19,7 @@ from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, moves, new_
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubt_of_cause, doubts_of
+from ..model.couplings import without_couplings
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
 from ..robot import Robot
@@ -210,7 +211,7 @@ def identified(
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(
-        original=robot,
+        original=Robot(without_couplings(robot.model)) if robot.model.couplings else robot,
         base=base,
         values=x,
         covariance=covariance,

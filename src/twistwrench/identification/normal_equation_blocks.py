@@ -29,6 +29,7 @@ from ..estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..estimation.least_squares import Method, NormalEquations, Prior, huber_weights, sum_of
 from ..log_checks.doubts import Doubt
 from ..log_checks.fit_doubts import left_unexplained
+from ..model.couplings import without_couplings
 from ..robot import Robot
 from ..typing import Array
 from .chunks import FASTER, RowFrame
@@ -236,7 +237,7 @@ class NormalEquationBlocks:
             held_out = replace(held_out, rows=(self.shown,))
         folds = tuple(_of_groups(self.moments.equations(self.frame, 1, b), base.count, x, sigma) for b in _folds(self))
         return IdentifiedRobot(
-            original=self.robot,
+            original=Robot(without_couplings(self.robot.model)) if self.robot.model.couplings else self.robot,
             base=base,
             values=x[: base.count],
             covariance=_block_covariance(self, x, sigma),
@@ -475,6 +476,7 @@ def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
         "velocities": frame.cells.velocities,
         "robust": frame.robust,
         **{name: getattr(i, name) for name in _PLAIN},
+        "motors": [] if unknown.motor_side is None else list(unknown.motor_side.names),
         "logs": list(i.logs),
         "doubts": [asdict(d) for d in i.doubts],
         "notes": list(i.notes),
@@ -502,7 +504,9 @@ def _arrays(i: NormalEquationBlocks) -> dict[str, Any]:
 
 def _from_file(path: Path, robot: Robot, said: dict[str, Any], arrays: dict[str, Array]) -> NormalEquationBlocks:
     """Raises ValueRangeError where the robot has other groups than the file."""
-    side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
+    side = None
+    if "ratios" in arrays and not robot.model.couplings:
+        side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"], tuple(said.get("motors", ())))
     speed = said.get("stribeck_speed", STRIBECK_SPEED)
     base = BaseParameters.from_unknowns(
         UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)

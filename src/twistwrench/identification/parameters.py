@@ -27,7 +27,7 @@ from ..core.numbers import number, percent
 from ..core.text import listed
 from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..log_checks.doubts import untold_table
-from ..model.couplings import refuse_couplings
+from ..model.couplings import without_couplings
 from ..model.model import BASE, Model
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
@@ -106,14 +106,19 @@ class UnknownParameters:
             )
         if robot.nv == 0:
             raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
-        refuse_couplings(robot.model, "identification")
         if any(actuator.rotor is not None for actuator in robot.actuators.values()):
             raise ModelError(
                 f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
                 "robot without them, and their file as actuators=…."
             )
-        if robot.model.armature.any() or robot.actuators:
-            bare = replace(robot.model, armature=np.zeros(robot.nv), actuators={})
+        if robot.model.couplings:
+            if self.motor_side is not None and len(self.motor_side.coupled_rates):
+                raise ModelError("couplings are in the robot's model and in motor_side. Give them once.")
+            from .payload import MotorSide
+
+            object.__setattr__(self, "motor_side", MotorSide.of_couplings(robot.model))
+        if robot.model.armature.any() or robot.actuators or robot.model.couplings:
+            bare = replace(without_couplings(robot.model), armature=np.zeros(robot.nv), actuators={})
             object.__setattr__(self, "robot", Robot(bare))
         for name, value in self.known.items():
             if name not in self.names:
@@ -151,7 +156,8 @@ class UnknownParameters:
                 found += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
         names = model.velocity_names
         for k, rates in enumerate(self.coupled):
-            who = "+".join(names[j] for j in np.flatnonzero(rates))
+            own = [] if self.motor_side is None else self.motor_side.coupled_motors
+            who = own[k] or "+".join(names[j] for j in np.flatnonzero(rates))
             found += [(f"{who}.{kind}", f"coupled {kind}", k) for kind in drive if kind != "offset"]
         return tuple(found)
 

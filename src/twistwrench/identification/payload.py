@@ -22,8 +22,10 @@ from ..errors import ValueRangeError
 from ..formats.actuators import read_log_side
 from ..formats.yaml import Source
 from ..log_checks.contradictions import Contradictions
+from ..model.couplings import motor_velocities, refuse_couplings, with_couplings, without_couplings
 from ..model.model import BASE, Model
 from ..motion.motion import Motion
+from ..motion.motion_file import open_motion_file
 from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot
 from ..typing import Array
@@ -39,6 +41,7 @@ class MotorSide:
     ratios : (nv, nv) array, R; the unit matrix for a log of the joints' side
     zero : (nv,) array, positions of the joints where the log has 0 [rad or m]
     gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
+    names : tuple of str, optional, columns of the log, those of coupled motors in the places of their joints; empty: joints
 
     Raises
     ------
@@ -59,6 +62,24 @@ class MotorSide:
     ratios: Array
     zero: Array
     gain: Array
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def of_couplings(cls, model: Model) -> MotorSide:
+        """Relation of a robot's motors, behind their gears, to its joints: the matrix of its couplings.
+
+        Returns
+        -------
+        side : MotorSide
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> MotorSide.of_couplings(tw.robots.planar_2r().model).ratios.tolist()
+        [[1.0, 0.0], [0.0, 1.0]]
+        """
+        R = motor_velocities(model, np.eye(model.nv)).T
+        return cls(R, np.zeros(model.nv), np.ones(model.nv), model.drive_names)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.ratios).all() or np.linalg.matrix_rank(self.ratios) < len(self.ratios):
@@ -67,8 +88,18 @@ class MotorSide:
     @property
     def coupled_rates(self) -> Array:
         """(k, nv) of the motors that turn with several joints: their rates per rate of each joint, 1 for their own."""
-        rows = [row / row[j] for j, row in enumerate(self.ratios) if np.count_nonzero(row) > 1 and row[j] != 0]
+        rows = [self.ratios[j] / (self.ratios[j, j] or np.abs(self.ratios[j]).max()) for j in self._together]
         return np.array(rows).reshape(-1, len(self.ratios))
+
+    @property
+    def coupled_motors(self) -> list[str]:
+        """Names of these motors; empty where only the joints have names."""
+        return [self.names[j] if self.names else "" for j in self._together]
+
+    @property
+    def _together(self) -> list[int]:
+        """Rows of the motors that turn with several joints."""
+        return [j for j, row in enumerate(self.ratios) if np.count_nonzero(row) > 1]
 
     def joint_positions(self, q: Array) -> Array:
         """Positions of the joints.
@@ -136,15 +167,49 @@ def motor_side(model: Model, source: Source) -> MotorSide:
     """
     said = read_log_side(model, source)
     place = {name: k for k, name in enumerate(model.velocity_names)}
+    driven = with_couplings(without_couplings(model), said.couplings)
     R, zero, gain = np.eye(len(place)), np.zeros(len(place)), np.ones(len(place))
     for name, k in place.items():
+        zero[k] = said.zero.get(name, 0.0)
+    if said.of_motors:
+        R = motor_velocities(driven, R).T
+    for k, name in enumerate(driven.drive_names):
         if said.of_motors:
-            R[k, k] = said.ratios.get(name, 1.0)
+            R[k] *= said.ratios.get(name, 1.0)
             for other, value in said.coupled.get(name, {}).items():
                 R[k, place[other]] = value
         R[k] *= said.sign.get(name, 1.0)
-        zero[k], gain[k] = said.zero.get(name, 0.0), said.gain.get(name, 1.0)
-    return MotorSide(R, zero, gain)
+        gain[k] = said.gain.get(name, 1.0)
+    return MotorSide(R, zero, gain, driven.drive_names if said.of_motors and said.couplings else ())
+
+
+def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: Any) -> MotionLog:
+    """Open a log whose columns go by the joints or, of the side of coupled motors, by the motors.
+
+    Parameters
+    ----------
+    side : MotorSide, optional
+    reading : options of :meth:`MotionLog.open <twistwrench.motion.motion_log.MotionLog.open>`
+
+    Returns
+    -------
+    log : MotionLog
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> open_log(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model, None).table.shape
+    (751, 19)
+    """
+    if side is not None and side.names:
+        motors = {*side.names} - {*model.velocity_names}
+        header = open_motion_file(path, reading.get("topic"), reading.get("episode")).header
+        if any(cell.partition(".")[0].partition(" ")[0] in motors for cell in header):
+            bodies = [
+                b if b.follows else replace(b, joint=replace(b.joint, name=side.names[b.v_index])) for b in model.bodies
+            ]
+            model = replace(model, bodies=tuple(bodies), actuators={}, springs=())
+    return MotionLog.open(path, model, **reading)
 
 
 def read_motion(
@@ -189,7 +254,7 @@ def read_motion(
         np.array_equal(side.ratios, np.eye(len(side.zero))) and not side.zero.any() and (side.gain == 1).all()
     ):
         return Motion.from_file(path, robot, **reading)
-    log = MotionLog.open(path, robot.model, **reading)
+    log = open_log(path, robot.model, side, **reading)
     rows = side.of_joints(log.motion(log.table))
     tally = Contradictions(log.coordinates, runs=[rows])
     tally.add(rows.time, rows.q)
@@ -312,6 +377,7 @@ def unknown_of(
     """Unknown parameters; for a payload alone all but its own numbers and the torques' offsets are known."""
     held = dict(known or {})
     if payload_only is not None:
+        refuse_couplings(robot.model, "identification of a payload alone")
         held = known_but_for(robot, payload_body(robot, payload_only)) | held
         motor_inertia, friction = True, FRICTION
     return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)

@@ -28,6 +28,10 @@ from .consistent import ConsistentRobot
 if TYPE_CHECKING:
     from .result import IdentifiedRobot
 
+OF_COUPLED_MOTORS = (
+    "coupled motors have friction beside that of their joints here, which actuator files do not represent"
+)
+"""Reason why no actuator file is written of coupled motors."""
 SIGNATURE = "twistwrench identify"
 """Beginning of comments in written files."""
 
@@ -324,6 +328,9 @@ def write_identified(
         raise ValueRangeError(
             "a payload alone is not a robot to write. Take found.payload, or with_payload of the robot."
         )
+    side = found.base.unknown.motor_side
+    if actuators is not None and side is not None and side.names:
+        raise ValueRangeError(f"actuators: {OF_COUPLED_MOTORS}. found.to_dict() has the results.")
     consistent = found.consistent
     notes = check_written(consistent)
     if together := _numbers(consistent.of_several_joints):

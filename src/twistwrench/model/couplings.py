@@ -104,13 +104,24 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
     for a in model.actuators.values():
         if a.joint in joints and a.rotor is not None:
             raise ModelError(f"joint {a.joint!r} has an actuator of its own and is in a coupling. Keep one of them.")
+    return replace(_without_drives(model, at, joints), couplings=every)
+
+
+def without_couplings(model: Model) -> Model:
+    """Model without coupled motors: their joints have no armature, friction and effort."""
+    at = [k for k, coupled in enumerate(coupled_entries(model)) if coupled]
+    return replace(_without_drives(model, at, {m for c in model.couplings for m in c.motors}), couplings=())
+
+
+def _without_drives(model: Model, at: list[int], driven: set[str]) -> Model:
+    """Model without armature, friction and effort at some places of dq, and without the actuators of those ``driven``."""
     effort, armature, friction = model.limits.effort.copy(), model.armature.copy(), model.friction
     effort[at], armature[at] = np.inf, 0.0
     for k in at:
         friction = friction.replaced(k, viscous=0.0, coulomb=0.0, static=0.0, stribeck=1.0, load=0.0)
-    kept = {name: a for name, a in model.actuators.items() if a.joint not in joints}
+    kept = {name: a for name, a in model.actuators.items() if a.joint not in driven}
     limits = replace(model.limits, effort=effort)
-    return replace(model, couplings=every, limits=limits, armature=armature, friction=friction, actuators=kept)
+    return replace(model, limits=limits, armature=armature, friction=friction, actuators=kept)
 
 
 def refuse_couplings(model: Model, what: str) -> None:

@@ -103,6 +103,14 @@ class Assignment:
     def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
         self.cells, self.where, self.reading = cells, where, reading
         self.names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
+        motors = {*coordinates.drive_names} - {*coordinates.velocity_names}
+        named = [*(split_unit(cell)[0] for cell in cells), *(reading.columns or {})]
+        keys = {f"{motor}{ending}" for motor in motors for ending in ("", f".{CURRENT}", *READ["tau"])}
+        self.motors = motors
+        self.of_motors = bool(motors) and any(name.rpartition(":")[2] in keys for name in named)
+        """True if torques of coupled joints are those of their motors, as the names of columns are."""
+        if self.of_motors:
+            self.names["tau"] = coordinates.drive_names
         self.free = [k for k, cell in enumerate(cells) if cell]
         """Columns that nothing has been given to."""
         self.split = [(cell, None) if cell in coordinates.names else split_unit(cell) for cell in cells]
@@ -240,7 +248,7 @@ class Assignment:
         """Give torques that are currents their gain; raises TrajectoryError if the unit is that of a torque."""
         names, gains = self.names["tau"], self.reading.gain or {}
         for name in gains:
-            if name.removesuffix(f".{CURRENT}") not in names:
+            if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
                 raise UnknownNameError.from_choices("joint (of --gain)", name, names)
         for k, choice in self.given["tau"].items():
             ampere = 1.0 if choice.unit is None else current_factor(choice.unit)
@@ -314,12 +322,15 @@ class Assignment:
     def assign_by_words(self) -> None:
         """Give columns whose names contain a joint's and words for a quantity."""
         readers = {part: NamedJoints(self.names[part]) for part in ("q", "dq")}
+        driven = NamedJoints(self.names["tau"])
         found: dict[tuple[str, int], list[int]] = {}
         units: dict[int, str | None] = {}
         for k in self.free:
             text, unit = self.split[k]
             for kind, reader in readers.items():
                 meant = reader.meaning(text)
+                if self.of_motors and kind == "dq" and (meant is None or meant.part in ("tau", CURRENT)):
+                    meant = driven.meaning(text)
                 if meant is not None and (meant.part == "q") == (kind == "q"):
                     found.setdefault((meant.part, meant.name), []).append(k)
                     units[k] = unit or meant.unit or ("A" if meant.part == CURRENT else None)
@@ -517,6 +528,8 @@ class Columns:
     """A sentence for each thing that was taken to be meant."""
     mimic_joints: tuple[MimicJointColumn, ...] = ()
     """Columns of mimic joints."""
+    of_motors: bool = False
+    """True if the torques of coupled joints are those of their motors."""
 
     @classmethod
     def from_header(
@@ -543,6 +556,7 @@ class Columns:
         factors = {}
         for part, choices in parts.items():
             angular = (coordinates.angular if part == "q" else coordinates.angular_velocity).tolist()
+            angular = list(coordinates.drive_turns) if part == "tau" and found.of_motors else angular
             each = zip(choices or [Choice(-1)] * len(angular), angular, strict=True)
             factors[part] = np.array([found.factor(choice, part, turns) for choice, turns in each])
         return cls(
@@ -562,6 +576,7 @@ class Columns:
                 np.array([place[choice.column] for choice in parts["q"][part]], int) for part in coordinates.quaternions
             ),
             notes=tuple(found.notes),
+            of_motors=found.of_motors,
             mimic_joints=tuple(
                 MimicJointColumn(
                     follower,

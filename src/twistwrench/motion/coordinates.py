@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.glossary import complete
 from ..joints.units import units_of
+from ..model.couplings import drive_turns
 from ..model.model import Model
 from ..typing import Array
 from .column_names import DEGREES, SUFFIX
@@ -56,6 +57,12 @@ class Coordinates:
     """Places of the quaternions of floating joints in q."""
     mimic_joints: tuple[MimicJoint, ...]
     """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
+    drive_names: tuple[str, ...] = ()
+    """Entries of the torques of drives, those of coupled motors in the places of their joints; empty if none are coupled."""
+    drive_turns: tuple[bool, ...] = ()
+    """True for entries of the torques of drives in N m, as opposed to N."""
+    coupled: tuple[tuple[Array, Array, Array], ...] = ()
+    """Places of coupled joints, and the matrices of their motors, as :attr:`twistwrench.model.model.Model.coupled`."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
         """Names of the columns of a quantity in files written here.
@@ -104,6 +111,9 @@ class Coordinates:
                 for b in model.bodies
                 if b.follows and not endless[b.q_index]
             ),
+            drive_names=model.drive_names if model.couplings else (),
+            drive_turns=tuple(drive_turns(model)) if model.couplings else (),
+            coupled=model.coupled,
         )
         return found
 

@@ -363,7 +363,11 @@ class MotionLog:
         -------
         rows : LogRows
         """
-        return LogRows(table[:, 0].copy(), *(self.columns.in_si(table, part) for part in ("q", "dq", "ddq", "tau")))
+        q, dq, ddq, tau = (self.columns.in_si(table, part) for part in ("q", "dq", "ddq", "tau"))
+        if tau is not None and self.columns.of_motors:
+            for at, A, _ in self.coordinates.coupled:
+                tau[:, at] = tau[:, at] @ A
+        return LogRows(table[:, 0].copy(), q, dq, ddq, tau)
 
     @property
     def notes(self) -> tuple[str, ...]:
