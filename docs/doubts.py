@@ -106,9 +106,9 @@ def page() -> str:
     log = [k for k in kinds if "motion" in k.reads]
     causes = [k for k in kinds if k.stage in (2, 3, 4) and k not in sensor]
     fit = [k for k in kinds if k not in sensor and k not in log and k not in causes]
-    parts = [_HEAD, _LIMITS, _rows(("the report says", "cause", "what to do"), [*_own(), *_others()])]
+    parts = [_HEAD, _LIMITS, _rows(("text of the report", "cause", "what to do"), [*_own(), *_others()])]
     for text, found in ((_LOG, log), (_STEPS + _CAUSES, causes), (_FIT, fit), (_SENSOR, sensor)):
-        parts += [text, _rows(("the report says", "verdict", "what to do", "`kind`: test, bound"), map(_row, found))]
+        parts += [text, _rows(("text of the report", "verdict", "what to do", "`kind`: test, bound"), map(_row, found))]
     return "".join(parts)
 
 
