@@ -18,9 +18,10 @@ from ..core.third_party import workers_of
 from ..core.verdict import ExitCode, Verdict, Word
 from ..errors import UnknownNameError, ValueRangeError
 from ..formats.actuators import actuator_content, read_log_side
+from ..identification.parameters import PARAMETER_UNITS
 from ..identification.payload import motor_side, read_motion
 from ..identification.write import OF_COUPLED_MOTORS
-from ..joints.units import heading_unit, units_of
+from ..joints.units import heading_unit
 from ..model.couplings import with_couplings
 from ..motion.coordinates import Coordinates
 from ..motion.motion_file import joints_without_column, open_motion_file
@@ -265,16 +266,6 @@ def total_bytes(paths: Sequence[str]) -> int:
 
 # ── Known values of parameters, ``--known``
 
-_UNITS = {
-    "m": ("kg",),
-    **dict.fromkeys(("mcx", "mcy", "mcz"), ("kg m",)),
-    **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"), ("kg m^2",)),
-    "motor_inertia": ("kg m^2", "kg"),
-    "viscous": ("N m s/rad", "N s/m"),
-    **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
-}
-"""SI units of each kind of parameter: that of turning joints first."""
-
 
 def parse_known(texts: Sequence[str]) -> dict[str, float]:
     """Values by the names of parameters; ``.mass`` is ``.m``. Raises ValueRangeError.
@@ -288,9 +279,11 @@ def parse_known(texts: Sequence[str]) -> dict[str, float]:
         owner, _, kind = name.rpartition(".")
         kind = {"mass": "m"}.get(kind, kind)
         number, _, unit = value.partition(" ")
-        allowed = _UNITS.get(kind)
+        allowed = PARAMETER_UNITS.get(kind)
         if equal and owner and allowed is None:
-            raise UnknownNameError(f"--known {text!r}: {UnknownNameError.from_choices('parameter', kind, _UNITS)}")
+            raise UnknownNameError(
+                f"--known {text!r}: {UnknownNameError.from_choices('parameter', kind, PARAMETER_UNITS)}"
+            )
         try:
             if not equal or not owner or allowed is None:
                 raise ValueError  # noqa: TRY301  the same sentence answers all of it
@@ -298,7 +291,7 @@ def parse_known(texts: Sequence[str]) -> dict[str, float]:
         except ValueError:
             raise ValueRangeError(
                 f"--known {text!r} is not NAME=VALUE, for example link_3.m=0.73. Links and joints have: "
-                f"{', '.join(_UNITS)}."
+                f"{', '.join(PARAMETER_UNITS)}."
             ) from None
         if unit and unit.strip() not in allowed:
             raise ValueRangeError(f"--known {text!r}: the unit {unit.strip()!r} is not {' or '.join(allowed)}.")
@@ -344,7 +337,12 @@ def write_results(found: identification.IdentifiedRobot, given: Given, notes: li
         note(each)
     shared.show_written(given.out, given.out_actuators)
     low, high = found.interval().T
-    columns = {"group": found.groups, "value": found.values, "deviation": found.standard_deviations}
+    columns = {
+        "group": found.groups,
+        "unit": found.units,
+        "value": found.values,
+        "deviation": found.standard_deviations,
+    }
     shared.write_csv(given.csv, columns | {"low": low, "high": high, "file": found.prior.mean})
     shared.show_written(given.csv)
 

@@ -26,6 +26,7 @@ from ..core.glossary import complete
 from ..core.numbers import number, percent
 from ..core.text import listed
 from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..joints.units import units_of
 from ..log_checks.doubts import untold_table
 from ..model.couplings import without_couplings
 from ..model.model import BASE, Model
@@ -43,6 +44,15 @@ FRICTION = ("viscous", "coulomb", "offset")
 STRIBECK_SPEED = 0.1
 """rad/s or m/s, unless another is given."""
 _DRY = ("coulomb", "stribeck")
+PARAMETER_UNITS = {
+    "m": ("kg",),
+    **dict.fromkeys(("mcx", "mcy", "mcz"), ("kg m",)),
+    **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"), ("kg m^2",)),
+    "motor_inertia": ("kg m^2", "kg"),
+    "viscous": ("N m s/rad", "N s/m"),
+    **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
+}
+"""SI units of each kind of parameter: that of turning joints first."""
 _BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
 """The order in which the ten of a body are kept or grouped: moments first, as papers on base parameters list them."""
 _SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3

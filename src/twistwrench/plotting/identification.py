@@ -361,6 +361,8 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
         if payload.unidentifiable:
             yield f"not determined by the torques, taken from the file: {', '.join(payload.unidentifiable)}"
     yield _groups_table(found)
+    if any(".mc" in name.split(" ")[0] for name in found.groups):
+        yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
     if found.base.held.any():
         yield f"{int(found.base.held.sum())} parameters were held at known values"
     if vague := found.vague:
@@ -380,6 +382,9 @@ def _groups_table(found: IdentifiedRobot) -> Table:
     return Table(
         f"{int(free.sum())} groups of parameters",
         words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
+        words(
+            "unit", [unit.replace("^2", "²") for unit, kept in zip(found.units, free, strict=True) if kept], fold=False
+        ),
         numbers("value", [value for value, _ in pairs]),
         numbers("deviation", [deviation for _, deviation in pairs]),
         numbers("95 % from", low),
