@@ -43,7 +43,7 @@ def screws(rng, n):
 
 
 def lists(rng, n):
-    """A random chain: poses, inertias of bodies that can exist, screws."""
+    """A random chain: poses, inertias of physically consistent bodies, screws."""
     steps = [pose(rng) for _ in range(n + 1)]
     inertias = []
     for _ in range(n):

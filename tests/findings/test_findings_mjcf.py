@@ -304,7 +304,7 @@ def test_finding_05_a_base_that_stands_still_never_stops_mujoco(name):
 REFUSED = {
     "has no mass": links(a="", b=""),
     "has a mass without inertia": links(a="", b=BASES["no moments"]),
-    "moments of inertia that no body can have": links(a="", b=BASES["no body has"]),
+    "physically impossible moments of inertia": links(a="", b=BASES["no body has"]),
 }
 
 

@@ -1,4 +1,4 @@
-"""Bodies that can exist, and files that come back as they were written."""
+"""Physically consistent bodies, and files that come back as they were written."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def test_the_page_shows_each_picture_and_friction_only_where_it_was_sought(tmp_p
     found = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0)
     page = found.report(tmp_path / "a.html").read_text("utf-8")
     assert page.count("<svg") == 7 and 'aria-label="Friction"' in page
-    assert all(model in page for model in ("file, friction fitted", "identified", "bodies that can exist"))
+    assert all(model in page for model in ("file, friction fitted", "identified", "physically consistent bodies"))
     bare = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0, friction=())
     page = bare.report(tmp_path / "b.html").read_text("utf-8")
     assert page.count("<svg") == 6 and 'aria-label="Friction"' not in page

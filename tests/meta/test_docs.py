@@ -161,10 +161,10 @@ def test_every_error_and_warning_is_explained():
 
 
 def test_what_no_log_tells_is_the_table():
-    from twistwrench.log_checks.doubts import untold_table
+    from twistwrench.log_checks.doubts import undetermined_table
 
     words = {"joints": "JOINTS", "left": "a share"}
-    told = [f"| `{name}` | {a.format(**words)} | {b} |" for name, (a, b) in untold_table().items()]
+    told = [f"| `{name}` | {a.format(**words)} | {b} |" for name, (a, b) in undetermined_table().items()]
     assert "\n".join(told) in page("identification-method") + page("identification")
 
 

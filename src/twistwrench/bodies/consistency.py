@@ -268,7 +268,7 @@ def log_cholesky(G: SpatialInertia) -> Array:
 
 
 def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialInertia:
-    """Spatial inertia from log-Cholesky parameters; any finite ten numbers give a body that can exist.
+    """Spatial inertia from log-Cholesky parameters; any finite ten numbers give a physically consistent body.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def mesh(
 
     Notes
     -----
-    Shells (faces that hang together by edges) are looked at one by one, and which way their faces are turned says
+    Shells (faces connected by edges) are looked at one by one, and which way their faces are turned says
     nothing: a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where
     shells cut each other or coincide, each counts as a solid, so that what they have in common counts twice.
 

@@ -59,7 +59,7 @@ size (128 KiB) from which the C library maps fresh pages for every temporary."""
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A body that can exist, and F = G V̇ − ad(V)ᵀ G V in any frame fixed to it.
+    """A physically consistent body, and F = G V̇ − ad(V)ᵀ G V in any frame fixed to it.
 
     Twists, accelerations and wrenches (..., 6) are the body's in the frame of ``inertia``, angular part first, in
     rad/s, m/s, N m and N; all methods take any batch shape and broadcast. Labelled ones are taken too, if their frames

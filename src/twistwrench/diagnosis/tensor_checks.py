@@ -202,7 +202,7 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         fate = (
             "the moving body it belongs to cannot exist, and is refused on loading" if body in refused
             else "it does not move" if body == BASE
-            else "with what is fixed to it, it makes a body that can exist"
+            else "with what is fixed to it, it makes a physically consistent body"
         )  # fmt: skip
         moments = {f"moment_{k}": float(x) for k, x in enumerate(np.linalg.eigvalsh(written.tensor), start=1)}
         said = f"its tensor cannot exist: {'; '.join(why)}; {fate}"

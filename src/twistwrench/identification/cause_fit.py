@@ -1,6 +1,6 @@
 """Fit of the rows of logs in which causes are sought, and the gain of columns beside it, judged by rows held out.
 
-With s_j² the mean square of the residual of joint j in fifths of the time that were held out, columns of a cause make
+With s_j² the mean square of the residual of joint j in 5-fold cross-validation over time, columns of a cause make
 
     S = Σ_j log(s_j² without it / s_j² with it),
 

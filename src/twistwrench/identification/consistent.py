@@ -1,4 +1,4 @@
-"""Bodies that can exist: least squares of the groups, near the file's bodies in the divergence of their pseudo-inertias.
+"""Physically consistent bodies: least squares of the groups, near the file's bodies in the divergence of their pseudo-inertias.
 
 Over pseudo-inertias J_i of the bodies, above 0, and positive numbers d_k of the drives:
 
@@ -56,7 +56,7 @@ def pseudo_inertia(parameters: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PositiveFit:
-    """Parameters of bodies that can exist, of one strength."""
+    """Parameters of physically consistent bodies, of one strength."""
 
     strength: float  # γ
     values: Array  # (p,), of all unknown parameters
@@ -225,14 +225,14 @@ class PositiveProblem:
         return 0.5 * (J + J.transpose(0, 2, 1)), x
 
 
-# ── A robot of bodies that can exist, near the file's, as the logs have it
+# ── A robot of physically consistent bodies, near the file's, as the logs have it
 
-_NEAR_BEST = 1.01  # times the least residual held out, that a stronger pull to the file may leave
+_NEAR_BEST = 1.01  # times the least residual held out, that a stronger prior may leave
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentRobot:
-    """Consistent robot: bodies that can exist, friction and motor inertias that are positive.
+    """Consistent robot: physically consistent bodies, friction and motor inertias that are positive.
 
     Attributes
     ----------
@@ -312,7 +312,7 @@ class ConsistentRobot:
         }
 
     def outside(self, interval: Array, deviations: Array) -> list[str]:
-        """Sentence on groups that the pull to the file takes out of their intervals.
+        """Sentence on groups that the weight of the prior takes out of their intervals.
 
         Parameters
         ----------
@@ -331,9 +331,9 @@ class ConsistentRobot:
             return []
         groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst]
         return [
-            f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "
-            f"intervals: {listed(groups, 3, '; ')}. Torques held out are predicted as well; a smaller pull (consistent_at, "
-            "--keep-close) stays nearer to the log"
+            f"physically consistent bodies, drawn to the file's by the prior, put {len(worst)} of {len(values)} groups "
+            f"outside their 95 % intervals: {listed(groups, 3, '; ')}. Torques held out are predicted as well; a smaller "
+            "weight of the prior (consistent_at, --keep-close) stays nearer to the log"
         ]
 
     @property
@@ -368,7 +368,7 @@ def consistent_robot(
     weak: Prior,
     strength: float | None = None,
 ) -> ConsistentRobot:
-    """The robot of bodies that can exist whose pull to the file is the strongest that predicts as well as any.
+    """The robot of physically consistent bodies with the largest weight of the prior that predicts as well as any.
 
     ``folds`` are N, c and |τ|² of fifths of the rows; ``strength`` None: chosen on them.
     """
@@ -416,7 +416,7 @@ class ModelResiduals:
     file : (nv,) array, the file's bodies alone
     with_friction : (nv,) array, the file's bodies with the friction and the motor inertias that fit best
     identified : (nv,) array, the groups
-    consistent : (nv,) array, bodies that can exist, at the pull that was chosen
+    consistent : (nv,) array, physically consistent bodies, at the weight of the prior that was chosen
     """
 
     file: Array

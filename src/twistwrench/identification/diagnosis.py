@@ -1,6 +1,6 @@
 """Search for the causes of what a fit leaves: one column or one refit for each cause, judged by rows held out.
 
-With s_j² the mean square of the residual of joint j in fifths of the time that were held out, a cause makes
+With s_j² the mean square of the residual of joint j in 5-fold cross-validation over time, a cause makes
 
     S = Σ_j log(s_j² without it / s_j² with it),
 

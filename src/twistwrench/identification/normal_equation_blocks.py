@@ -133,7 +133,7 @@ class NormalEquationBlocks:
     method : str, ``irls``, ``wls`` or ``ols``
     seconds : float, of logs [s]
     samples : int, of logs
-    autocorrelation_length : float, rows that residuals hang together over
+    autocorrelation_length : float, rows over which residuals are autocorrelated
     logs : tuple of str, their names
     doubts : tuple of Doubt, of the excerpts that settings were chosen on
     shown : HeldOutRows, optional, rows of an excerpt, measured and predicted, for pictures

@@ -27,7 +27,7 @@ from ..core.numbers import number, percent
 from ..core.text import listed
 from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..joints.units import units_of
-from ..log_checks.doubts import untold_table
+from ..log_checks.doubts import undetermined_table
 from ..model.couplings import without_couplings
 from ..model.model import BASE, Model
 from ..robot import Robot
@@ -502,7 +502,7 @@ _FED_FORWARD, _SPANNED = 1e-3, 1e-6
 _TURN, _GAIN = 0.3, 1.2
 
 
-def untold(base: BaseParameters, left: float) -> dict[str, str]:
+def undetermined(base: BaseParameters, left: float) -> dict[str, str]:
     """Sentences on what no log of the robot determines, by name; ``left`` is the residual as a share of the torques."""
     unknown, names = base.unknown, base.unknown.model.velocity_names
     kinds, held = np.array(unknown.kinds), unknown.held
@@ -519,7 +519,7 @@ def untold(base: BaseParameters, left: float) -> dict[str, str]:
     joints = {name: listed([names[k] for k in which]) for name, which in (("zero", zeros), ("sign-of-both", signs))}
     return {
         name: " ".join(text.format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
-        for name, texts in untold_table().items()
+        for name, texts in undetermined_table().items()
         if here[name]
     }
 

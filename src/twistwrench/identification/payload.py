@@ -308,7 +308,7 @@ class IdentifiedPayload:
             "mass_deviation": self.mass_deviation,
             "com": self.com.tolist(),
             "com_deviations": self.com_deviations.tolist(),
-            "untold": list(self.unidentifiable),
+            "undetermined": list(self.unidentifiable),
             "moment_about_com": np.asarray(self.inertia.moment_about_com).tolist(),
         }
 

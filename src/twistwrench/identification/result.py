@@ -28,10 +28,10 @@ from ..robot import Robot
 from ..typing import Array
 from .consistent import ConsistentRobot, ModelResiduals, consistent_robot, model_residuals
 from .hyperparameters import EssentialGroups, FitSettings, essential_groups
-from .parameters import PARAMETER_UNITS, BaseParameters, untold
+from .parameters import PARAMETER_UNITS, BaseParameters, undetermined
 from .payload import IdentifiedPayload, payload_from
 
-_VAGUE = 0.3  # share of its value, from which a group's deviation makes it vague
+_POOR = 0.3  # share of its value, from which a group's deviation makes it poorly determined
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,11 +126,11 @@ class IdentifiedRobot:
 
     @cached_property
     def consistent(self) -> ConsistentRobot:
-        """The robot of bodies that can exist, as near to the file's as predicts rows held out as well as any."""
+        """The robot of physically consistent bodies, as near to the file's as predicts rows held out as well as any."""
         return self.consistent_at(None)
 
     def consistent_at(self, strength: float | None) -> ConsistentRobot:
-        """Consistent robot at a strength of the pull to the file's bodies.
+        """Consistent robot at a strength of the weight of the prior's bodies.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class IdentifiedRobot:
 
     @property
     def robot(self) -> Robot:
-        """The identified robot: bodies that can exist, friction, motor inertias; or the original with the payload found.
+        """The identified robot: physically consistent bodies, friction, motor inertias; or the original with the payload found.
 
         Gravity is that of the logs, also where a cause that was assumed turns it.
         """
@@ -210,16 +210,16 @@ class IdentifiedRobot:
         return verdict_from_doubts(self.doubts)
 
     @cached_property
-    def untold(self) -> dict[str, str]:
+    def undetermined(self) -> dict[str, str]:
         """Sentences on what no such log determines, by name; none for a payload alone."""
-        return {} if self.payload_frame is not None else untold(self.base, self.held_out.all)
+        return {} if self.payload_frame is not None else undetermined(self.base, self.held_out.all)
 
     @property
-    def vague(self) -> tuple[str, ...]:
-        """Names of the groups whose deviation is beyond 30 % of their value, vaguest first."""
+    def poorly_determined(self) -> tuple[str, ...]:
+        """Names of the groups whose deviation exceeds 30 % of their value, the largest share first."""
         share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
         order = np.argsort(-share)
-        return tuple(self.groups[k] for k in order if share[k] > _VAGUE and not self.base.held[k])
+        return tuple(self.groups[k] for k in order if share[k] > _POOR and not self.base.held[k])
 
     @property
     def parameters(self) -> Mapping[str, tuple[float, float]]:
@@ -326,7 +326,7 @@ class IdentifiedRobot:
             "doubts": [doubt.to_dict() for doubt in self.doubts],
             "notes": list(self.notes),
             "assumed": [asdict(one) for one in self.settings.assumed],
-            "cannot_tell": self.untold,
+            "undetermined": self.undetermined,
             "base_parameters": self.base.count,
             "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": _known(self.held_out.joints)},
             "training": {"all": self.trained.all, "joints": _known(self.trained.joints)},
@@ -347,7 +347,7 @@ class IdentifiedRobot:
                     strict=True,
                 )
             },
-            "vague": list(self.vague),
+            "poorly_determined": list(self.poorly_determined),
             "held": {self.groups[k]: float(self.values[k]) for k in np.flatnonzero(self.base.held)},
             "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True))
             if essential

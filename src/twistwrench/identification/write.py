@@ -366,8 +366,8 @@ def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
 
     said = (
         f"version {__version__}, {date.today().isoformat()}{' from ' + ', '.join(logs) if logs else ''}: {found.base.count} "
-        f"groups, {percent(found.held_out.all, 3)} of the torques left in rows held out ({found.held_out.kind}), pull to the "
-        f"file {number(found.consistent.fit.strength)}"
+        f"groups, {percent(found.held_out.all, 3)} of the torques left in rows held out ({found.held_out.kind}), weight of "
+        f"the prior {number(found.consistent.fit.strength)}"
     )
     together = _numbers(found.consistent.of_several_joints)
     return f"{said}; not in it: {together}" if together else said

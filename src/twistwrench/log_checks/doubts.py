@@ -54,9 +54,9 @@ def _rows(file: str) -> dict[str, dict[str, Any]]:
 
 
 @cache
-def untold_table() -> Mapping[str, tuple[str, str]]:
+def undetermined_table() -> Mapping[str, tuple[str, str]]:
     """Sentence and remedy of each quantity that no log determines, by name."""
-    return {name: (row["sentence"], row.get("remedy", "")) for name, row in _rows("untold.toml").items()}
+    return {name: (row["sentence"], row.get("remedy", "")) for name, row in _rows("undetermined.toml").items()}
 
 
 @cache

@@ -116,7 +116,7 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
         elif inertia.mass and not fine and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
             remarks.append(ModelNote(link(name), "has mass but zero inertia, as a point mass has"))
         if body not in bad and not fine and (found := reasons(inertia)):
-            effect = "is fused into a body that can exist" if body >= 0 else "does not move"
+            effect = "is fused into a physically consistent body" if body >= 0 else "does not move"
             remarks.append(ModelNote(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
     return remarks
 

@@ -167,7 +167,7 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
         ("file", left.file, style.PALE),
         ("file, friction fitted", left.with_friction, style.VERMILION),
         ("identified", left.identified, style.BLUE),
-        ("bodies that can exist", left.consistent, style.GREEN),
+        ("physically consistent bodies", left.consistent, style.GREEN),
     )
     at = np.arange(len(names))
     for k, (label, shares, colour) in enumerate(models):
@@ -200,7 +200,7 @@ _PURPOSE = "Drawing the identification"
 
 
 def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
-    """Draw measured and predicted torques of rows held out, the groups with their intervals, and the pull to the file."""
+    """Draw measured and predicted torques of rows held out, the groups with their intervals, and the weight of the prior."""
     names = found.held_out.names
     height = 2.1 * len(names) + 4.6
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
@@ -214,7 +214,7 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
 
 
 def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
-    """Pictures of the report: torques, residuals, friction, groups, the pull to the file, and bodies."""
+    """Pictures of the report: torques, residuals, friction, groups, the weight of the prior, and bodies."""
     names, count = found.held_out.names, len(found.base.unknown.bodies)
     friction = len(frictional(found))
     height = 2.3 * style.panel_grid(max(friction, 1), _ABREAST)[0]
@@ -223,7 +223,7 @@ def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
         ("Residuals", 10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found)),
         ("Residuals in time", 10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, names), found)),
         ("Groups of parameters", 10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found)),
-        ("Bodies that can exist: pull to the file", 7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found)),
+        ("Physically consistent bodies: weight of the prior", 7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found)),
         (
             "Bodies in the file and identified",
             9.0,
@@ -292,8 +292,8 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     half = found.covariance.half_width()
     size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
     k = np.arange(min(len(size), _MOST_GROUPS))
-    vague = (found.standard_deviations > 0.3 * np.abs(found.values))[k]
-    for which, colour, name in ((~vague, style.GREEN, "sure"), (vague, style.AMBER, "vague")):
+    poor = (found.standard_deviations > 0.3 * np.abs(found.values))[k]
+    for which, colour, name in ((~poor, style.GREEN, "determined"), (poor, style.AMBER, "poorly determined")):
         if which.any():
             at = k[which]
             y, bars = found.values[at] / size[at], np.clip(half[at] / size[at], 0, 2)
@@ -319,13 +319,13 @@ def _short(group: str) -> str:
 
 def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     strengths, shares = np.array(found.consistent.curve).T
-    axes.semilogx(strengths, 100 * shares, "o-", color=style.BLUE, markersize=3, label="bodies that can exist")
+    axes.semilogx(strengths, 100 * shares, "o-", color=style.BLUE, markersize=3, label="physically consistent bodies")
     axes.axhline(100 * found.consistent.of_file, color=style.VERMILION, linewidth=1, label="the file's, with friction")
     axes.axvline(found.consistent.fit.strength, color=style.AXIS, linewidth=0.8, linestyle=":")
     axes.set_xticks(strengths, [number(x) for x in strengths])
     axes.minorticks_off()
     axes.tick_params(axis="x", labelsize=style.SMALL)
-    axes.set_xlabel("pull to the file γ")
+    axes.set_xlabel("weight of the prior γ")
     axes.set_ylabel("% left, held out")
     axes.set_ylim(bottom=0)
     axes.legend()
@@ -334,15 +334,15 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
 # ── The report in blocks
 
 _KINDS = {"test": "in the logs of --test", "five-fold": "in 5-fold cross-validation over time"}
-_VAGUE = 5
+_MOST_NAMES = 5
 
 
 def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> Iterator[Block]:
     """Verdict and its basis; with the essential groups if ``essential``."""
     joints = [f"{name} {percent(share, 3)}" for name, share in found.held_out.joints.items() if math.isfinite(share)]
     left = f"{percent(found.held_out.all, 3)} of the torques unexplained {_KINDS[found.held_out.kind]}"
-    poor = f"{len(found.vague)} of {int((~found.base.held).sum())} parameter groups poorly determined."
-    yield verdict(found.verdict.word, f": {left} ({listed(joints, _VAGUE)}). {poor}")
+    poor = f"{len(found.poorly_determined)} of {int((~found.base.held).sum())} parameter groups poorly determined."
+    yield verdict(found.verdict.word, f": {left} ({listed(joints, _MOST_NAMES)}). {poor}")
     yield from (Line((f"• {doubt.sentence}", "red" if doubt.refuses else "")) for doubt in found.doubts)
     yield from found.notes
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
@@ -365,14 +365,14 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
         yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
     if found.base.held.any():
         yield f"{int(found.base.held.sum())} parameters were held at known values"
-    if vague := found.vague:
-        names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
+    if poor := found.poorly_determined:
+        names = listed((name.split(" ")[0] for name in poor), _MOST_NAMES, "; ")
         yield f"Poorly determined, standard deviation above 30 %: {names}"
     if essential:
         yield _essential(found)
-    if found.untold:
+    if found.undetermined:
         yield "Not determined by this log:"
-        yield from (f"• {sentence}" for sentence in found.untold.values())
+        yield from (f"• {sentence}" for sentence in found.undetermined.values())
 
 
 def _groups_table(found: IdentifiedRobot) -> Table:
@@ -408,12 +408,12 @@ def bodies_view(found: IdentifiedRobot) -> Iterator[Block]:
     """Physically consistent bodies beside those of the file, and how well they predict."""
     consistent, unknown = found.consistent, found.base.unknown
     yield (
-        f"Pull γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} left in fifths held out, weighted; "
-        f"by the file's own bodies with friction {percent(consistent.of_file, 3)}."
+        f"Weight of the prior γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} unexplained in 5-fold "
+        f"cross-validation, weighted; by the file's own bodies with friction {percent(consistent.of_file, 3)}."
     )
     pairs = [(unknown.model.bodies[i], consistent.inertias[i]) for i in unknown.bodies]
     yield Table(
-        "Bodies that can exist",
+        "Physically consistent bodies",
         words("link", [body.link for body, _ in pairs]),
         numbers("mass", [float(G.mass) for _, G in pairs], unit="kg"),
         numbers("in the file", [float(body.inertia.mass) for body, _ in pairs], unit="kg"),

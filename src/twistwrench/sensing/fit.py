@@ -335,7 +335,7 @@ def _covariances(
             C, known = sandwich
         C, joint = C[:p, :p] + added, joint + added
         size = np.unique(label, return_counts=True)[1]
-        # Rows hang together, which only the sandwich minds. Rows of a witness that are all alike bring that much (Kish,
+        # Rows are autocorrelated, which only the sandwich counts. Equal rows of a cluster bring that much (Kish,
         # Survey Sampling, 1965, section 5.4); beyond it is noise of the sandwich.
         ratio = float((np.diag(C) / np.diag(joint))[load].mean())
         joint = joint * min(max(1.0, ratio), float((size**2).sum() / size.sum()))

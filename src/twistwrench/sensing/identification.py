@@ -472,7 +472,7 @@ def identify(
     label = problem.label
     white = whiteness(found, kept, label)
     again = len(np.unique(problem.label)) < len(kept)
-    if white is not None and white.length > 1 and not again:  # neighbours that hang together are one cluster
+    if white is not None and white.length > 1 and not again:  # autocorrelated neighbours are one cluster
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
         found = fit(problem, keep=kept)
     left_out, between = ~used, np.zeros(len(log), bool)

@@ -83,7 +83,7 @@ class SimulationResult:
     """Number of evaluations of forward dynamics."""
     error_estimate: Array = field(default_factory=lambda: np.zeros(0))
     """(nv,) rad or m, about how far off each coordinate may be: the errors of all steps added up, which would be the error of
-    the motion if they neither grew nor faded nor cancelled. Of fixed steps some are taken again in two halves, forces and
+    the motion if they neither grew nor faded nor cancelled. Some fixed steps are repeated in two halves, forces and
     contacts included; ``dopri5`` judges each of its steps. NaN where nothing is known."""
     relative_error: float = np.nan
     """The largest of them, over the largest travel of the joints that turn, or of those that slide."""

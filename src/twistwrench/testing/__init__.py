@@ -137,7 +137,7 @@ def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
-    """Random inertia of a body that can exist.
+    """Random inertia of a physically consistent body.
 
     Second moments S about a centre of mass away from the origin, in rotated axes.
 

@@ -238,7 +238,7 @@ class _MjcfWriter:
         refused = (
             "has no mass" if inertia.mass < _LEAST
             else "has a mass without inertia about some axis" if small < _LEAST
-            else "has moments of inertia that no body can have" if flat < -_ROUNDING * large
+            else "has physically impossible moments of inertia" if flat < -_ROUNDING * large
             else ""
         )  # fmt: skip
         if refused and moves:

@@ -7,14 +7,14 @@ import numpy as np
 import twistwrench as tw
 from twistwrench.cli.identify import identification_view
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
-from twistwrench.identification.parameters import untold
-from twistwrench.log_checks.doubts import untold_table
+from twistwrench.identification.parameters import undetermined
+from twistwrench.log_checks.doubts import undetermined_table
 
 LEFT = 0.02
 
 
 def told_of(robot, **options):
-    return untold(BaseParameters.from_unknowns(UnknownParameters(robot, **options)), LEFT)
+    return undetermined(BaseParameters.from_unknowns(UnknownParameters(robot, **options)), LEFT)
 
 
 def test_zeros_of_the_last_joint_and_of_a_vertical_first_one():
@@ -43,7 +43,7 @@ def test_known_values_tell_what_they_are_said_to():
 
 def test_no_residual_is_asked_about():
     base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum()))
-    assert "0.02 % of them" in untold(base, 2e-4)["fed-forward"] and "fed-forward" not in untold(base, 2e-3)
+    assert "0.02 % of them" in undetermined(base, 2e-4)["fed-forward"] and "fed-forward" not in undetermined(base, 2e-3)
 
 
 def test_json_and_report_list_them(tmp_path):
@@ -51,9 +51,11 @@ def test_json_and_report_list_them(tmp_path):
     q = (np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t))[:, None]
     tau = tw.Motion(t, q, robot=arm).torques() + 0.05 * np.random.default_rng(0).normal(size=q.shape)
     found = identify(arm, tw.Motion(t, q, tau=tau, robot=arm), cutoff=5.0, friction_speed=0.03, shift=0.0)
-    assert json.loads(found.to_json())["cannot_tell"] == found.untold and set(found.untold) < set(untold_table())
+    assert json.loads(found.to_json())["undetermined"] == found.undetermined and set(found.undetermined) < set(
+        undetermined_table()
+    )
     blocks = list(identification_view(found))
     at = blocks.index("Not determined by this log:")
-    assert blocks[at + 1 :] == [f"• {sentence}" for sentence in found.untold.values()]
+    assert blocks[at + 1 :] == [f"• {sentence}" for sentence in found.undetermined.values()]
     page = found.report(tmp_path / "report.html").read_text("utf-8")
-    assert "Not determined by this log" in page and found.untold["clock-rate"] in page
+    assert "Not determined by this log" in page and found.undetermined["clock-rate"] in page
