@@ -365,8 +365,8 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> I
         yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
     if found.base.held.any():
         yield f"{int(found.base.held.sum())} parameters were held at known values"
-    if poor := found.poorly_determined:
-        names = listed((name.split(" ")[0] for name in poor), _MOST_NAMES, "; ")
+    if listed_groups := found.poorly_determined:
+        names = listed((name.split(" ")[0] for name in listed_groups), _MOST_NAMES, "; ")
         yield f"Poorly determined, standard deviation above 30 %: {names}"
     if essential:
         yield _essential(found)
