@@ -177,7 +177,7 @@ def test_the_drift_of_each_method_is_the_one_measured():
 
 
 def test_shares_of_intervals_are_those_measured():
-    text, found = page("torques"), kept("intervals")
+    text, found = page("noise"), kept("intervals")
     for name, kinds in found["peaks"]["rows"].items():
         shares = " | ".join(f"{100 * kind['held']:.0f} % ({kind['peaks']})" for kind in kinds.values())
         assert f"| {name} | {shares} |" in text
