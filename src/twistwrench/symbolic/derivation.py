@@ -264,7 +264,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     >>> import twistwrench as tw
     >>> arm = derive(tw.robots.planar_2r())
     >>> print(arm.text("gravity_forces"))
-    gravity_forces: g, what is left at rest
+    gravity_forces: g, torques at rest
       g₁ = (m₁ + m₂) L₁ g cos(θ₁) + m₂ L₂ g cos(θ₁ + θ₂)
       g₂ = m₂ L₂ g cos(θ₁ + θ₂)
     """

@@ -69,7 +69,7 @@ class Equations:
     >>> import twistwrench as tw
     >>> equations = tw.symbolic.derive(tw.robots.pendulum())
     >>> print(equations.text(["gravity_forces"]))
-    gravity_forces: g, what is left at rest
+    gravity_forces: g, torques at rest
       g₁ = m₁ L₁ g sin(θ₁)
     >>> equations.step("gravity-forces") is equations.chosen(["gravity_forces"])[0]
     True
@@ -307,15 +307,15 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
 
 STEPS = {
     "momenta": "the derivatives of L with respect to the rates",
-    "explicit_time": "what of their rates is due to time alone",
-    "momentum_rates": "their derivatives with respect to time",
+    "explicit_time": "explicit time derivatives of the momenta",
+    "momentum_rates": "time derivatives of the momenta",
     "slopes": "the derivatives of L with respect to the coordinates",
-    "mass_matrix": "M, symmetric: what multiplies the accelerations",
+    "mass_matrix": "M, symmetric: coefficients of the accelerations",
     "christoffel": "Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i), those that are not zero, j ≤ k",
-    "centripetal": "what multiplies the squared rates, by torque and joint: Γ_ijj",
-    "coriolis": "what multiplies the products of two rates, by torque and joints: 2 Γ_ijk",
+    "centripetal": "coefficients of the squared rates, by torque and joint: Γ_ijj",
+    "coriolis": "coefficients of the products of two rates, by torque and joints: 2 Γ_ijk",
     "coriolis_matrix": "C_ij = Σ Γ_ijk q̇_k: dM/dt − 2C is skew",
-    "gravity_forces": "g, what is left at rest",
+    "gravity_forces": "g, torques at rest",
     "equations": "d/dt ∂L/∂q̇ − ∂L/∂q, the equations of motion",
 }
 """Name and remark of the steps after the Lagrangian, in order."""

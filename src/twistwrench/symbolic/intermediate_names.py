@@ -253,7 +253,7 @@ def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P:
     C = matrix(n, n, lambda i, j: total(gamma[i][j][k] * dq[k] for k in range(n)))
     pairs = [(j, k) for j in range(n) for k in range(j, n)]
     c = matrix([total(gamma[i][j][k] * dq[j] * dq[k] * (1 if j == k else 2) for j, k in pairs) for i in range(n)])
-    names.group("gravity_forces", "g = ∂P/∂q, what is left at rest")
+    names.group("gravity_forces", "g = ∂P/∂q, torques at rest")
     g = matrix([names.name(entry_name("g", i), x) for i, x in enumerate(g)])
     tau = matrix([total(M[i][j] * ddq[j] for j in range(n)) + c[i] + g[i] for i in range(n)])
     squares = total(half * M[i][i] * dq[i] ** 2 for i in range(n))
@@ -269,7 +269,7 @@ def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P:
         [x.name for x in coordinates], [x.rate for x in coordinates], matrix(M), sympy.ImmutableDenseNDimArray(gamma),
         C, c, g, tau, momenta, rates, slopes, only=named,
     )  # fmt: skip
-    first = Step("lagrangian", "K less P", ((Label("L"), L),))
+    first = Step("lagrangian", "K − P", ((Label("L"), L),))
     return {**fields, "lagrangian": L, "steps": (*_defined(names), first, *fields["steps"])}
 
 

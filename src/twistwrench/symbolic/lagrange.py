@@ -114,7 +114,7 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     >>> m, R, g, Omega, theta, thetadot = sympy.symbols("m R g Omega theta thetadot")
     >>> bead = lagrange(m*R**2/2*(thetadot**2 + Omega**2*sympy.sin(theta)**2) + m*g*R*sympy.cos(theta), theta)
     >>> print(bead.text("gravity_forces"))
-    gravity_forces: g, what is left at rest
+    gravity_forces: g, torques at rest
       g₁ = m g R sin(θ) − m Ω² R² cos(θ) sin(θ)
     """
     require_sympy()

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 FUNCTIONS = {
     "inverse_dynamics": (("q", "dq", "ddq"), "tau", 1, "tau = M(q) ddq + h(q, dq)"),
-    "bias_forces": (("q", "dq"), "h", 1, "h, all of tau but M ddq"),
+    "bias_forces": (("q", "dq"), "h", 1, "h = tau - M ddq"),
     "mass_matrix": (("q",), "M", 2, "M, symmetric and full"),
     "coriolis_forces": (("q", "dq"), "c", 1, "c, the velocity products"),
     "coriolis_matrix": (("q", "dq"), "C", 2, "C with C dq = c and dM/dt - 2C skew"),
-    "gravity_forces": (("q",), "g", 1, "g, what is left at rest"),
+    "gravity_forces": (("q",), "g", 1, "g, torques at rest"),
 }
 """Name of each function → its arrays in, its array out, number of axes, and description."""
 
