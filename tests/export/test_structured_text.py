@@ -36,6 +36,15 @@ DRIVES = {
 }  # fmt: skip
 UR5 = tw.robots.ur5().with_payload(tw.SpatialInertia.from_com(3.0, (0.0, 0.02, 0.1)), "tool0")
 ARM = tw.robots.planar_2r().with_actuators(DRIVES)
+COUPLED = tw.robots.planar_2r().with_actuators({
+    "couplings": {
+        "both": {"motors": ["left", "right"], "joints": ["joint1", "joint2"], "motor_per_joint": [[1, 0.5], [1, -1]]}
+    },
+    "actuators": {
+        name: {"ratio": ratio, "efficiency": 0.7, "friction": FRICTION, "rotor": {"inertia": "20 g cm^2"}}
+        for name, ratio in (("left", 100), ("right", -80))
+    },
+})  # fmt: skip
 
 
 def exported(robot, quantities, folder, **options):
@@ -217,14 +226,16 @@ def test_the_header_names_robot_hash_order_and_limits(tmp_path):
 # ── Motors, CODESYS, the command ──
 
 
+@pytest.mark.parametrize("arm", [ARM, COUPLED], ids=["one motor a joint", "coupled motors"])
 @pytest.mark.parametrize("friction", [False, True])
-def test_motor_torques_are_those_of_motor_loads(friction, tmp_path):
-    text = exported(ARM, [("inverse_dynamics", {"friction": friction})], tmp_path, torque="motor")
+def test_motor_torques_are_those_of_motor_loads(arm, friction, tmp_path):
+    text = exported(arm, [("inverse_dynamics", {"friction": friction})], tmp_path, torque="motor")
+    assert ("in the order left, right." if arm is COUPLED else "in the order of the joints.") in text
     (block,) = bodies(text)
     assert block == f"planar_2r_motor_torques{'_friction' * friction}"
-    given = states(ARM, "q", "dq", "ddq")
+    given = states(arm, "q", "dq", "ddq")
     found = as_python(text, block, **columns(given))["tau"]
-    assert gap(found, ARM.motor_loads(*given.values(), friction=friction).torque) < 1e-13
+    assert gap(found, arm.motor_loads(*given.values(), friction=friction).torque) < 1e-13
 
 
 def test_wrenches_and_gravity_reach_the_motors(tmp_path):

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from motions import report_of
 from places import SHARED
 from random_trees import ROUNDING, tree
 from scipy.optimize import linprog
@@ -14,6 +15,8 @@ import twistwrench as tw
 from twistwrench import statics, trajectories
 from twistwrench.cli.main import main
 from twistwrench.model.couplings import motor_torques, motor_velocities
+from twistwrench.reports.recording import Recording
+from twistwrench.reports.robot_summary import as_text, joint_rows, read_limits
 from twistwrench.testing import assert_close, derivative, random_state
 from twistwrench.viz.page import write_page
 
@@ -289,6 +292,41 @@ def test_the_command_torques_judges_motors(tmp_path, capsys):
     arguments = [*arguments[:-2], "--why"]
     code, out = run()
     assert code == 1 and "give each coupled motor an effort" in out
+
+
+def test_a_report_has_figures_of_motors_with_their_noise(tmp_path):
+    """Of a noisy log: those of the uncoupled robot for A = 1, half of them for A = 2; shares of recordings are the motors'."""
+    coupling = {"motors": ["a", "b"], "joints": list(WRIST), "motor_per_joint": [[1, 0], [0, 2]]}
+    drives = {motor: {"effort": "28 N m"} for motor in "ab"}
+    same = tw.robots.ur5()
+    robot = same.with_actuators({"couplings": {"apart": coupling}, "actuators": drives})
+    t = np.arange(0, 1, 0.01)
+    q = 0.4 * np.sin(np.outer(t, [1.0, 1.3, 1.7, 2.0, 2.3, 2.9])) + 1e-5 * np.random.default_rng(0).normal(
+        size=(100, 6)
+    )
+    path, header = tmp_path / "log.csv", ",".join(["time", *same.joint_names])
+    np.savetxt(path, np.column_stack([t, q]), delimiter=",", comments="", fmt="%.12g", header=header)
+    mine, theirs = report_of(robot, path), report_of(same, path)
+    for one, other, per in zip(mine.joints, theirs.joints, [1, 1, 1, 1, 1, 2], strict=True):
+        for name in ("peak", "noise", "uncertainty", "rms"):
+            assert_close(getattr(one, name), getattr(other, name) / per, 1e-9, f"{one.joint} {name}")
+        assert one.limit == other.limit
+    portions = zip(Recording.from_report(mine).portions, Recording.from_report(theirs).portions, strict=True)
+    for (_, _, ours), (_, _, others) in portions:
+        assert_close(ours["share"].tau, others["share"].tau / [1, 1, 1, 1, 1, 2], 1e-9, "shares")
+        assert_close(ours["torque"].tau, others["torque"].tau, 1e-9, "torques of the joints")
+
+
+def test_limits_of_torque_in_a_table_are_not_those_of_coupled_joints(robot, tmp_path):
+    """``info --csv`` leaves them blank, which ``--limits`` reads again; a number there is refused."""
+    table = tmp_path / "limits.csv"
+    table.write_text(as_text(robot, "csv"))
+    assert_close(read_limits(table, robot.model).effort, robot.limits.effort, 1e-15, "read again")
+    rows = [row for row in joint_rows(robot.model) if row["joint"] in WRIST]
+    assert all(row[name] is None for row in rows for name in ("effort", "damping", "friction", "armature"))
+    table.write_text("joint,effort\nwrist_2_joint,28\n")
+    with pytest.raises(tw.ModelError, match="moved by motors m5, m6 together .* has no effort by itself"):
+        read_limits(table, robot.model)
 
 
 # ── logs and identification

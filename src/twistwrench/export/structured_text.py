@@ -277,7 +277,8 @@ def export_st(
 def _header(robot: Robot, wanted: Sequence[Request], torque: str) -> str:
     digests = ", ".join(f"{request.function.program.digest[:12]}" for request in wanted)
     gx, gy, gz = map(in_file, robot.gravity)
-    shafts = ["tau of motor_torques: N m at the shafts of the motors, in the order of the joints."]
+    order = f"order {', '.join(robot.model.drive_names)}" if robot.model.couplings else "order of the joints"
+    shafts = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
         [
             f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type "
