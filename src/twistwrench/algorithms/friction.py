@@ -39,9 +39,10 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
 
 def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:
     """The same where dry friction is made continuous at rest: its part is multiplied by ``share``, :func:`eased`; (nv,)."""
-    damping = model.friction.viscous * dq
-    y = tau - damping - share * (friction_forces(model, dq) - damping)
-    return np.asarray(y / (1.0 + share * model.friction.load * (signs(dq) * signs(y))))
+    u = motor_velocities(model, dq)
+    damping = model.friction.viscous * u
+    y = motor_torques(model, tau) - damping - share * (_drive_friction(model, u) - damping)
+    return np.asarray(joint_torques(model, y / (1.0 + share * model.friction.load * (signs(u) * signs(y)))))
 
 
 def eased(dq: Array, creep: Array) -> Array:

@@ -21,6 +21,7 @@ from ..algorithms.recursion import zeros
 from ..ir.loops import Scan, Source
 from ..ir.program import Program
 from ..ir.tracer import trace
+from ..model.couplings import motor_velocities
 from ..model.model import Model
 from ..model.parameters import moves_joints, regrouped, with_symbolic_parameters
 from ..robot.engine import compiled
@@ -218,7 +219,7 @@ class StepPlan:
         tau = force = clipped(tau, inputs["torque limits"]) if self.limited else tau
         push, gaps = self._touched(plant, angles, dq, inputs)
         if self.friction:
-            force = torque_past_eased_friction(plant, dq, tau, eased(dq, inputs["creep"]))
+            force = torque_past_eased_friction(plant, dq, tau, eased(motor_velocities(plant, dq), inputs["creep"]))
         ddq = self._accelerations(plant, angles, dq, force if push is None else force + push, inputs)
         rates = [integration.coordinate_rates(self.model, angles) @ dq, ddq]
         if self.works:

@@ -26,6 +26,7 @@ from ..core.numbers import printed
 from ..errors import ShapeError, SimulationError, ValueRangeError
 from ..ir.tracer import trace
 from ..lie.twist_wrench import Wrench
+from ..model.couplings import motor_torques, motor_velocities
 from ..model.model import Model
 from ..model.parameters import regrouped
 from ..robot.arguments import wrench_at
@@ -213,6 +214,8 @@ def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str,
     try:
         with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
             M = inertia(*(np.asarray(x, float) for x in inputs))
+            for _ in range(2):  # A⁻ᵀ M A⁻¹, of the drives
+                M = np.swapaxes(motor_torques(robot.model, M), -1, -2) if robot.model.couplings else M
             return creep_speeds(M, _dry_friction(robot, parameters), h)
     except np.linalg.LinAlgError:
         robot.engine.require_invertible()
@@ -227,7 +230,8 @@ def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
     for body in robot.model.leaders:
         if body.joint.nv == 1:
             k, laws = body.v_index, {"static": friction.static, "coulomb": friction.coulomb}
-            given = [parameters.get(f"{body.joint.name}.{law}", x[k]) for law, x in laws.items()]
+            drive = robot.model.drive_names[k]
+            given = [parameters.get(f"{drive}.{law}", x[k]) for law, x in laws.items()]
             most[..., k] = np.maximum(*given)
     return most
 
@@ -259,7 +263,7 @@ class EasedFriction:
 
     def left(self, dq: Array, tau: Array) -> Array:
         """Torques tau after friction, (nv)."""
-        return np.asarray(self._kernel(dq, tau, eased(dq, self.creep)))
+        return np.asarray(self._kernel(dq, tau, eased(motor_velocities(self.robot.model, dq), self.creep)))
 
 
 def rubs_dry(model: Model) -> Array:
@@ -276,7 +280,7 @@ def easing_remark(model: Model, creep: Array) -> str | None:
     worst = int(np.argmax(most))
     return (
         "dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
-        f"{printed(most[worst], 2)} rad/s or m/s (most of all {model.velocity_names[worst]!r}), and one that moves as "
+        f"{printed(most[worst], 2)} rad/s or m/s (most of all {model.drive_labels[worst]!r}), and one that moves as "
         "slowly keeps three quarters of its friction; semi-implicit steps ease nothing"
     )
 

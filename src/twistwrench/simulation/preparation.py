@@ -140,8 +140,6 @@ def _friction(
     """Give the system the robot's friction in the form that the method takes; remarks on it."""
     robot = system.robot
     rubs, remarks = friction and robot.model.friction.any, []
-    if rubs:
-        refuse_couplings(robot.model, "a simulation with friction")
     gains = getattr(tau, "rate_gains", None) if callable(tau) else None
     if gains is not None:
         given = arguments.one(gains, "rate_gains", robot.nv)
@@ -149,6 +147,8 @@ def _friction(
     if friction and not rubs:
         remarks.append(NONE_GIVEN)
     if isinstance(scheme, SemiImplicit):
+        if rubs:
+            refuse_couplings(robot.model, f"friction by method {method!r}")
         if creep is not None:
             raise ValueRangeError(
                 f"creep is {arguments.shown(creep)}, and method {method!r} eases no friction: it stops joints and holds them. "

@@ -178,8 +178,8 @@ def cleaned(
     frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
     names, values = parameter_values(robot, parameters)
     rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
-    if rubs:
-        refuse_couplings(robot.model, "a simulation with friction")
+    if rubs and method == "semi_implicit":
+        refuse_couplings(robot.model, f"friction by method {method!r}")
     said = arguments.flag(torques, "torques")
     if not isinstance(method, str) or method not in ROLLOUT_METHODS:
         raise UnknownNameError.from_choices("method", method, ROLLOUT_METHODS)
