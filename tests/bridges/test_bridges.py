@@ -334,6 +334,7 @@ def unit(xp, q):
     return xp.concatenate([q[:4] / xp.linalg.norm(q[:4]), q[4:]])
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_entries_of_a_quaternion_are_those_of_the_path_they_make(jax):
     """Against differences along curves of unit quaternions: 1e-6 of central differences with 1e-5, rounding included."""
     robot = robot_of("quadruped")

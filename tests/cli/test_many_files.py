@@ -62,6 +62,7 @@ def refuses(value):
     return value
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such signals")
 def test_a_killed_worker_loses_nothing(team, tmp_path):
     assert list(team.results(fails_once, [str(tmp_path / "begun")])) == [7]
@@ -163,6 +164,7 @@ def test_a_scheduler_that_is_not_there(folder, monkeypatch):
     assert both.exit_code == 2 and "Choose one" in both.output
 
 
+@pytest.mark.slow
 def test_a_log_of_several_files_is_as_large_as_they_are(tmp_path):
     one, other = tmp_path / "one.csv", tmp_path / "other.csv"
     one.write_bytes(b"a" * 300)

@@ -266,6 +266,7 @@ def test_along_its_own_axes_a_hand_yields_the_same_way(ur5):
     np.testing.assert_allclose(K6 @ X_e, -F_TIP, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_with_the_robots_own_inertia_a_hand_yields_just_as_much_and_nothing_is_measured(planar):
     T_d, F = planar.forward_kinematics(Q), np.array([0, 0, 3.0, 12.0, -8.0, 0])  # the plane is (x, y) of the tip
     K, B = np.array([20.0, 200.0, 300.0]), np.array([9.0, 60.0, 80.0])

@@ -304,6 +304,7 @@ def clean(tmp_path_factory):
     return left
 
 
+@pytest.mark.slow
 def test_finding_33_a_log_with_one_wrong_stamp_is_identified_and_written(clean, tmp_path):
     asked, t, q, tau = known_log(tmp_path)
     t[2500] += 0.001

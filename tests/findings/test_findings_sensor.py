@@ -193,6 +193,7 @@ def false_alarms(rng, files, poses, rates, samples=1, error=0.0):
     return found / files / rates
 
 
+@pytest.mark.slow
 def test_finding_37_a_file_from_six_poses_alarms_as_often_as_stated():
     times = false_alarms(np.random.default_rng(7), 150, 6, np.array([1e-2, 1e-4]))
     assert times[0] < 2  # 3.4 before

@@ -100,6 +100,7 @@ SLOW = pytest.mark.slow
 SYSTEM_MEMORY = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system"}  # pyarrow's own reserves 1 GiB of addresses
 
 
+@pytest.mark.slow
 @LINUX
 @pytest.mark.parametrize(
     ("make", "rows", "limit"),
@@ -221,6 +222,7 @@ print(read)
 """
 
 
+@pytest.mark.slow
 @LINUX
 @pytest.mark.parametrize("count", [25, pytest.param(2_000, marks=SLOW)])
 def test_finding_46_damaged_logs_of_each_kind_are_errors_of_ours(count, tmp_path):

@@ -449,6 +449,7 @@ def test_convert_keeps_one_body_of_a_scene(tmp_path):
     assert "of MJCF files" in run("convert", "ur5", str(tmp_path / "b.urdf"), "--keep", "arm").stderr
 
 
+@pytest.mark.slow
 def test_a_chain_deeper_than_pythons_stack_is_written():
     from twistwrench.model.builder import ModelBuilder
 

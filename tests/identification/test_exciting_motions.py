@@ -223,6 +223,7 @@ def test_nearest_points_of_segments_are_those_of_bounded_least_squares():
         assert found[k] == pytest.approx(np.sqrt(2.0 * wanted), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_links_that_no_joint_connects_stay_apart(folding):
     given = {"acceleration": 10.0, "restarts": 1, "seed": 3, "friction": ()}
     one = exciting_trajectory(folding, 8.0, 2, **given)

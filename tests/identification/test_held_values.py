@@ -32,6 +32,7 @@ def free(planar):
     return identify(ARM, planar.motion, cutoff=10.0)
 
 
+@pytest.mark.slow
 def test_what_is_known_stays_and_is_a_group_of_its_own(planar, free):
     known = {"link2.m": 1.0, "joint1.viscous": float(planar.drives["viscous"][0])}
     found = identify(ARM, planar.motion, cutoff=10.0, known=known)

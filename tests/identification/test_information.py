@@ -108,6 +108,7 @@ def test_chunks_own_every_sample_once(log):
             assert all(b == c for (_, b), (c, _) in pairwise(mine))
 
 
+@pytest.mark.slow
 def test_weeks_add_up(log, tmp_path):
     """Two halves, the second gathered like the first and added a week later, against a fit of both."""
     first = accumulate(ARM, log[:15000])
@@ -220,6 +221,7 @@ def test_a_log_of_other_torques_is_named(log, tmp_path):
     assert doubt.kind == "other-torques" and "number 1" in doubt.sentence
 
 
+@pytest.mark.slow
 def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     """Far from what settings were chosen on."""
     monkeypatch.setattr(streaming, "WINDOW", 300)

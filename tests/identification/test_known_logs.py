@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from identification_logs import coloured, known_log
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.bodies.inertia import SpatialInertia
@@ -186,7 +187,7 @@ def test_exchanged_torque_columns():
     assert exchanged.refuses and set(exchanged.joints) == {ARM.joint_names[1], ARM.joint_names[3]}
 
 
-@pytest.mark.parametrize("rows", [2, 10, 14])
+@pytest.mark.parametrize("rows", mostly_slow([2, 10, 14], 3))
 def test_late_torques(rows):
     """10, 50 and 70 ms at 200 Hz; found, taken off, and said."""
     found = identify(ARM, LOG.changed(tau=np.roll(LOG.motion.tau, rows, axis=0), rows=slice(20, None)), **GIVEN)
@@ -210,6 +211,7 @@ def test_saturated_torques(sides):
     assert "saturated" in kinds(found)
 
 
+@pytest.mark.slow
 def test_coarse_positions():
     assert "quantised" not in kinds(identify(ARM, LOG.changed(q=LOG.motion.q.round(4)), **GIVEN))
     assert "quantised" in kinds(identify(ARM, LOG.changed(q=LOG.motion.q.round(2)), **GIVEN))

@@ -156,6 +156,7 @@ def test_links_without_an_inertial_or_an_origin_get_one(tmp_path):
     assert tw.load(tmp_path / "new.urdf").nv == 2
 
 
+@pytest.mark.slow
 def test_nothing_is_written_after_look_again(tmp_path):
     log = known_log(ARM, 1)
     tau = log.motion.tau.copy()

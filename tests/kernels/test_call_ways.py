@@ -209,7 +209,7 @@ def test_friction_is_an_option(direct):
 
 @pytest.mark.parametrize(
     ("side", "dtype"),
-    [("wrench_by_robot", np.float64), ("wrench_on_robot", np.float64), ("wrench_on_robot", np.float32)],
+    mostly_slow([("wrench_by_robot", np.float64), ("wrench_on_robot", np.float64), ("wrench_on_robot", np.float32)], 3),
 )
 @pytest.mark.parametrize(
     ("robot", "name"),

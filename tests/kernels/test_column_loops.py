@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.ir.loops import ColumnSolve
@@ -48,7 +49,7 @@ def off(found, wanted) -> float:
 
 @pytest.mark.parametrize(
     ("seed", "floating", "more"),
-    [TREES[0], TREES[3], *(pytest.param(*tree, marks=pytest.mark.slow) for tree in TREES[1:3])],
+    mostly_slow([TREES[0], TREES[3], *(pytest.param(*tree, marks=pytest.mark.slow) for tree in TREES[1:3])], 2),
 )
 def test_trees_of_all_joints_have_the_derivatives_they_have_unrolled(seed, floating, more, monkeypatch):
     """The same operations, but for products that one of the two fuses into sums: 1e-12 leaves room for condition."""
@@ -62,7 +63,7 @@ def test_trees_of_all_joints_have_the_derivatives_they_have_unrolled(seed, float
 
 @pytest.mark.parametrize(
     ("seed", "floating", "more", "precision"),
-    [(*TREES[2], np.float64), (*TREES[3], np.float64), (*TREES[0], np.float32)],
+    mostly_slow([(*TREES[2], np.float64), (*TREES[3], np.float64), (*TREES[0], np.float32)], 3),
 )
 def test_columns_of_one_state_side_by_side_have_the_bits_they_have_one_by_one(
     seed, floating, more, precision, monkeypatch
@@ -146,7 +147,7 @@ def test_a_state_has_its_bits_wherever_it_stands(monkeypatch):
         assert (a[:, [0, -1]] == 7.0).all()
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", mostly_slow([np.float64, np.float32], 2))
 @pytest.mark.parametrize("name", [NAME, "mass_matrix"])
 def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
     """From arrays at any place: whole vectors where arrays begin with one, else not past the caches at all."""
@@ -183,6 +184,7 @@ def test_single_precision(monkeypatch):
     assert off(found, wanted) <= 1e-3
 
 
+@pytest.mark.slow
 def test_numpy_works_on_the_same_columns(monkeypatch):
     robot = tree(2, True)
     kernel, arrays = kernel_of(robot, monkeypatch, 0), states(robot, 4)
@@ -194,7 +196,7 @@ def test_numpy_works_on_the_same_columns(monkeypatch):
 
 
 @pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=lambda p: p.char)
-@pytest.mark.parametrize("bits", [0, 128, 256, 512])
+@pytest.mark.parametrize("bits", mostly_slow([0, 128, 256, 512], 2))
 @pytest.mark.parametrize("name", [NAME, "inverse_dynamics_derivatives"])
 def test_the_frame_has_room_for_all_that_sections_put_into_it(name, bits, precision, monkeypatch):
     """In the text, for a few bytes beyond a frame are seldom missed: the last place ends where it does, or a line before."""

@@ -10,6 +10,7 @@ import threading
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.ir.program import Program
@@ -78,7 +79,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
 # ── sections ──
 
 
-@pytest.mark.parametrize(("name", "quantity"), KERNELS)
+@pytest.mark.parametrize(("name", "quantity"), mostly_slow(KERNELS, 2))
 @pytest.mark.parametrize(("section", "on_stack"), [(50, 100_000), (170, 0)], ids=["short", "in memory"])
 def test_sections_change_no_bit(bundled, monkeypatch, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)
@@ -193,7 +194,7 @@ def wide() -> Program:
     return trace(lambda x: np.outer(np.tile(x, 75), np.tile(x, 10)), [("x", (4,))], ["W"])
 
 
-@pytest.mark.parametrize("way", ["usual", "whole", "cut"])
+@pytest.mark.parametrize("way", mostly_slow(["usual", "whole", "cut"], 3))
 def test_wide_results_need_no_large_stack(monkeypatch, way):
     program = wide()
     if way != "usual":

@@ -11,6 +11,7 @@ import threading
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.lowering import batch_loop, target_machine
@@ -264,7 +265,7 @@ def test_a_switch_that_is_neither(monkeypatch):
 # ── past the caches ──
 
 
-@pytest.mark.parametrize("cpu", target_machine.choices())
+@pytest.mark.parametrize("cpu", mostly_slow(target_machine.choices(), 3))
 @pytest.mark.parametrize("name", ["mass_matrix", "inverse_dynamics_derivatives"])
 def test_results_go_past_the_caches_with_the_same_bits(panda, monkeypatch, cpu, name):
     monkeypatch.setenv("TWISTWRENCH_CPU", cpu)

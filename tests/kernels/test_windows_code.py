@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 from twistwrench.ir.program import axes_of
 from twistwrench.lowering import batch_loop
@@ -90,12 +91,15 @@ def called(code, program, precision, arrays) -> list[np.ndarray]:
 @pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=["float64", "float32"])
 @pytest.mark.parametrize(
     ("robot", "quantity"),
-    [
-        ("ur5", "inverse_dynamics"),
-        ("panda", "forward_dynamics_derivatives"),  # in sections: several object files, and frames of many pages
-        ("quadruped", "mass_matrix"),
-        ("cart_pole", "kinetic_energy"),
-    ],
+    mostly_slow(
+        [
+            ("ur5", "inverse_dynamics"),
+            ("panda", "forward_dynamics_derivatives"),  # in sections: several object files, and frames of many pages
+            ("quadruped", "mass_matrix"),
+            ("cart_pole", "kinetic_energy"),
+        ],
+        2,
+    ),
 )
 def test_bits_by_the_convention_of_windows_are_those_of_this_system(library, bundled, robot, quantity, precision):
     program = bundled(robot).program(quantity)

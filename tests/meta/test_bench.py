@@ -191,6 +191,7 @@ def test_a_small_matrix_is_not_judged_by_a_large_one(bench):
     assert bench("cases").difference(values, reference) == pytest.approx(1e-3)
 
 
+@pytest.mark.slow
 def test_float32_is_near_float64_and_the_anchor_stays_in_float64(bench, panda, monkeypatch, capsys):
     float32 = bench("float32")
     monkeypatch.setattr(float32, "COMPARED", ("inverse_dynamics", "inverse_dynamics_derivatives"))
@@ -445,6 +446,7 @@ def test_simulations_agree_with_a_loop_of_mujoco_and_make_a_table(bench, monkeyp
     assert "## Simulations" not in bench("report").write(without)
 
 
+@pytest.mark.slow
 def test_closed_loops_stay_closed_and_make_a_table(bench, monkeypatch):
     closed = bench("closed")
     monkeypatch.setattr(closed, "STEPS", 100)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from random_trees import DIFFERENCES, ROUNDING, driven, tree
 
 import twistwrench as tw
@@ -44,7 +45,7 @@ def spins(robot, q):
             yield axis, J_world[:3], W, body
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "quadruped"])
+@pytest.mark.parametrize("name", mostly_slow(["ur5", "panda", "quadruped"], 3))
 def test_mass_matrix_is_the_hessian_of_the_energy_with_every_rotor_spinning(name):
     """K is a sum over bodies of the bare robot, plus what each spin adds: ½ J ((a·w)² - (a·w_carrier)²)."""
     bare = getattr(tw.robots, name)()

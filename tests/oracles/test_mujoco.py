@@ -74,6 +74,7 @@ def test_dynamics(pair):
             assert_close(theirs, ours, TOLERANCE, "conversion there and back")
 
 
+@pytest.mark.slow
 def test_a_good_share_of_the_files_can_be_compared():
     """A loader that reads every file as something else would make every comparison skip."""
     compared = 0

@@ -199,6 +199,7 @@ def test_without_sines_results_have_the_bits_of_the_kernels(precision, bundled, 
         np.testing.assert_array_equal(run(code, program, given)[0], kernel(*given), err_msg=quantity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compiler", "name", "precision"),
     list(zip(COMPILERS, ("floating_box", "planar_2r"), ("float", "double"), strict=False)),

@@ -410,6 +410,7 @@ def everywhere(cpu: str, cache) -> list[np.ndarray]:
     return [np.frombuffer(bytes.fromhex(t), dt) for t, dt in zip(done.stdout.split(), "ddff", strict=True)]
 
 
+@pytest.mark.slow
 def test_machines_that_share_a_cache_never_share_code_they_must_not(tmp_path):
     """Each processor has entries of its own; those that fuse give the same bits, the others agree to round-off."""
     results, entries = {}, set()

@@ -30,6 +30,7 @@ def test_poses_of_a_platform_are_found_with_its_loops_closed(platform):
     assert np.abs(closed.constraint_error(one.q)).max() <= 1e-12 and one.converged.shape == ()
 
 
+@pytest.mark.slow
 def test_the_motors_of_a_delta_robot_are_those_of_the_closed_form():
     """|v - arm| = rod for each leg: the example's own formula, elbows outward as the start has them."""
     pytest.importorskip("matplotlib")

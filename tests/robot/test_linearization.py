@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from scipy.linalg import expm, solve_continuous_are
 
 import twistwrench as tw
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "ur5", "cart_pole", "floating_box", "quadruped"])
+@pytest.mark.parametrize("name", mostly_slow(["planar_2r", "ur5", "cart_pole", "floating_box", "quadruped"], 2))
 def test_deviations_go_as_the_linear_model_says(name):
     """Over 1 ms, deviations of 1e-5 by central differences, whose own error is of second order, 1e-10 of the deviations.
 

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from scipy import special
 from sensor_logs import AT_REST, BIAS, COM, MASS, NOISE, TOOL, TRUTH, UNEQUAL, drifting, dwells, motion
 
@@ -46,7 +47,7 @@ def between(shares, trials, low, high):
     return shares.min() > low - four[0] and shares.max() < high + four[1]
 
 
-@pytest.mark.parametrize("noise", [NOISE, UNEQUAL], ids=["equal", "unequal"])
+@pytest.mark.parametrize("noise", mostly_slow([NOISE, UNEQUAL], 2), ids=["equal", "unequal"])
 @pytest.mark.parametrize("error", [0.0, 1.0])
 def test_every_interval_holds_the_truth_in_95_percent(noise, error):
     shares = covered(np.random.default_rng(7), 250, noise=noise, error=error, samples=100 if error else 1)
@@ -69,7 +70,7 @@ def right(found):
 
 
 @pytest.mark.parametrize("turned", [False, True], ids=["readings", "orientations"])
-@pytest.mark.parametrize("error", [pytest.param(0.3, marks=pytest.mark.slow), 1.0, 3.0])
+@pytest.mark.parametrize("error", mostly_slow([pytest.param(0.3, marks=pytest.mark.slow), 1.0, 3.0], 2))
 def test_poses_that_are_off_do_not_make_the_mass_surer_than_it_is(error, turned):
     # By one witness for each reading 53, 23 and 15 % of the intervals held it. 36 of 40 are 90 %; a true 95 % gives 32 or
     # fewer once in 20,000 runs.

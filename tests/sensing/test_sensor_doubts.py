@@ -112,6 +112,7 @@ def test_logs_in_other_units_are_caught_and_the_unit_is_named(unit):
     assert np.mean([named in s for s in said]) > 0.9
 
 
+@pytest.mark.slow
 def test_forces_in_kilograms_are_caught_where_the_tool_they_make_is_none():
     # 0.05 kg and 0.4 m are where tools end; in between a log in kilograms is that of another tool.
     told = [
@@ -312,6 +313,7 @@ def test_a_wrong_bias_is_blamed_on_the_bias(wrong):
     assert "Give no bias" in said
 
 
+@pytest.mark.slow
 def test_a_right_bias_raises_no_doubt():
     bias = np.array([0.1, 0.2, -0.3, 5, -3, 8])
     sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), bias)

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from robot_files import FILES, NONE
 
 import twistwrench as tw
@@ -308,7 +309,7 @@ FEW = (
 )
 
 
-@pytest.mark.parametrize("name", [name for name in FEW if name in FILES] or NONE)
+@pytest.mark.parametrize("name", mostly_slow([name for name in FEW if name in FILES] or NONE, 2))
 def test_robots_that_explicit_steps_make_unstable_come_down(name):
     """By friction too stiff for them; or by whirling at 70 rad/s almost without any, as the Panda does."""
     _, found, gain = fall(name, 2.0)

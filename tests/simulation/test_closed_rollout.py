@@ -95,6 +95,7 @@ def test_a_motion_that_loses_its_constraints_leaves_the_others_alone():
     assert many.unstable.tolist() == [True, False] and "1 of the motions lose rank" in repr(many)
 
 
+@pytest.mark.slow
 def test_a_plate_that_floats_is_rolled_out():
     closed, q = closed_platform()
     found = closed.rollout(q, np.zeros(closed.nv), duration=0.05)

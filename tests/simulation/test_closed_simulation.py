@@ -185,6 +185,7 @@ def test_multipliers_balance_every_state(linkage, start):
     assert found.row_names == linkage.row_names
 
 
+@pytest.mark.slow
 def test_a_platform_that_floats_on_three_legs():
     closed, q = closed_platform()
     found = closed.simulate(q, duration=0.15, dt=1e-3)

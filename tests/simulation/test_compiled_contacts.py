@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 from scipy.optimize import brentq
 
 import twistwrench as tw
@@ -88,11 +89,14 @@ RUNS = {name: (robot, given) for name, robot, given in runs()}
 
 @pytest.mark.parametrize(
     ("name", "method"),
-    [
-        pytest.param(name, method, marks=pytest.mark.slow if i and method != "rk4" else ())
-        for i, name in enumerate(RUNS)
-        for method in FIXED
-    ],
+    mostly_slow(
+        [
+            pytest.param(name, method, marks=pytest.mark.slow if i and method != "rk4" else ())
+            for i, name in enumerate(RUNS)
+            for method in FIXED
+        ],
+        2,
+    ),
 )
 def test_python_s_steps_are_the_same(name, method, monkeypatch):
     """Both round in orders of their own, and contacts double differences some times."""

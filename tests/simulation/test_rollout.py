@@ -302,7 +302,7 @@ def test_unstable_motions_are_named_with_the_time():
     assert "1 unstable, first (4,) at" in repr(found)
 
 
-@pytest.mark.parametrize("name", ("arm", "planar", "floating"))
+@pytest.mark.parametrize("name", mostly_slow(("arm", "planar", "floating"), 3))
 @pytest.mark.parametrize("method", ("semi_implicit", "rk4"))
 def test_every_processor_takes_the_same_steps(name, method, monkeypatch):
     """Processors that fuse give the same bits; those that do not, the same to round-off."""

@@ -11,6 +11,7 @@ import functools
 
 import numpy as np
 import pytest
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.simulation import BatchComputedTorque, BatchPD
@@ -90,7 +91,7 @@ COMPARED = [
 """Four stages are compiled as one program, which takes a while where joints are many or turn in space."""
 
 
-@pytest.mark.parametrize(("name", "method"), COMPARED)
+@pytest.mark.parametrize(("name", "method"), mostly_slow(COMPARED, 2))
 def test_slopes_by_states_and_torques_are_those_of_differences(name, method):
     robot = robot_named(name)
     torques = np.random.default_rng(0).normal(size=(STEPS, robot.nv))

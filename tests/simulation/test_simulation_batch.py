@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from quick import mostly_slow
 from small_trees import tree
 
 import twistwrench as tw
@@ -44,7 +45,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", mostly_slow(CASES, 2))
 @pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
 def test_each_is_what_it_is_alone(case, method):
     options = {"method": method, **CASES[case]}

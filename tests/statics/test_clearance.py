@@ -329,6 +329,7 @@ def test_locked_joints_keep_the_shapes_and_leave_fewer_pairs():
 # ── the page ──
 
 
+@pytest.mark.slow
 @needs_files
 def test_the_page_shows_what_the_commands_say(run, coal):
     """Commands, their outputs and the numbers in the comments of the Python block."""

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import sympy
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.errors import ValueRangeError
@@ -34,7 +35,7 @@ def states(robot, count=10):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@pytest.mark.parametrize("name", ["planar_2r", "cart_pole", "ur5"])
+@pytest.mark.parametrize("name", mostly_slow(["planar_2r", "cart_pole", "ur5"], 3))
 def test_c_compiles_without_a_warning_and_equals_the_kernels(name, tmp_path):
     """Round-off of both sides: 1e-13 of the largest entry; 1e-12 of the torque where gravity and inertia cancel."""
     robot = getattr(tw.robots, name)()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from quick import mostly_slow
 from scipy.optimize import minimize
 
 import twistwrench as tw
@@ -43,7 +44,7 @@ SEEDS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "seed"), SEEDS)
+@pytest.mark.parametrize(("name", "seed"), mostly_slow(SEEDS, 3))
 def test_no_limit_is_passed_between_samples(bundled, name, seed):
     robot = bundled(name)
     path = some_path(name, robot, seed)
@@ -182,7 +183,7 @@ LINES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("v", "a", "j", "d"), LINES)
+@pytest.mark.parametrize(("v", "a", "j", "d"), mostly_slow(LINES, 2))
 def test_straight_lines_take_as_long_as_ruckig_finds(v, a, j, d):
     """Ruckig's times, from rest to rest, are exact. The second window costs 1/250; where no phase of constant acceleration is
     left but one of constant velocity, a ramp of the time-optimal motion stays in: 1 to 2 per cent."""

@@ -366,6 +366,7 @@ def test_forward_dynamics_of_the_page_keeps_its_account(tmp_path):
     assert K + P - done == pytest.approx(float(robot.kinetic_energy(q, dq) + robot.potential_energy(q)), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_robot_let_go_slides_along_the_wall(tmp_path):
     """By the torques that are set: as the closed robot's own integrator says, its energy kept, its tip on the wall."""
     robot = arm("ur5")

@@ -9,6 +9,7 @@ import pytest
 from chains import chain
 from page_files import read_page
 from page_under_node import under_node
+from quick import mostly_slow
 from scipy.integrate import solve_ivp
 from test_viz_page import ROBOTS
 
@@ -28,7 +29,7 @@ def given(q, mass=0.0, push=(0.0, 0.0, 0.0)):
     return {"q": np.asarray(q).tolist(), "mass": mass, "push": list(push)}
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", mostly_slow(EVERY, 2))
 def test_what_is_held_and_where_are_the_kernels(tmp_path, name):
     """Payload and push are the page's own, the wrench was on the robot when it was written."""
     robot = EVERY[name]

@@ -239,6 +239,7 @@ def test_pictures_of_any_robot(bundled, tmp_path, draw, name):
     assert [p.name for p in tmp_path.iterdir()] == ["out.png"]
 
 
+@pytest.mark.slow
 def test_pictures_of_chosen_joints_are_smaller_and_unknown_ones_refused(demo, tmp_path):
     image = pytest.importorskip("matplotlib.image")
     for draw in (plot_split, plot_phase):
