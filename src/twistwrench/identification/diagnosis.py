@@ -25,8 +25,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.numbers import number, percent, seconds
+from ..core.text import listed
 from ..estimation.covariance import student_quantile
 from ..estimation.least_squares import MAD
+from ..log_checks.doubts import Doubt, Level, doubt, doubt_table
 from ..typing import Array
 from . import causes
 from .cause_fit import LEAST_S, CauseFit, ScreenedCause, cause_columns, law_columns, screened, screened_changes
@@ -406,3 +409,73 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
         after = after + e @ found.fit.x[-e.shape[-1] :]
     size = np.sqrt((before**2).mean(axis=0))
     return float((np.sqrt(((after - before) ** 2).mean(axis=0)) / np.maximum(size, 1e-300))[fit.live].max())
+
+
+# ── Sentences
+
+_REFUSES, _UNSURE = 0.05, 0.01
+"""Changes of predicted torques by a cause, as shares of a joint's torque, from which it is LOOK AGAIN, or UNSURE."""
+_LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
+"""Delay [s] from which it is reported; difference [s], and as a share, below which two delays are one."""
+
+
+def cause_doubts(names: Sequence[str], causes: Iterable[FoundCause], taken_off: float) -> list[Doubt]:
+    """Doubts about what the residual is explained by, in the order in which causes were found."""
+    return [
+        doubt_of_cause(names, cause, taken_off)
+        for cause in causes
+        if cause.kind != "late" or cause.value is None or abs(float(cause.value[0])) >= _LEAST_DELAY
+    ]
+
+
+def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | None = None) -> Doubt:
+    """Doubt of a cause; ``names`` are those of the joints, ``taken_off`` is the delay [s] that a fit has taken off."""
+    joints = [names[k] for k in cause.joints]
+    said = "all joints" if len(joints) == len(names) > 1 else listed(joints)
+    worst, share = cause.most
+    evidence = f"it takes away {percent(share, 2)} of the residual of {names[worst]}"
+    if cause.rivals:
+        others = listed(
+            dict.fromkeys(
+                f"{one.kind} of {listed([names[k] for k in one.joints])}"
+                if one.joints
+                else f"another {one.kind}"
+                if one.kind == cause.kind
+                else one.kind
+                for one in cause.rivals
+            ),
+            3,
+        )
+        evidence += f"; this log does not distinguish it from {others}"
+    value, interval = cause.in_units
+    level: Level = "refuse" if cause.effect > _REFUSES else "unsure" if cause.effect > _UNSURE else "note"
+    row = doubt_table()[cause.kind]
+    own = level if row.level == "effect" or (row.stage == 1 and level == "note") else row.level
+    words = {
+        "evidence": evidence,
+        "value": "" if value is None else number(abs(value) if cause.kind == "late" else value, 3),
+        "interval": "" if interval is None else f" (95 %: {number(interval[0], 3)} to {number(interval[1], 3)})",
+        "gravity": ", ".join(number(x, 4) for x in cause.fit.states.gravity),
+        "from_": "" if cause.span is None else seconds(cause.span[0], 4),
+        "to": "" if cause.span is None else seconds(cause.span[1], 4),
+        "size": "" if cause.size is None else number(cause.size, 2),
+        "taken": "The command identify takes it off.",
+        "way": "" if value is None else "after" if value > 0 else "before",
+    }
+    if cause.kind == "late" and taken_off is not None:
+        delay = cause.fit.states.shift
+        if abs(delay - taken_off) <= max(_SAME_DELAY[0], _SAME_DELAY[1] * abs(delay)):
+            words["taken"] = "The offset is taken off."
+        else:
+            words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give --shift {seconds(delay, 3)}."
+            own = level
+    found = {
+        "value": value,
+        "interval": interval,
+        "unit": row.unit,
+        "statistic": cause.S,
+        "share": share,
+        "effect": cause.effect,
+    }
+    log = f"log {cause.log}" if cause.log else ""
+    return doubt(cause.kind, joints, level=own, log=log, found=found, named=said, **words)

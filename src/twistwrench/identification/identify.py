@@ -18,7 +18,7 @@ from ..estimation.least_squares import Method, NormalEquations, Prior, weighted_
 from ..estimation.sampling import SingleRowGlitches, dropouts, gaps, moves, new_rows, pauses, spikes
 from ..log_checks.contradictions import row_doubts
 from ..log_checks.doubts import Doubt
-from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubt_of_cause, doubts_of
+from ..log_checks.fit_doubts import LEFT_OUT, FittedLog, doubts_of
 from ..model.couplings import without_couplings
 from ..motion.motion import Motion
 from ..motion.smoothing import continuous
@@ -28,7 +28,7 @@ from ..typing import Array
 from .assumed import AssumedCauses, WantedCause, begin_settings, fit_covariance, wanted_causes
 from .cause_fit import log_fit
 from .chunks import gap_notes
-from .diagnosis import FoundCause, diagnose, law_changes
+from .diagnosis import cause_doubts, diagnose, doubt_of_cause, law_changes
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .parameters import FRICTION, STRIBECK_SPEED, BaseParameters, UnknownParameters, check_speed
 from .payload import MotorSide, unknown_of
@@ -200,13 +200,14 @@ def identified(
     among = _five_fold(source, prior, method, settings_without)
     held_out = _predicted(source, tested, settings, x, assumed) if tested else among
     begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may be another cause
-    causes, of_noise = list[FoundCause](), covariance.matrix  # doubts are judged by noise and states alone
+    causes, of_noise = list[Doubt](), covariance.matrix  # doubts are judged by noise and states alone
     if not payload_only:
-        causes, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
-        causes = [cause for cause in causes if not any(one.stands_for(cause) for one in wanted)]
+        told, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
+        told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
+        causes = cause_doubts(unknown.model.velocity_names, told, settings.shift)
         covariance = covariance.widened(law_changes(before) @ base.grouping.T)
     seen = FittedLog(
-        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, of_noise, held_out, among,
+        base, (*trained, *tested), trial.W, trial.tau, settings, prior, x, of_noise, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)

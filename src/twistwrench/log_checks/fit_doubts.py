@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.numbers import number, percent, plus_minus, printed, seconds
+from ..core.numbers import number, percent, plus_minus, printed
 from ..core.text import listed
 from ..estimation.cross_validation import HeldOut
 from ..estimation.least_squares import Prior
@@ -18,10 +18,9 @@ from ..estimation.noise import quantum
 from ..estimation.sampling import cut_off, moves
 from ..model.model import BASE
 from ..typing import Array
-from .doubts import Doubt, Level, doubt, doubt_table
+from .doubts import Doubt, doubt, doubt_table
 
 if TYPE_CHECKING:
-    from ..identification.diagnosis import FoundCause
     from ..identification.hyperparameters import FitSettings
     from ..identification.parameters import BaseParameters
     from ..motion.motion import Motion
@@ -64,7 +63,6 @@ class FittedLog:
     motions: Sequence[Motion]
     W: Array
     tau: Array
-    fold: Array
     settings: FitSettings
     prior: Prior
     x: Array
@@ -75,7 +73,8 @@ class FittedLog:
     acceleration: Array
     rate: float
     dead: Array
-    causes: Sequence[FoundCause] = ()
+    causes: Sequence[Doubt] = ()
+    """Doubts of what the residual is explained by."""
     payload_only: bool = False
     """True if only a payload is identified, which the file lacks, so that its torques are not expected."""
 
@@ -117,76 +116,12 @@ def column_doubts(seen: FittedLog) -> Iterator[Doubt]:
             yield doubt("quantised", [name], grid=number(step, 3), noise=share, cutoff=printed(cutoff))
 
 
-# ── Causes of the residual
+# ── Gain of all torques
 
-_REFUSES, _UNSURE = 0.05, 0.01
-"""Changes of predicted torques by a cause, as shares of a joint's torque, from which it is LOOK AGAIN, or UNSURE."""
-_LEAST_DELAY, _SAME_DELAY = 8e-3, (2e-3, 0.1)
-"""Delay [s] from which it is reported; difference [s], and as a share, below which two delays are one."""
 _OF_FILE = 0.1, 10.0
 """Times the file's bodies that no log of all torques is below or above."""
 _TOLD = 0.75
 """Share of the residual of drives alone, below which the file's bodies must bring it for their gain to be meaningful."""
-
-
-def cause_doubts(seen: FittedLog) -> Iterator[Doubt]:
-    """Doubts about what the residual is explained by, in the order in which causes were found."""
-    for cause in seen.causes:
-        if cause.kind != "late" or cause.value is None or abs(float(cause.value[0])) >= _LEAST_DELAY:
-            yield doubt_of_cause(seen.names, cause, seen.settings.shift)
-
-
-def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | None = None) -> Doubt:
-    """Doubt of a cause; ``names`` are those of the joints, ``taken_off`` is the delay [s] that a fit has taken off."""
-    joints = [names[k] for k in cause.joints]
-    said = "all joints" if len(joints) == len(names) > 1 else listed(joints)
-    worst, share = cause.most
-    evidence = f"it takes away {percent(share, 2)} of the residual of {names[worst]}"
-    if cause.rivals:
-        others = listed(
-            dict.fromkeys(
-                f"{one.kind} of {listed([names[k] for k in one.joints])}"
-                if one.joints
-                else f"another {one.kind}"
-                if one.kind == cause.kind
-                else one.kind
-                for one in cause.rivals
-            ),
-            3,
-        )
-        evidence += f"; this log does not distinguish it from {others}"
-    value, interval = cause.in_units
-    level: Level = "refuse" if cause.effect > _REFUSES else "unsure" if cause.effect > _UNSURE else "note"
-    row = doubt_table()[cause.kind]
-    own = level if row.level == "effect" or (row.stage == 1 and level == "note") else row.level
-    words = {
-        "evidence": evidence,
-        "value": "" if value is None else number(abs(value) if cause.kind == "late" else value, 3),
-        "interval": "" if interval is None else f" (95 %: {number(interval[0], 3)} to {number(interval[1], 3)})",
-        "gravity": ", ".join(number(x, 4) for x in cause.fit.states.gravity),
-        "from_": "" if cause.span is None else seconds(cause.span[0], 4),
-        "to": "" if cause.span is None else seconds(cause.span[1], 4),
-        "size": "" if cause.size is None else number(cause.size, 2),
-        "taken": "The command identify takes it off.",
-        "way": "" if value is None else "after" if value > 0 else "before",
-    }
-    if cause.kind == "late" and taken_off is not None:
-        delay = cause.fit.states.shift
-        if abs(delay - taken_off) <= max(_SAME_DELAY[0], _SAME_DELAY[1] * abs(delay)):
-            words["taken"] = "The offset is taken off."
-        else:
-            words["taken"] = f"The fit has {seconds(taken_off, 3)} s in its place: give --shift {seconds(delay, 3)}."
-            own = level
-    found = {
-        "value": value,
-        "interval": interval,
-        "unit": row.unit,
-        "statistic": cause.S,
-        "share": share,
-        "effect": cause.effect,
-    }
-    log = f"log {cause.log}" if cause.log else ""
-    return doubt(cause.kind, joints, level=own, log=log, found=found, named=said, **words)
 
 
 def gain_of_all(seen: FittedLog) -> list[Doubt]:
@@ -235,7 +170,7 @@ def doubts_of(seen: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that refuse the log first; insufficient motion only if nothing else is wrong."""
     read = [*(one for motion in seen.motions for one in of_reading(motion.doubts)), *column_doubts(seen)]
     spoiled = any(one.refuses or one.kind in _SPOILED for one in read)
-    causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *cause_doubts(seen)]
+    causes = [] if seen.payload_only or spoiled else [*gain_of_all(seen), *seen.causes]
     known = spoiled or any(one.level != "note" for one in causes)
     found = [
         *read,
